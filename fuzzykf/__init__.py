@@ -1,0 +1,103 @@
+"""Exact filters for switching systems and a fuzzy state estimator, in the style of filterpy.
+
+The public names are imported when they are first used, so that
+``import fuzzykf`` costs no more than ``import numpy``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fuzzykf.base import Filter, FilterResult
+    from fuzzykf.errors import FuzzykfError
+    from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
+    from fuzzykf.possibility import (
+        CauchyMembership,
+        FunctionMembership,
+        FuzzyRelationEstimator,
+        GaussianMembership,
+        GridMembership,
+        IntervalMembership,
+        ParabolicMembership,
+        SingletonMembership,
+        TriangularMembership,
+    )
+    from fuzzykf.switching import (
+        CGOFMSModel,
+        CGOMSMFilter,
+        CGOMSModel,
+        FuzzyMarkovLaw,
+        KnownSwitchFilter,
+        OFSRFilter,
+        SwitchChain,
+    )
+
+__version__ = "0.1.0.dev0"
+
+_HOMES = {
+    "CGOFMSModel": "fuzzykf.switching",
+    "CGOMSMFilter": "fuzzykf.switching",
+    "CGOMSModel": "fuzzykf.switching",
+    "CauchyMembership": "fuzzykf.possibility",
+    "ExtendedKalmanFilter": "fuzzykf.kalman",
+    "Filter": "fuzzykf.base",
+    "FilterResult": "fuzzykf.base",
+    "FunctionMembership": "fuzzykf.possibility",
+    "FuzzyMarkovLaw": "fuzzykf.switching",
+    "FuzzyRelationEstimator": "fuzzykf.possibility",
+    "FuzzykfError": "fuzzykf.errors",
+    "GaussianMembership": "fuzzykf.possibility",
+    "GridMembership": "fuzzykf.possibility",
+    "IMMEstimator": "fuzzykf.kalman",
+    "IntervalMembership": "fuzzykf.possibility",
+    "KalmanFilter": "fuzzykf.kalman",
+    "KnownSwitchFilter": "fuzzykf.switching",
+    "OFSRFilter": "fuzzykf.switching",
+    "ParabolicMembership": "fuzzykf.possibility",
+    "SingletonMembership": "fuzzykf.possibility",
+    "SwitchChain": "fuzzykf.switching",
+    "TriangularMembership": "fuzzykf.possibility",
+}
+
+__all__ = [
+    "CGOFMSModel",
+    "CGOMSMFilter",
+    "CGOMSModel",
+    "CauchyMembership",
+    "ExtendedKalmanFilter",
+    "Filter",
+    "FilterResult",
+    "FunctionMembership",
+    "FuzzyMarkovLaw",
+    "FuzzyRelationEstimator",
+    "FuzzykfError",
+    "GaussianMembership",
+    "GridMembership",
+    "IMMEstimator",
+    "IntervalMembership",
+    "KalmanFilter",
+    "KnownSwitchFilter",
+    "OFSRFilter",
+    "ParabolicMembership",
+    "SingletonMembership",
+    "SwitchChain",
+    "TriangularMembership",
+    "__version__",
+]
+
+if not TYPE_CHECKING:  # type checkers read the imports above instead
+
+    def __getattr__(name: str) -> object:
+        """Import a public name when it is first used (PEP 562)."""
+        if name in _HOMES:
+            import importlib
+
+            value = getattr(importlib.import_module(_HOMES[name]), name)
+            globals()[name] = value
+            return value
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+    def __dir__() -> list[str]:
+        """List the public names, imported or not."""
+        return sorted(__all__)

@@ -1,0 +1,60 @@
+"""The exceptions of fuzzykf.
+
+Every error that the package raises on purpose is a `FuzzykfError`.  Where the
+input is at fault it is a `ValueError` as well, so that code written for
+filterpy or numpy, which expects a `ValueError`, goes on working.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "EmptyIntersectionError",
+    "FileFormatError",
+    "FuzzykfError",
+    "MissingDependencyError",
+    "NotPositiveDefiniteError",
+    "ParameterError",
+    "QuadratureError",
+    "SequenceError",
+    "ShapeError",
+]
+
+
+class FuzzykfError(Exception):
+    """Base class of all errors raised on purpose by fuzzykf."""
+
+
+class ParameterError(FuzzykfError, ValueError):
+    """An argument has an inadmissible value; the message names the admissible range."""
+
+
+class ShapeError(ParameterError):
+    """An array has the wrong shape; the message names the expected one."""
+
+
+class NotPositiveDefiniteError(ParameterError):
+    """A matrix that has to be positive (semi-)definite is not.
+
+    The message names the matrix, where it belongs (a pair of nodes, a step),
+    and the offending eigenvalue.
+    """
+
+
+class EmptyIntersectionError(FuzzykfError, ValueError):
+    """Prediction and measurement exclude each other: no state is possible."""
+
+
+class SequenceError(FuzzykfError, RuntimeError):
+    """The verbs of a filter were called in an order that has no meaning."""
+
+
+class QuadratureError(FuzzykfError, ArithmeticError):
+    """A quadrature rule is too coarse for the law or for the data it meets."""
+
+
+class FileFormatError(FuzzykfError, ValueError):
+    """A file is damaged, foreign, or of a version that cannot be read."""
+
+
+class MissingDependencyError(FuzzykfError, ImportError):
+    """An optional package is needed; the message names the extra that brings it."""

@@ -1,0 +1,283 @@
+"""Gaussian and mixture algebra in the log domain, and the proof of positive definiteness.
+
+Pure functions on arrays.  Leading axes broadcast; the last one or two axes are
+the vector and the matrix.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.base import FloatArray
+
+__all__ = [
+    "LOG_2PI",
+    "as_array",
+    "check_covariance",
+    "check_definite",
+    "cholesky",
+    "condition",
+    "log_density",
+    "logsumexp",
+    "mixture_moments",
+    "semidefinite_root",
+    "symmetrize",
+]
+
+LOG_2PI = float(np.log(2.0 * np.pi))
+
+#: A covariance may be indefinite by this much, relative to its largest eigenvalue,
+#: before it is refused: the size of the rounding error in the products it comes from.
+EIGENVALUE_TOLERANCE = 1e-10
+
+#: Largest relative difference between a matrix and its transpose that is rounding.
+SYMMETRY_TOLERANCE = 1e-8
+
+
+def as_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Copy ``value`` into a float array after checking its shape and finiteness.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : array_like
+    shape : tuple of int or None
+        Expected shape; None admits any length.
+
+    Raises
+    ------
+    ShapeError
+        If the shape differs, or ``value`` is not numeric.
+    ParameterError
+        If an entry is NaN or infinite.
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name}: expected an array of numbers of shape {_show(shape)}") from error
+    if array.ndim != len(shape) or any(
+        want is not None and got != want for got, want in zip(array.shape, shape, strict=True)
+    ):
+        raise ShapeError(f"{name}: got shape {array.shape}, expected {_show(shape)}")
+    if not np.isfinite(array).all():
+        where = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
+        raise ParameterError(f"{name}: entry {where} is {array[where]}, expected finite numbers")
+    return array
+
+
+def _show(shape: tuple[int | None, ...]) -> str:
+    return (
+        "(" + ", ".join("n" if k is None else str(k) for k in shape) + ("," if len(shape) == 1 else "") + ")"
+    )
+
+
+def symmetrize(P: FloatArray) -> FloatArray:
+    """Return the symmetric part of the matrices ``P`` (..., d, d)."""
+    symmetric: FloatArray = 0.5 * (P + np.swapaxes(P, -1, -2))
+    return symmetric
+
+
+def check_definite(
+    P: FloatArray,
+    describe: Callable[[tuple[int, ...]], str],
+    *,
+    strict: bool = False,
+    where: np.ndarray | None = None,
+) -> None:
+    """Prove that the symmetric matrices ``P`` are positive semi-definite.
+
+    Parameters
+    ----------
+    P : ndarray, shape (..., d, d)
+    describe : callable
+        Maps the index of a matrix to its name in the message.
+    strict : bool
+        Ask for positive definiteness.
+    where : ndarray of bool, shape (...), optional
+        Which matrices count.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        Names the worst matrix and its smallest eigenvalue.
+    """
+    if P.shape[-1] == 0 or P.size == 0:
+        return
+    eigenvalues = np.linalg.eigvalsh(P)
+    smallest, largest = eigenvalues[..., 0], np.abs(eigenvalues).max(axis=-1)
+    bound = EIGENVALUE_TOLERANCE * largest
+    bad = (smallest <= bound * 1e-4) if strict else (smallest < -bound)
+    if where is not None:
+        bad = bad & where
+    if bad.any():
+        worst = np.unravel_index(np.argmin(np.where(bad, smallest, np.inf)), smallest.shape)
+        index = tuple(int(k) for k in worst)
+        kind = "positive definite" if strict else "positive semi-definite"
+        raise NotPositiveDefiniteError(
+            f"{describe(index)}: expected a {kind} matrix, got the eigenvalue {smallest[index]:.6g} "
+            f"(largest {largest[index]:.6g})"
+        )
+
+
+def check_covariance(
+    name: str, value: ArrayLike, shape: tuple[int | None, ...], *, strict: bool = False
+) -> FloatArray:
+    """Copy, check and exactly symmetrise covariance matrices given by a user.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument.
+    value : array_like, shape (..., d, d)
+    shape : tuple of int or None
+        Expected shape.
+    strict : bool
+        Ask for positive definite instead of semi-definite matrices.
+
+    Raises
+    ------
+    ShapeError, ParameterError, NotPositiveDefiniteError
+        Wrong shape; not finite or not symmetric; indefinite.
+
+    Examples
+    --------
+    >>> check_covariance("P", [[1.0, 2.0], [2.0, 1.0]], (2, 2))
+    Traceback (most recent call last):
+        ...
+    fuzzykf.errors.NotPositiveDefiniteError: P: expected a positive semi-definite matrix, \
+got the eigenvalue -1 (largest 3)
+    """
+    P = as_array(name, value, shape)
+    asymmetry = np.abs(P - np.swapaxes(P, -1, -2))
+    scale = np.abs(P).max(axis=(-2, -1), keepdims=True) if P.size else P
+    if (asymmetry > SYMMETRY_TOLERANCE * scale).any():
+        where = tuple(int(k) for k in np.unravel_index(np.argmax(asymmetry), P.shape))
+        other = (*where[:-2], where[-1], where[-2])
+        raise ParameterError(
+            f"{name}: expected symmetric matrices, got {P[where]:.6g} at {where} "
+            f"but {P[other]:.6g} at {other}"
+        )
+    P = symmetrize(P)
+    check_definite(P, lambda index: name + "".join(f"[{k}]" for k in index), strict=strict)
+    return P
+
+
+def cholesky(P: FloatArray, describe: Callable[[tuple[int, ...]], str]) -> FloatArray:
+    """Lower Cholesky factors of positive definite matrices (..., d, d).
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        Names the worst matrix through ``describe`` and its smallest eigenvalue.
+    """
+    try:
+        factor: FloatArray = np.linalg.cholesky(P)
+    except np.linalg.LinAlgError:
+        check_definite(P, describe, strict=True)
+        raise
+    return factor
+
+
+def semidefinite_root(P: FloatArray) -> FloatArray:
+    """Symmetric square roots S = S' with S S = P of positive semi-definite matrices.
+
+    Eigenvalues that are negative by rounding only count as zero; prove
+    semi-definiteness with `check_definite` before.
+    """
+    eigenvalues, vectors = np.linalg.eigh(P)
+    root = np.sqrt(np.maximum(eigenvalues, 0.0))
+    product: FloatArray = (vectors * root[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return product
+
+
+def log_density(residual: FloatArray, factor: FloatArray) -> FloatArray:
+    """Log of N(residual; 0, L L') for lower triangular factors L.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (..., d)
+    factor : ndarray, shape (..., d, d)
+
+    Returns
+    -------
+    ndarray, shape (...)
+    """
+    white = np.linalg.solve(factor, residual[..., None])[..., 0]
+    log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+    value: FloatArray = -0.5 * ((white * white).sum(axis=-1) + residual.shape[-1] * LOG_2PI) - log_det
+    return value
+
+
+def condition(
+    mean: FloatArray, covariance: FloatArray, split: int, value: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of the first ``split`` components given the others.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (..., d)
+    covariance : ndarray, shape (..., d, d)
+        The block of the given components must be positive definite.
+    split : int
+        Number of components to keep.
+    value : ndarray, shape (d - split,)
+        What the other components are.
+    """
+    Pxy, Pyy = covariance[..., :split, split:], covariance[..., split:, split:]
+    gain = np.swapaxes(np.linalg.solve(Pyy, np.swapaxes(Pxy, -1, -2)), -1, -2)
+    residual = value - mean[..., split:]
+    conditional_mean = mean[..., :split] + (gain @ residual[..., None])[..., 0]
+    conditional = covariance[..., :split, :split] - gain @ np.swapaxes(Pxy, -1, -2)
+    return conditional_mean, symmetrize(conditional)
+
+
+def logsumexp(a: FloatArray, axis: int = -1) -> FloatArray:
+    """Log of the sum of exponentials along one axis; minus infinity counts as zero."""
+    top = a.max(axis=axis, keepdims=True)
+    top = np.where(np.isfinite(top), top, 0.0)
+    with np.errstate(divide="ignore"):
+        value: FloatArray = np.log(np.exp(a - top).sum(axis=axis)) + np.squeeze(top, axis=axis)
+    return value
+
+
+def mixture_moments(
+    weights: FloatArray, means: FloatArray, covariances: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of a Gaussian mixture, by central moments.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (..., M)
+        Sum to one along the last axis.
+    means : ndarray, shape (..., M, d)
+    covariances : ndarray, shape (..., M, d, d)
+
+    Returns
+    -------
+    mean : ndarray, shape (..., d)
+    covariance : ndarray, shape (..., d, d)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> mean, covariance = mixture_moments(
+    ...     np.array([0.5, 0.5]), np.array([[-1.0], [1.0]]), np.ones((2, 1, 1))
+    ... )
+    >>> float(mean[0]), float(covariance[0, 0])
+    (0.0, 2.0)
+    """
+    mean = (weights[..., None, :] @ means)[..., 0, :]
+    deviation = means - mean[..., None, :]
+    spread = np.swapaxes(deviation, -1, -2) @ (weights[..., :, None] * deviation)
+    within = (weights[..., :, None, None] * covariances).sum(axis=-3)
+    return mean, symmetrize(within + spread)
