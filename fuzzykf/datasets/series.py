@@ -1,0 +1,179 @@
+"""Loaders of the series, each a small record of arrays with units."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fuzzykf.datasets.table import Table, read_table
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from fuzzykf.base import FloatArray
+
+__all__ = ["Building", "Traffic", "Victoria", "load_building", "load_traffic", "load_victoria"]
+
+#: The environment variable that names the folder of files outside the package.
+DATA_VARIABLE = "FUZZYKF_DATA"
+
+
+@dataclass(frozen=True, eq=False)
+class Victoria:
+    """Electricity demand and temperature in Victoria, Australia, in 2014.
+
+    Attributes
+    ----------
+    time : ndarray of datetime64[s], shape (n,)
+        Beginning of each interval, in Australian Eastern Standard Time (UTC+10) all
+        year: in summer the clocks of Melbourne are an hour ahead of it.
+    demand : ndarray, shape (n,)
+        Mean demand during the interval, in gigawatts.
+    temperature : ndarray, shape (n,)
+        Temperature in Melbourne, in degrees Celsius.
+    workday : ndarray of bool, shape (n,)
+        False on Saturdays, Sundays and public holidays.
+    """
+
+    time: NDArray[np.datetime64]
+    demand: FloatArray
+    temperature: FloatArray
+    workday: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Building:
+    """Outdoor temperature and power of one commercial building, first week of June 2010.
+
+    Attributes
+    ----------
+    time : ndarray of datetime64[s], shape (n,)
+        Every 15 minutes.
+    temperature : ndarray, shape (n,)
+        Outdoor air temperature, in degrees Fahrenheit.
+    power : ndarray, shape (n,)
+        Power drawn by the building, in kilowatts.
+    """
+
+    time: NDArray[np.datetime64]
+    temperature: FloatArray
+    power: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """Speed and occupancy at one road sensor, two weeks of September 2015.
+
+    Attributes
+    ----------
+    time : ndarray of datetime64[s], shape (n,)
+        Irregular, about every 5 to 25 minutes.
+    speed : ndarray, shape (n,)
+        Mean speed of the vehicles, in miles per hour.
+    occupancy : ndarray, shape (n,)
+        Share of time in which a vehicle stood over the sensor, in per cent.
+    """
+
+    time: NDArray[np.datetime64]
+    speed: FloatArray
+    occupancy: FloatArray
+
+
+def load_victoria(*, hourly: bool = False) -> Victoria:
+    """Load the demand for electricity and the temperature in Victoria in 2014.
+
+    Parameters
+    ----------
+    hourly : bool
+        Give means over full hours (8,760 rows) instead of the half-hourly values of
+        the file (17,520 rows).
+
+    Returns
+    -------
+    Victoria
+
+    Notes
+    -----
+    Sources: Australian Energy Market Operator (demand) and Australian Bureau of
+    Meteorology (temperature at Melbourne).
+
+    Examples
+    --------
+    >>> data = load_victoria(hourly=True)
+    >>> data.demand.shape, str(data.time[0])
+    ((8760,), '2014-01-01T00:00:00')
+    >>> round(float(data.demand.max()), 2), round(float(data.temperature.max()), 1)
+    (9.31, 43.1)
+    """
+    table = read_table(Path(__file__).with_name("victoria_2014.csv.gz"))
+    time = table.times("time")
+    demand, temperature = table.numbers("demand_gw"), table.numbers("temperature_c")
+    workday = table.numbers("workday") == 1.0
+    if hourly:
+        time, workday = time[::2], workday[::2]
+        demand, temperature = (values.reshape(-1, 2).mean(axis=1) for values in (demand, temperature))
+    return Victoria(time, demand, temperature, workday)
+
+
+def load_building() -> Building:
+    """Load a week of temperature and power of a commercial building.
+
+    The file ``openei_building1_june2010.csv`` is not part of the package; it is
+    looked for in the folder that the environment variable ``FUZZYKF_DATA`` names.
+
+    Returns
+    -------
+    Building
+
+    Raises
+    ------
+    FileNotFoundError
+        If the variable is not set, or the folder does not hold the file.
+
+    Notes
+    -----
+    Source: US Department of Energy, OpenEI, "Consumption & Outdoor Air Temperature
+    for 11 Commercial Buildings".
+    """
+    table = _external_table("openei_building1_june2010.csv")
+    return Building(table.times("Timestamp"), table.numbers("OAT (F)"), table.numbers("Power (kW)"))
+
+
+def load_traffic() -> Traffic:
+    """Load two weeks of speed and occupancy at a road sensor.
+
+    The file ``traffic_t4013.csv`` is not part of the package; it is looked for in
+    the folder that the environment variable ``FUZZYKF_DATA`` names.
+
+    Returns
+    -------
+    Traffic
+
+    Raises
+    ------
+    FileNotFoundError
+        If the variable is not set, or the folder does not hold the file.
+
+    Notes
+    -----
+    Source: Minnesota Department of Transportation, through the Numenta Anomaly
+    Benchmark (MIT licence).
+    """
+    table = _external_table("traffic_t4013.csv")
+    return Traffic(table.times("time"), table.numbers("speed_mph"), table.numbers("occupancy_percent"))
+
+
+def _external_table(name: str) -> Table:
+    folder = os.environ.get(DATA_VARIABLE)
+    if not folder:
+        raise FileNotFoundError(
+            f"{name} is not part of the package: set the environment variable {DATA_VARIABLE} "
+            "to the folder that holds it"
+        )
+    path = Path(folder) / name
+    if not path.is_file():
+        raise FileNotFoundError(f"{DATA_VARIABLE} is {folder!r}, but there is no {name} in it")
+    return read_table(path)

@@ -1,0 +1,176 @@
+"""The packaged series is what it claims to be, and a damaged table is refused with the reason."""
+
+from __future__ import annotations
+
+import gzip
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from fuzzykf.datasets import load_building, load_traffic, load_victoria, read_table
+from fuzzykf.errors import FileFormatError, ParameterError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+# ------------------------------------------------------------------ the packaged series
+
+
+def test_victoria_covers_2014_every_half_hour_in_plausible_units() -> None:
+    data = load_victoria()
+    assert data.time.shape == data.demand.shape == data.temperature.shape == data.workday.shape == (17520,)
+    assert data.time[0] == np.datetime64("2014-01-01T00:00")
+    assert set(np.diff(data.time)) == {np.timedelta64(1800, "s")}
+    # Gigawatts and degrees Celsius: the record of that January was above 9 GW and 43 degrees.
+    assert 2.0 < data.demand.min() < 3.5
+    assert 9.0 < data.demand.max() < 10.5
+    assert 0.0 < data.temperature.min() < 5.0
+    assert 43.0 <= data.temperature.max() < 46.0
+
+
+def test_victoria_workdays_exclude_weekends_and_a_known_holiday() -> None:
+    data = load_victoria()
+    day = data.time.astype("datetime64[D]")
+    assert not data.workday[~np.is_busday(day)].any()
+    assert not data.workday[day == np.datetime64("2014-12-25")].any()
+    assert data.workday[day == np.datetime64("2014-08-13")].all()
+
+
+def test_hourly_values_are_the_means_of_two_half_hours() -> None:
+    half, full = load_victoria(), load_victoria(hourly=True)
+    assert full.time.shape == full.workday.shape == (8760,)
+    assert full.demand[5] == pytest.approx((half.demand[10] + half.demand[11]) / 2)
+    assert full.temperature[-1] == pytest.approx((half.temperature[-2] + half.temperature[-1]) / 2)
+    assert full.time[5] == half.time[10]
+
+
+# ------------------------------------------------------------------ series outside the package
+
+
+@pytest.mark.parametrize("load", [load_building, load_traffic])
+def test_series_outside_the_package_say_where_they_are_looked_for(load, monkeypatch, tmp_path) -> None:
+    monkeypatch.delenv("FUZZYKF_DATA", raising=False)
+    with pytest.raises(FileNotFoundError, match="set the environment variable FUZZYKF_DATA"):
+        load()
+    monkeypatch.setenv("FUZZYKF_DATA", str(tmp_path))
+    with pytest.raises(FileNotFoundError, match=r"there is no .*csv in it"):
+        load()
+
+
+needs_data = pytest.mark.skipif(
+    "FUZZYKF_DATA" not in os.environ, reason="FUZZYKF_DATA does not name the folder of the external series"
+)
+
+
+@needs_data
+def test_building_is_one_week_of_quarter_hours() -> None:
+    data = load_building()
+    assert data.time.shape == data.temperature.shape == data.power.shape == (672,)
+    assert set(np.diff(data.time)) == {np.timedelta64(900, "s")}
+
+
+@needs_data
+def test_traffic_has_increasing_times_and_percentages() -> None:
+    data = load_traffic()
+    assert (np.diff(data.time) > np.timedelta64(0, "s")).all()
+    assert data.occupancy.min() >= 0.0
+    assert data.occupancy.max() <= 100.0
+
+
+# ------------------------------------------------------------------ tables
+
+
+def test_a_table_is_read_plain_compressed_and_with_a_byte_order_mark(tmp_path) -> None:
+    text = 'time, load ,"a, b"\n2014-01-01 00:00,1.5,-2e3\n2014-01-01 01:00, 2 ,3\n\n'
+    (tmp_path / "bom.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    (tmp_path / "packed.csv.gz").write_bytes(gzip.compress(text.encode()))
+    for path in (write(tmp_path / "plain.csv", text), tmp_path / "bom.csv", tmp_path / "packed.csv.gz"):
+        table = read_table(path)
+        assert list(table.columns) == ["time", "load", "a, b"]
+        assert len(table) == 2
+        np.testing.assert_array_equal(table.numbers("load"), [1.5, 2.0])
+        np.testing.assert_array_equal(table.numbers("a, b"), [-2000.0, 3.0])
+        assert table.times("time")[1] == np.datetime64("2014-01-01T01:00")
+
+
+def test_the_offset_orders_the_rows_and_the_local_clock_stays(tmp_path) -> None:
+    # The hour in which summer time ends appears twice on the clock, but is later in fact.
+    text = "t\n2014-04-06T02:30+11:00\n2014-04-06T02:00+10:00\n"
+    times = read_table(write(tmp_path / "a.csv", text)).times("t")
+    assert list(times) == [np.datetime64("2014-04-06T02:30"), np.datetime64("2014-04-06T02:00")]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "names of the columns in line 1"),
+        ("a,b\n", "rows below the names"),
+        ("a;b\n1;2\n", "separated by commas, got the line 'a;b'"),
+        ("a,a\n1,2\n", "column 2 has the name 'a' a second time"),
+        ("a,\n1,2\n", "column 2 has no name"),
+        ("a,b\n1,2\n1\n", "line 3: expected 2 cells, got 1"),
+        ('a,b\n1,"2\n', "expected comma-separated values"),
+    ],
+)
+def test_what_is_no_table_is_refused_with_the_reason(text, message, tmp_path) -> None:
+    with pytest.raises(FileFormatError, match=message):
+        read_table(write(tmp_path / "a.csv", text))
+
+
+@pytest.mark.parametrize("content", [b"a,b\n\xff\xfe,1\n", b"\x89PNG\r\n\x1a\n\x00\x00"])
+def test_what_is_no_text_is_refused(content, tmp_path) -> None:
+    (tmp_path / "a.csv").write_bytes(content)
+    with pytest.raises(FileFormatError, match="in UTF-8, got something else"):
+        read_table(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("damage", [b"no gzip at all", gzip.compress(b"a,b\n1,2\n" * 99)[:-12]])
+def test_a_damaged_compressed_file_is_refused(damage, tmp_path) -> None:
+    (tmp_path / "a.csv.gz").write_bytes(damage)
+    with pytest.raises(FileFormatError, match="got something else"):
+        read_table(tmp_path / "a.csv.gz")
+
+
+@pytest.mark.parametrize(
+    ("cell", "message"),
+    [
+        ("high", "line 3: a is 'high', expected a number"),
+        ("", "line 3: a is missing"),
+        ("NaN", "line 3: a is missing"),
+        ("inf", "line 3: a is 'inf', expected a finite number"),
+        ("1,5", "line 3: a is '1,5', expected a number"),
+    ],
+)
+def test_a_cell_that_is_no_number_is_named_with_its_line(cell, message, tmp_path) -> None:
+    table = read_table(write(tmp_path / "a.csv", f'a,b\n1,2\n"{cell}",2\n'))
+    with pytest.raises(FileFormatError, match=message):
+        table.numbers("a")
+    np.testing.assert_array_equal(table.numbers("b"), [2.0, 2.0])
+
+
+def test_a_column_that_is_not_there_is_answered_with_those_that_are(tmp_path) -> None:
+    table = read_table(write(tmp_path / "a.csv", "a,b\n1,2\n"))
+    with pytest.raises(ParameterError, match=r"no column 'c'; its columns are a, b"):
+        table.numbers("c")
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (["31/01/2014 16:30"], "line 2: t is '31/01/2014 16:30', expected a time as in"),
+        (["2014-01-01", "2014-01-01"], "line 3: t is '2014-01-01', not later than"),
+        (["2014-01-01T00:00", "2014-01-02T00:00+10:00"], "expected an offset in every row or in none"),
+    ],
+)
+def test_times_that_are_unreadable_or_do_not_increase_are_named(rows, message, tmp_path) -> None:
+    table = read_table(write(tmp_path / "a.csv", "\n".join(["t", *rows])))
+    with pytest.raises(FileFormatError, match=message):
+        table.times("t")

@@ -1,0 +1,75 @@
+"""Importing the package is light, its names are where they are announced, its metadata agree."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+import fuzzykf
+
+ROOT = Path(__file__).parents[1]
+
+
+def modules_after(statement: str) -> set[str]:
+    """Top-level modules that a fresh interpreter has loaded after a statement."""
+    code = f"{statement}\nimport sys\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(run.stdout.split())
+
+
+def test_importing_the_package_loads_numpy_and_nothing_heavier() -> None:
+    third_party = modules_after("import fuzzykf, fuzzykf.base, fuzzykf.gaussian") - modules_after(
+        "import numpy"
+    )
+    assert third_party <= {"fuzzykf", *sys.stdlib_module_names}
+
+
+def test_importing_the_package_does_not_import_its_parts() -> None:
+    # The names are lazy: the weight of a part is paid by those who use it.
+    run = subprocess.run(
+        [sys.executable, "-c", "import fuzzykf, sys; print(*[m for m in sys.modules if 'fuzzykf.' in m])"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert run.stdout.split() == []
+
+
+@pytest.mark.parametrize("name", sorted(set(fuzzykf.__all__) - {"__version__"}))
+def test_every_public_name_is_found_documented_and_listed(name) -> None:
+    value = getattr(fuzzykf, name)
+    assert getattr(importlib.import_module(value.__module__), name) is value
+    assert value.__doc__
+    assert name in dir(fuzzykf)
+
+
+def test_type_checkers_and_the_running_package_see_the_same_names() -> None:
+    source = (ROOT / "fuzzykf" / "__init__.py").read_text(encoding="utf-8")
+    block = source.partition("if TYPE_CHECKING:")[2].partition("__version__")[0]
+    seen = set(re.findall(r"\b[A-Z]\w+", block))
+    assert seen == set(fuzzykf.__all__) - {"__version__"} == set(fuzzykf._HOMES)
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="has no attribute 'ParticleFilter'"):
+        _ = fuzzykf.ParticleFilter
+
+
+def test_the_version_is_the_same_everywhere() -> None:
+    metadata = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert fuzzykf.__version__ == metadata["version"] == version("fuzzykf")
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {fuzzykf.__version__}\n" in citation
+
+
+def test_the_installed_package_carries_its_types_and_its_data() -> None:
+    folder = Path(fuzzykf.__file__).parent
+    assert (folder / "py.typed").is_file()
+    assert (folder / "datasets" / "victoria_2014.csv.gz").is_file()
