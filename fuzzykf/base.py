@@ -13,6 +13,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
+from math import isfinite
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
@@ -64,6 +65,8 @@ def as_observation(z: ArrayLike | None, dim_z: int) -> FloatArray | None:
     """
     if z is None:
         return None
+    if dim_z == 1 and isinstance(z, float) and isfinite(z):  # the usual case in real time
+        return np.array([z])
     try:
         value = np.array(z, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -1,1 +1,22 @@
-"""TODO."""
+"""Exact filters for Gaussian systems whose regime switches abruptly or gradually."""
+
+from fuzzykf.switching.chain import SwitchChain
+from fuzzykf.switching.filter_base import SwitchingFilter
+from fuzzykf.switching.filters import CGOMSMFilter, KnownSwitchFilter, OFSRFilter
+from fuzzykf.switching.laws import FuzzyMarkovLaw
+from fuzzykf.switching.models import CGOFMSModel, CGOMSModel
+from fuzzykf.switching.simulation import Simulation
+from fuzzykf.switching.systems import StationarySystem
+
+__all__ = [
+    "CGOFMSModel",
+    "CGOMSMFilter",
+    "CGOMSModel",
+    "FuzzyMarkovLaw",
+    "KnownSwitchFilter",
+    "OFSRFilter",
+    "Simulation",
+    "StationarySystem",
+    "SwitchChain",
+    "SwitchingFilter",
+]

@@ -1,0 +1,211 @@
+"""The exact recursion of every switching filter (2020 paper, section IV; math of a step).
+
+State per node i: log p(r_n = i | y_1..n), and mean and covariance of X_n given
+(r_n = i, y_1..n).  With the tables of a step (`fuzzykf.switching.tables`), the
+window w of the latest observations and the new observation y':
+
+    log w_ij = log p_i + log P_ij + log N(y'; Ayy w + Ny, Qyy)                  (10)
+    log p(y' | y_1..n) = logsumexp of all log w_ij                              (11)
+    p'_j = sum_i w_ij / sum of all w                                            (13)
+    o_ij = w_ij / sum_k w_kj                                                    (14)
+    x_ij = Axx x_i + H w + G y' + c,    P_ij = Axx P_i Axx' + C            (15)-(18)
+    x'_j = sum_i o_ij x_ij                                                      (19)
+    P'_j = sum_i o_ij (P_ij + (x_ij - x'_j)(x_ij - x'_j)')                      (20)
+    x = sum_j p'_j x'_j, and P likewise                                    (21)-(22)
+
+Second moments are central, unlike in the paper, where they cancel.  The arithmetic
+is in `fuzzykf.engine.switching`; the functions here give it its meaning.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from fuzzykf.engine import switching as engine
+from fuzzykf.errors import QuadratureError
+from fuzzykf.gaussian import cholesky, mixture_moments
+
+if TYPE_CHECKING:
+    from fuzzykf.base import FloatArray
+    from fuzzykf.switching.chain import SwitchChain
+    from fuzzykf.switching.tables import InitialLaw, PairTables
+
+__all__ = [
+    "NodeState",
+    "advance",
+    "advance_all",
+    "first_observation",
+    "node_moments",
+    "node_probabilities",
+    "posterior_moments",
+    "predict_observation",
+    "predict_state",
+]
+
+#: Largest total of negative masses that a rule with negative weights may produce.
+NEGATIVE_MASS = 1e-2
+
+
+class NodeState(NamedTuple):
+    """What is known of each node after an observation; leading shape (...)."""
+
+    log_p: FloatArray  # (..., M)
+    sign: FloatArray | None  # (..., M), only for chains with negative weights
+    moments: FloatArray  # (..., m + m*m, M): mean, then covariance
+
+
+def first_observation(law: InitialLaw, y: FloatArray) -> tuple[NodeState, float]:
+    """Condition the law of (r_1, Z_1) on y_1; there are no dynamics before it."""
+    from fuzzykf.switching.tables import log_probability
+
+    m = law.mean.shape[1] - y.size
+    factor = cholesky(
+        law.covariance[:, m:, m:], lambda k: f"covariance of the first observation, node {k[0]}"
+    )
+    log_p, moments, log_likelihood = engine.first_step(
+        log_probability(law.probability), law.mean, law.covariance, factor, y
+    )
+    return NodeState(log_p, None, moments), log_likelihood
+
+
+def advance(tables: PairTables, state: NodeState, window: FloatArray, y: FloatArray) -> tuple[NodeState, float]:
+    """Take the next observation ``y`` (q,) into account, given the window (w,) before it."""
+    u = np.empty(1 + window.size + y.size)
+    u[0] = 1.0
+    u[1 : 1 + window.size] = window
+    u[1 + window.size :] = y
+    log_p, sign, moments, log_likelihood = engine.step(tables.kernel, *state, u)
+    new = NodeState(log_p, sign, moments)
+    if sign is not None:
+        _check_masses(new)
+    return new, log_likelihood
+
+
+def advance_all(
+    tables: PairTables, state: NodeState, windows: FloatArray, ys: FloatArray
+) -> tuple[NodeState, FloatArray]:
+    """Run `advance` along n observations with constant tables.
+
+    Parameters
+    ----------
+    windows, ys : ndarray, shapes (n, w) and (n, q)
+
+    Returns
+    -------
+    states : NodeState
+        With leading shape (n,).
+    log_likelihood : ndarray, shape (n,)
+    """
+    U = np.concatenate([np.ones((len(ys), 1)), windows, ys], axis=1)
+    log_p, sign, moments, log_likelihood = engine.run(tables.kernel, *state, U)
+    states = NodeState(log_p, sign, moments)
+    if sign is not None:
+        _check_masses(states)
+    return states, log_likelihood
+
+
+def _check_masses(state: NodeState) -> None:
+    negative = np.maximum(-node_probabilities(state), 0.0).sum(axis=-1)
+    if not (negative <= NEGATIVE_MASS).all():  # NaN where the total is not positive
+        raise QuadratureError(
+            "the rule 'product' is too coarse for this law and these observations: its interpolant has a "
+            f"negative mass of {np.max(negative):.3g} (at most {NEGATIVE_MASS} is tolerated); use more nodes "
+            "or the rule 'cell', whose weights are never negative"
+        )
+
+
+# --------------------------------------------------------------------------- summaries
+
+
+def node_probabilities(state: NodeState) -> FloatArray:
+    """p(r_n = i | y_1..n), shape (..., M)."""
+    p = np.exp(state.log_p)
+    return p if state.sign is None else p * state.sign
+
+
+def node_moments(state: NodeState, m: int) -> tuple[FloatArray, FloatArray]:
+    """Means (..., M, m) and covariances (..., M, m, m) of X_n given each node."""
+    flat = np.swapaxes(state.moments, -1, -2)
+    return flat[..., :m], flat[..., m:].reshape(*flat.shape[:-1], m, m)
+
+
+def posterior_moments(state: NodeState, m: int) -> tuple[FloatArray, FloatArray]:
+    """Mean (..., m) and covariance (..., m, m) of X_n given y_1..n (eqs. 21 and 22)."""
+    return mixture_moments(node_probabilities(state), *node_moments(state, m))
+
+
+def predict_state(
+    tables: PairTables, state: NodeState, window: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean (..., m) and covariance (..., m, m) of X_{n+1} given y_1..n.
+
+    Parameters
+    ----------
+    tables : PairTables
+    state : NodeState
+        Leading shape (...).
+    window : ndarray, shape (..., w)
+    """
+    pairs = tables.pairs
+    m, M1, M2 = pairs.dim_x, *tables.transition.shape
+    x, P = node_moments(state, m)
+    lead = x.shape[:-2]
+    weights = node_probabilities(state)[..., :, None] * tables.transition
+    offset = pairs.c + (pairs.G @ pairs.Ny[..., None])[..., 0]
+    slope = pairs.H + pairs.G @ pairs.Ayy
+    mean = offset + np.einsum("ijkl,...l->...ijk", slope, window)
+    if m == 1:
+        mean += pairs.Axx[..., 0] * x[..., :, None, :]
+        spread = pairs.Axx * pairs.Axx * P[..., :, None, :, :] + tables.Qxx
+    else:
+        mean += (pairs.Axx @ x[..., :, None, :, None])[..., 0]
+        spread = pairs.Axx @ P[..., :, None, :, :] @ np.swapaxes(pairs.Axx, -1, -2) + tables.Qxx
+    return mixture_moments(
+        weights.reshape(*lead, M1 * M2), mean.reshape(*lead, M1 * M2, m), spread.reshape(*lead, M1 * M2, m, m)
+    )
+
+
+def predict_observation(
+    tables: PairTables, state: NodeState, window: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean (q,) and covariance (q, q) of Y_{n+1} given y_1..n."""
+    pairs = tables.pairs
+    weights = node_probabilities(state)[:, None] * tables.transition
+    mean = pairs.Ayy @ window + pairs.Ny
+    q, M = pairs.dim_z, weights.size
+    return mixture_moments(weights.reshape(M), mean.reshape(M, q), pairs.Qyy.reshape(M, q, q))
+
+
+def predict_probabilities(tables: PairTables, state: NodeState) -> FloatArray:
+    """p(r_{n+1} = j | y_1..n), shape (M2,)."""
+    p: FloatArray = node_probabilities(state) @ tables.transition
+    return p
+
+
+# --------------------------------------------------------------------------- the switch
+
+
+def most_likely_switch(chain: SwitchChain, mu: FloatArray) -> FloatArray:
+    """MPM estimate of the switch, by the rule of the paper (section VI-B).
+
+    If the hard values together have more than half of the probability, the likelier of
+    them; else the node in between with the largest density (mass divided by weight).
+
+    Parameters
+    ----------
+    chain : SwitchChain
+    mu : ndarray, shape (..., M)
+
+    Returns
+    -------
+    ndarray, shape (...)
+    """
+    atoms, inner = np.flatnonzero(chain.atoms)[::-1], np.flatnonzero(~chain.atoms)
+    # on a tie the paper's rule takes the regime 1, hence the reversed order
+    hard = chain.nodes[atoms][np.argmax(mu[..., atoms], axis=-1)]
+    if inner.size == 0:
+        return hard
+    soft = chain.nodes[inner][np.argmax(mu[..., inner] / chain.weights[inner], axis=-1)]
+    return np.where(mu[..., atoms].sum(axis=-1) > 0.5, hard, soft)

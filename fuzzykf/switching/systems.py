@@ -1,0 +1,74 @@
+"""Systems: a Gaussian form placed on a chain, or on a known path of the switch."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from fuzzykf.switching.tables import InitialLaw, PairTables
+
+if TYPE_CHECKING:
+    from fuzzykf.base import FloatArray
+    from fuzzykf.switching.chain import SwitchChain
+    from fuzzykf.switching.forms import GaussianForm
+
+__all__ = ["StationarySystem"]
+
+
+class StationarySystem:
+    """A form on the nodes of a chain, with tables that do not depend on time.
+
+    Parameters
+    ----------
+    chain : SwitchChain
+    form : GaussianForm
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If the noise is indefinite at a pair of nodes of positive probability; the
+        message names the pair and the eigenvalue.
+    """
+
+    order = 1
+    steady_from = 0
+
+    def __init__(self, chain: SwitchChain, form: GaussianForm) -> None:
+        self.chain, self.form = chain, form
+        self.dim_x, self.dim_z = form.dim_x, form.dim_z
+        self.tables  # noqa: B018  (a system that exists is valid: the tables are proved now)
+
+    @cached_property
+    def tables(self) -> PairTables:
+        """The tables of every step."""
+        u, nodes = self.chain.class_weights, self.chain.nodes
+
+        def describe(index: tuple[int, ...]) -> str:
+            i, j = index
+            return f"pair of nodes ({i}, {j}), r_n = {nodes[i]:.6g} and r_n+1 = {nodes[j]:.6g}"
+
+        reached = self.chain.transition != 0.0
+        pairs = self.form.pairs(u[:, None, :], u[None, :, :], describe, reached)
+        return PairTables(self.chain.transition, pairs)
+
+    def initial(self) -> InitialLaw:
+        """Return the law of (r_1, Z_1)."""
+        return InitialLaw(self.chain.initial, *self.form.marginal(self.chain.class_weights))
+
+    def pair_tables(self, n: int) -> PairTables:
+        """Return the tables of the step from observation ``n``, the same for all."""
+        return self.tables
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+
+def known_pair(form: GaussianForm, u1: FloatArray, u2: FloatArray, label: str) -> PairTables:
+    """Tables of one step between two known values of the switch, given by their shares."""
+    pairs = form.pairs(u1[None, None, :], u2[None, None, :], lambda _: label)
+    return PairTables(np.ones((1, 1)), pairs)
