@@ -1,0 +1,22 @@
+"""``python -m fuzzykf`` and the command ``fuzzykf``."""
+
+from __future__ import annotations
+
+import sys
+
+__all__ = ["main"]
+
+
+def main() -> None:
+    """Run the command line, or say which extra it needs."""
+    try:
+        from fuzzykf.cli.app import app
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in {"typer", "rich", "click"}:
+            raise
+        sys.exit(f"The command line needs {error.name}: pip install 'fuzzykf[cli]'")
+    app()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,39 @@
+"""The commands, put together."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+import fuzzykf
+from fuzzykf.cli import compare
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="fuzzykf",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_show_locals=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"fuzzykf {fuzzykf.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit."),
+    ] = False,
+) -> None:
+    """Filter systems whose regime switches abruptly or gradually."""
+
+
+app.command("compare", epilog=compare.EXAMPLE)(compare.command)

@@ -1,0 +1,260 @@
+"""``fuzzykf compare``: fuzzy switches, hard switches, Kalman filter, regression, side by side."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table as Grid
+from rich.text import Text
+
+from fuzzykf.cli.output import check_folder, progress_bar, report_errors, write_files
+from fuzzykf.errors import ParameterError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.comparison import Comparison
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = "Example: fuzzykf compare meters.csv --state demand --obs temperature --train 0.7 --out result"
+
+#: Columns that are taken for the time of a row, in this order, unless --time names another.
+TIME_COLUMNS = ("time", "timestamp", "datetime", "date")
+
+
+class SwitchSource(StrEnum):
+    """Where the switch of the learning part comes from."""
+
+    AUTO = "auto"
+    CLOCK = "clock"
+    QUANTILES = "quantiles"
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """The columns to work on, and what to call them."""
+
+    title: str
+    state: FloatArray
+    observation: FloatArray
+    state_label: str
+    unit: str
+    time: NDArray[np.datetime64] | None
+    workday: NDArray[np.bool_] | None
+
+
+def command(
+    data: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[DATA.csv]",
+            help="Comma-separated values with a line of names; without it, hourly electricity demand and "
+            "temperature in Victoria, 2014, which come with the package.",
+            show_default=False,
+        ),
+    ] = None,
+    state: Annotated[
+        str | None,
+        typer.Option("--state", metavar="COL", help="Column to be restored.", show_default=False),
+    ] = None,
+    obs: Annotated[
+        str | None,
+        typer.Option("--obs", metavar="COL", help="Column it is restored from.", show_default=False),
+    ] = None,
+    train: Annotated[
+        float,
+        typer.Option(metavar="FRACTION", help="Share of the rows, from the beginning, to learn on."),
+    ] = 0.6,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for comparison.csv and comparison.png.")
+    ] = Path("fuzzykf-compare"),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
+    time: Annotated[
+        str | None,
+        typer.Option(
+            "--time",
+            metavar="COL",
+            help="Column with the time of each row (ISO 8601); by default the first of "
+            f"{', '.join(TIME_COLUMNS)} that there is.",
+            show_default=False,
+        ),
+    ] = None,
+    profile: Annotated[
+        bool | None,
+        typer.Option(
+            "--profile/--no-profile",
+            help="Take the mean of the state at each time of day, on working days and on other days "
+            "(column workday, else Monday to Friday), from it. Learned on the learning part. "
+            "By default only for the packaged data.",
+            show_default=False,
+        ),
+    ] = None,
+    switch: Annotated[
+        SwitchSource,
+        typer.Option(
+            help="Where the switch of the learning part comes from: the hours in which the state is lowest "
+            "(0) and highest (1), or the quantiles of 20 % (0) and 80 % (1) of the observation. "
+            "auto: the clock if there are times at most six hours apart."
+        ),
+    ] = SwitchSource.AUTO,
+    nodes: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help="Values of the fuzzy switch between 0 and 1; the time of a step grows as (nodes + 2)^2.",
+        ),
+    ] = 5,
+) -> None:
+    """Compare filters with fuzzy and hard switches, a Kalman filter and regression on one series.
+
+    The methods learn on the first rows, where state and observation are known, and then see the observation
+    alone. Prints a table, and writes it with a picture.
+    """
+    from fuzzykf import comparison, plotting
+
+    with report_errors():
+        source = _packaged(state, obs, time) if data is None else _from_file(data, state, obs, time)
+        task = comparison.prepare(
+            source.state,
+            source.observation,
+            train=train,
+            time=source.time,
+            workday=source.workday,
+            profile=data is None if profile is None else profile,
+            switch=switch.value,
+        )
+        check_folder(out)
+        with progress_bar(6) as progress:
+            result = comparison.compare(task, np.random.default_rng(seed), n_nodes=nodes, progress=progress)
+            progress("picture")
+            label = source.state_label + (", less its daily profile" if task.profile else "")
+            figure = plotting.plot_comparison(result, state_label=label, unit=source.unit)
+            picture = io.BytesIO()
+            figure.savefig(picture, format="png", dpi=150)
+        files = write_files(
+            out, {"comparison.csv": _as_csv(result).encode(), "comparison.png": picture.getvalue()}
+        )
+    _print(result, source, label, files)
+
+
+# --------------------------------------------------------------------------- input
+
+
+def _packaged(state: str | None, obs: str | None, time: str | None) -> Source:
+    from fuzzykf.datasets import load_victoria
+
+    victoria = load_victoria(hourly=True)
+    columns = {
+        "demand_gw": (victoria.demand, "demand", "GW"),
+        "temperature_c": (victoria.temperature, "temperature", "°C"),
+    }
+    state, obs = state or "demand_gw", obs or "temperature_c"
+    for option, name in (("--state", state), ("--obs", obs)):
+        if name not in columns:
+            raise ParameterError(
+                f"{option}: the packaged data have no column {name!r}; their columns are {', '.join(columns)}"
+            )
+    if time is not None:
+        raise ParameterError("--time: the packaged data bring their own times; give a file to name a column")
+    values, label, unit = columns[state]
+    return Source(
+        "Victoria, 2014, hourly means", values, columns[obs][0], label, unit, victoria.time, victoria.workday
+    )
+
+
+def _from_file(path: Path, state: str | None, obs: str | None, time: str | None) -> Source:
+    from fuzzykf.datasets import read_table
+
+    table = read_table(path)
+    names = ", ".join(table.columns)
+    if state is None or obs is None:
+        missing = "--state" if state is None else "--obs"
+        raise ParameterError(f"{missing}: name a column of {path.name}; its columns are {names}")
+    if time is None:
+        lower = {name.lower(): name for name in table.columns}
+        time = next((lower[name] for name in TIME_COLUMNS if name in lower), None)
+    workday = table.numbers("workday") == 1.0 if "workday" in table.columns else None
+    return Source(
+        path.name,
+        table.numbers(state),
+        table.numbers(obs),
+        state,
+        "",
+        None if time is None else table.times(time),
+        workday,
+    )
+
+
+# --------------------------------------------------------------------------- output
+
+
+def _as_csv(result: Comparison) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(
+        [
+            "method",
+            "rmse",
+            "rmse_low",
+            "rmse_high",
+            "coverage_90",
+            "log_likelihood_per_step",
+            "microseconds_per_step",
+        ]
+    )
+    for s in result.scores:
+        likelihood = "" if s.log_likelihood is None else repr(s.log_likelihood)
+        row = [s.rmse, s.rmse_low, s.rmse_high, s.coverage]
+        writer.writerow([s.name, *map(repr, row), likelihood, f"{s.microseconds:.3g}"])
+    return text.getvalue()
+
+
+def _print(result: Comparison, source: Source, label: str, files: list[Path]) -> None:
+    task = result.task
+    unit = f" {source.unit}" if source.unit else ""
+    console = Console()
+    when = "" if task.time is None else f", from {task.time[task.n_train].astype('datetime64[m]')}"
+    console.print(Text(f"{source.title}: {label}", "bold"))
+    console.print(
+        Text(
+            f"Learned on {task.n_train:,} rows, compared on {task.n_test:,}{when}. "
+            f"Switch of the learning part: {task.switch_source}. "
+            f"Always answering the mean of the learning part would have an RMSE of "
+            f"{result.baseline_rmse:.4g}{unit}."
+        )
+    )
+    grid = Grid()
+    grid.add_column("method")
+    rmse_title = f"RMSE\n({source.unit})" if source.unit else "RMSE\n"
+    for title in (rmse_title, "95 %\ninterval", "90 %\ncovers", "log-lik.\nper step", "µs per\nstep"):
+        grid.add_column(title, justify="right")
+    for s in result.scores:
+        grid.add_row(
+            Text(s.name, "bold" if s.name == result.best else ""),
+            f"{s.rmse:.4g}",
+            f"{s.rmse_low:.3g} to {s.rmse_high:.3g}",
+            f"{100 * s.coverage:.1f} %",
+            "none" if s.log_likelihood is None else f"{s.log_likelihood:.3f}",
+            f"{s.microseconds:.2g}" if s.microseconds < 10 else f"{s.microseconds:.0f}",
+        )
+    console.print(grid)
+    console.print(
+        Text(
+            f"Intervals: block bootstrap, blocks of {result.block_length} steps. Log-likelihood: of the "
+            "observations, each given the earlier ones; regression has no law of them.",
+            "dim",
+        )
+    )
+    console.print(Text(result.verdict(source.unit), "bold"))
+    for file in files:
+        console.print(Text(f"Wrote {file}"), soft_wrap=True)

@@ -1,0 +1,122 @@
+"""What the commands share: consoles, the report of errors, and files that appear whole."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+from fuzzykf.errors import FuzzykfError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
+
+__all__ = ["check_folder", "progress_bar", "report_errors", "write_files"]
+
+
+@contextmanager
+def report_errors() -> Iterator[None]:
+    """Turn an error that the user can mend into a message and exit code 1."""
+    try:
+        yield
+    except (FuzzykfError, OSError) as error:
+        Console(stderr=True, soft_wrap=True).print(Text.assemble(("Error: ", "bold red"), _message(error)))
+        raise typer.Exit(1) from error
+
+
+def _message(error: FuzzykfError | OSError) -> str:
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
+@contextmanager
+def progress_bar(pieces: int) -> Iterator[Callable[[str], None]]:
+    """Show a bar on the terminal while work goes on.
+
+    Parameters
+    ----------
+    pieces : int
+        Number of pieces of work.
+
+    Yields
+    ------
+    callable
+        To be told the name of each piece of work before it begins.
+    """
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("", total=pieces)
+        begun = 0
+
+        def begin(name: str) -> None:
+            nonlocal begun
+            progress.update(task, description=name, completed=begun)
+            begun += 1
+
+        yield begin
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse, before any work is done, a folder into which nothing can be written.
+
+    Raises
+    ------
+    OSError
+        If the path, or the part of it that exists, is no folder or is not writable.
+    """
+    existing = folder
+    while not existing.exists():
+        existing = existing.parent
+    if not existing.is_dir():
+        raise NotADirectoryError(20, "expected a folder, found a file", str(existing))
+    if not os.access(existing, os.W_OK):
+        raise PermissionError(13, "the folder is not writable", str(existing))
+
+
+def write_files(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
+    """Write files so that each appears whole or not at all.
+
+    All are written under temporary names first; an error leaves no file behind and
+    earlier files of the same names as they were.
+
+    Parameters
+    ----------
+    folder : Path
+        Created if need be.
+    contents : mapping of str to bytes
+        What to write, by the name of the file.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    temporary: dict[str, str] = {}
+    try:
+        for name, content in contents.items():
+            handle, temporary[name] = tempfile.mkstemp(dir=folder, prefix=f".{name}.")
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        for name, path in temporary.items():
+            os.chmod(path, 0o666 & ~umask)  # mkstemp is for the owner alone
+            os.replace(path, folder / name)
+    except BaseException:
+        for path in temporary.values():
+            if os.path.exists(path):
+                os.unlink(path)
+        raise
+    return [folder / name for name in contents]

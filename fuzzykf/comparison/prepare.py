@@ -1,0 +1,351 @@
+"""From columns to a task: what is learned on the first part is fixed before the second is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_array
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from fuzzykf.base import FloatArray
+
+__all__ = ["ClockSwitch", "DailyProfile", "Task", "hour_of_day", "prepare", "quantile_switch"]
+
+#: Fewest rows to learn on, and fewest to compare on.
+MIN_TRAIN, MIN_TEST = 100, 50
+
+#: Length in hours of the times of day in which the clock switch stays at 0 and at 1
+#: (section VII of the 2020 paper: from 1 to 5 at night and from 1 to 5 in the afternoon).
+PLATEAU = 4.0
+
+#: Quantiles of the observation between which `quantile_switch` rises from 0 to 1.
+QUANTILES = (0.2, 0.8)
+
+
+def hour_of_day(time: NDArray[np.datetime64]) -> FloatArray:
+    """Hours since midnight, fractions included.
+
+    Parameters
+    ----------
+    time : ndarray of datetime64, shape (n,)
+
+    Returns
+    -------
+    ndarray of shape (n,)
+        Between 0 and 24.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> hour_of_day(np.array(["2014-01-31T16:30"], dtype="datetime64[s]"))
+    array([16.5])
+    """
+    seconds = (time - time.astype("datetime64[D]")) / np.timedelta64(1, "s")
+    return np.asarray(seconds / 3600.0, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class DailyProfile:
+    """Mean of a series for each time of day, on working days and on other days.
+
+    Attributes
+    ----------
+    slot : float
+        Hours that share one mean.
+    means : ndarray, shape (2, slots)
+        Means on other days (first row) and on working days, in the unit of the
+        series; NaN where the learning part has no row.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.datetime64("2014-01-01T00:00", "s") + np.arange(48) * np.timedelta64(3600, "s")
+    >>> profile = DailyProfile.learn(time, np.ones(48, dtype=bool), np.arange(48.0))
+    >>> profile(time[:2], np.ones(2, dtype=bool))
+    array([12., 13.])
+    """
+
+    slot: float
+    means: FloatArray
+
+    @classmethod
+    def learn(
+        cls,
+        time: NDArray[np.datetime64],
+        workday: NDArray[np.bool_],
+        values: FloatArray,
+        slot: float = 1.0,
+    ) -> Self:
+        """Average ``values`` over the rows of each time of day and kind of day.
+
+        Parameters
+        ----------
+        time : ndarray of datetime64, shape (n,)
+        workday : ndarray of bool, shape (n,)
+        values : ndarray, shape (n,)
+        slot : float
+            Hours that share one mean.
+        """
+        slots = round(24.0 / slot)
+        cell = workday * slots + (hour_of_day(time) // slot).astype(int)
+        count = np.bincount(cell, minlength=2 * slots)
+        total = np.bincount(cell, weights=values, minlength=2 * slots)
+        means = np.full(2 * slots, np.nan)
+        np.divide(total, count, out=means, where=count > 0)
+        return cls(slot, means.reshape(2, slots))
+
+    def __call__(self, time: NDArray[np.datetime64], workday: NDArray[np.bool_]) -> FloatArray:
+        """Return the profile at the given times, shape (n,).
+
+        Raises
+        ------
+        ParameterError
+            If the learning part had no row of that time and kind of day.
+        """
+        values: FloatArray = self.means[workday.astype(int), (hour_of_day(time) // self.slot).astype(int)]
+        if np.isnan(values).any():
+            row = int(np.flatnonzero(np.isnan(values))[0])
+            kind = "a working day" if workday[row] else "a day off"
+            raise ParameterError(
+                f"profile: {time[row]} is {kind}, and the learning part has no row at that time of such a "
+                "day; learn on a longer part, or without the profile"
+            )
+        return values
+
+
+@dataclass(frozen=True)
+class ClockSwitch:
+    """A switch that follows the clock: 0 where a series is lowest, 1 where it is highest.
+
+    In between it moves linearly (section VII of the 2020 paper, where the hours were
+    set by hand).
+
+    Attributes
+    ----------
+    low, high : float
+        Hours of the day at which the plateaus of 0 and of 1 begin; each lasts four hours.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> switch = ClockSwitch(low=1.0, high=13.0)
+    >>> switch(np.array(["2010-06-01T03:00", "2010-06-01T09:00", "2010-06-01T15:00"], dtype="datetime64[s]"))
+    array([0. , 0.5, 1. ])
+    """
+
+    low: float
+    high: float
+
+    @classmethod
+    def learn(cls, time: NDArray[np.datetime64], values: FloatArray) -> Self:
+        """Find the four hours in which ``values`` are lowest, and highest, on average.
+
+        Parameters
+        ----------
+        time : ndarray of datetime64, shape (n,)
+        values : ndarray, shape (n,)
+
+        Raises
+        ------
+        ParameterError
+            If some window of four hours has no row.
+        """
+        hour = hour_of_day(time)
+        means = np.empty(24)
+        for start in range(24):
+            inside = (hour - start) % 24.0 <= PLATEAU
+            if not inside.any():
+                raise ParameterError(
+                    f"switch: no row between {start}:00 and {(start + PLATEAU) % 24:.0f}:00, so the clock "
+                    "cannot make the switch; use the quantiles of the observation"
+                )
+            means[start] = values[inside].mean()
+        low = int(np.argmin(means))
+        # At least one hour has to remain on both sides for the way between the plateaus.
+        distance = np.minimum((np.arange(24) - low) % 24, (low - np.arange(24)) % 24)
+        high = int(np.argmax(np.where(distance > PLATEAU, means, -np.inf)))
+        return cls(float(low), float(high))
+
+    def __call__(self, time: NDArray[np.datetime64]) -> FloatArray:
+        """Return the switch at the given times, shape (n,), between 0 and 1."""
+        rise = (self.high - self.low) % 24.0
+        knots = [0.0, PLATEAU, rise, rise + PLATEAU, 24.0]
+        return np.interp((hour_of_day(time) - self.low) % 24.0, knots, [0.0, 0.0, 1.0, 1.0, 0.0])
+
+    def __str__(self) -> str:
+        """Say in words when the switch is 0 and when it is 1."""
+        low, high = (
+            f"from {start:.0f}:00 to {(start + PLATEAU) % 24:.0f}:00" for start in (self.low, self.high)
+        )
+        return f"the clock, 0 {low}, 1 {high}, linear in between"
+
+
+def quantile_switch(learning: FloatArray) -> tuple[float, float]:
+    """Levels of an observation below which a switch is 0 and above which it is 1.
+
+    Parameters
+    ----------
+    learning : ndarray, shape (n,)
+        The observation in the part to learn on.
+
+    Returns
+    -------
+    low, high : float
+        Its quantiles of 20 % and 80 %.
+
+    Raises
+    ------
+    ParameterError
+        If the two coincide.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> quantile_switch(np.arange(11.0))
+    (2.0, 8.0)
+    """
+    low, high = (float(level) for level in np.quantile(learning, QUANTILES))
+    if low == high:
+        raise ParameterError(
+            f"switch: the quantiles of {QUANTILES[0]:.0%} and {QUANTILES[1]:.0%} of the observation are "
+            f"both {low:g}, so they cannot make the switch"
+        )
+    return low, high
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task:
+    """A series cut into a part to learn on and a part to be restored.
+
+    Attributes
+    ----------
+    state, observation, switch : ndarray, shape (n,)
+        The methods learn on the first ``n_train`` rows; of the others they see the
+        observation alone.
+    n_train : int
+        Rows to learn on.
+    time : ndarray of datetime64, shape (n,), or None
+        For the axis of pictures.
+    switch_source : str
+        How the switch was made, in words.
+    profile : DailyProfile or None
+        What was taken from the state, if anything.
+    """
+
+    state: FloatArray
+    observation: FloatArray
+    switch: FloatArray
+    n_train: int
+    time: NDArray[np.datetime64] | None = None
+    switch_source: str
+    profile: DailyProfile | None = None
+
+    @property
+    def n_test(self) -> int:
+        """Rows to be restored."""
+        return len(self.state) - self.n_train
+
+
+def prepare(
+    state: ArrayLike,
+    observation: ArrayLike,
+    *,
+    train: float = 0.6,
+    time: NDArray[np.datetime64] | None = None,
+    workday: NDArray[np.bool_] | None = None,
+    profile: bool = False,
+    switch: Literal["auto", "clock", "quantiles"] = "auto",
+) -> Task:
+    """Cut a series in two and learn, on the first part, what the methods start from.
+
+    Parameters
+    ----------
+    state, observation : array_like, shape (n,)
+        What is to be restored, and what it is restored from.
+    train : float
+        Share of the rows, from the beginning, to learn on.
+    time : ndarray of datetime64, shape (n,), optional
+        Needed by the profile and by the switch that follows the clock.
+    workday : ndarray of bool, shape (n,), optional
+        By default Mondays to Fridays.
+    profile : bool
+        Take the mean of the state at each time of day, on working days and on other
+        days, from the state.
+    switch : {"auto", "clock", "quantiles"}
+        Where the switch of the learning part comes from: from the clock
+        (`ClockSwitch`, learned on the state before the profile is taken from it), or
+        from the observation, 0 below its quantile of 20 %, 1 above that of 80 %, linear
+        in between.  "auto" takes the clock where there is a time and rows are at most
+        six hours apart.
+
+    Returns
+    -------
+    Task
+
+    Raises
+    ------
+    ShapeError
+        If the columns differ in length.
+    ParameterError
+        If ``train`` is no share, leaves too few rows on either side, a column is
+        constant, or a time is needed and not given.
+    """
+    x = as_array("state", state, (None,))
+    n = len(x)
+    y = as_array("observation", observation, (n,))
+    for name, column in (("time", time), ("workday", workday)):
+        if column is not None and column.shape != (n,):
+            raise ShapeError(f"{name}: got shape {column.shape}, expected ({n},)")
+    n_train = _split(n, train)
+    for name, values in (("state", x), ("observation", y)):
+        if np.ptp(values[:n_train]) == 0.0:
+            raise ParameterError(f"{name}: it is {values[0]:g} in all {n_train} rows to learn on")
+    if switch not in ("auto", "clock", "quantiles"):
+        raise ParameterError(f"switch: got {switch!r}, expected 'auto', 'clock' or 'quantiles'")
+    if time is None and (profile or switch == "clock"):
+        needs = "profile" if profile else "switch"
+        raise ParameterError(f"{needs}: the time of day needs a column of times, and there is none")
+    if switch == "auto":
+        fine = time is not None and np.median(np.diff(time)) <= np.timedelta64(6, "h")
+        switch = "clock" if fine else "quantiles"
+    if switch == "clock" and time is not None:
+        clock = ClockSwitch.learn(time[:n_train], x[:n_train])
+        r, source = clock(time), str(clock)
+    else:
+        low, high = quantile_switch(y[:n_train])
+        r = np.clip((y - low) / (high - low), 0.0, 1.0)
+        source = f"the observation, 0 below {low:g}, 1 above {high:g}, linear in between"
+    learned = None
+    if profile and time is not None:
+        days = np.is_busday(time.astype("datetime64[D]")) if workday is None else workday
+        learned = DailyProfile.learn(time[:n_train], days[:n_train], x[:n_train], _slot(time))
+        x = x - learned(time, days)
+    return Task(
+        state=x, observation=y, switch=r, n_train=n_train, time=time, switch_source=source, profile=learned
+    )
+
+
+def _split(n: int, train: float) -> int:
+    if not 0.0 < train < 1.0:
+        raise ParameterError(f"train: got {train:g}, expected a share between 0 and 1")
+    n_train = round(train * n)
+    if n_train < MIN_TRAIN or n - n_train < MIN_TEST:
+        raise ParameterError(
+            f"train: {train:g} of {n} rows are {n_train} to learn on and {n - n_train} to compare on, "
+            f"expected at least {MIN_TRAIN} and {MIN_TEST}"
+        )
+    return n_train
+
+
+def _slot(time: NDArray[np.datetime64]) -> float:
+    """Hours between rows where they divide the day, else one hour."""
+    step = float(np.median(np.diff(time)) / np.timedelta64(1, "h"))
+    return step if (24.0 / step).is_integer() else 1.0

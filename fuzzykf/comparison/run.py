@@ -1,0 +1,189 @@
+"""Run the methods on a task, score them, and say who won and whether that means anything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.comparison import methods
+from fuzzykf.comparison.scores import Score, block_length, circular_block_means
+from fuzzykf.errors import FuzzykfError, ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.comparison.methods import Restoration
+    from fuzzykf.comparison.prepare import Task
+
+__all__ = ["INTERVAL_FACTOR", "Comparison", "compare"]
+
+#: Half the width of a central interval of 90 % of a normal law, in standard deviations.
+INTERVAL_FACTOR = 1.6448536269514722
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """The scores of all methods on one task, and how far the best two are apart.
+
+    Attributes
+    ----------
+    task : Task
+    restorations : tuple of Restoration
+        What each method said.
+    scores : tuple of Score
+        In the same order.
+    baseline_rmse : float
+        Error of somebody who always answers the mean of the learning part.
+    best, second : str
+        The methods of the least, and the next to least, RMSE.
+    difference, difference_low, difference_high : float
+        RMSE of ``second`` less that of ``best``, and its interval of 95 % by the paired
+        block bootstrap.
+    block_length : int
+        Steps in a block of the bootstrap.
+    """
+
+    task: Task
+    restorations: tuple[Restoration, ...]
+    scores: tuple[Score, ...]
+    baseline_rmse: float
+    best: str
+    second: str
+    difference: float
+    difference_low: float
+    difference_high: float
+    block_length: int
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the difference between the best two exceeds its uncertainty."""
+        return self.difference_low > 0.0
+
+    def verdict(self, unit: str = "") -> str:
+        """Say in one sentence which method won and whether the difference means anything.
+
+        Parameters
+        ----------
+        unit : str
+            Unit of the state.
+        """
+        space = f" {unit}" if unit else ""
+        rmse = {score.name: score.rmse for score in self.scores}
+        certainty = "more than its uncertainty" if self.is_certain else "no more than its uncertainty"
+        return (
+            f"{self.best} has the lowest RMSE, {rmse[self.best]:.4g}{space}: {self.difference:.2g}{space} "
+            f"below {self.second}, which is {certainty} (95 % interval of the difference "
+            f"{self.difference_low:.2g} to {self.difference_high:.2g}{space})."
+        )
+
+
+def compare(
+    task: Task,
+    rng: np.random.Generator,
+    *,
+    n_nodes: int = 5,
+    n_resamples: int = 2000,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Comparison:
+    """Restore the second part of a task by four methods and score them.
+
+    The methods are `OFSRFilter` on fuzzy switches, `CGOMSMFilter` on hard ones, filterpy's
+    KalmanFilter on the best single linear model, and plain linear regression.
+
+    Parameters
+    ----------
+    task : Task
+    rng : numpy.random.Generator
+        For the bootstrap.
+    n_nodes : int
+        Nodes of the fuzzy switch between 0 and 1; time grows as ``(n_nodes + 2) ** 2``.
+    n_resamples : int
+        Resamples of the bootstrap.
+    progress : callable
+        Is told the name of each piece of work before it begins.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    MissingDependencyError
+        If filterpy is not installed.
+    FuzzykfError
+        If a method finds numbers that are not finite.
+
+    Notes
+    -----
+    The log-likelihoods are those of the same observations, in the same unit, given the
+    earlier ones, so they may be compared; linear regression has none.
+    """
+    if n_resamples < 100:
+        raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
+    work: dict[str, Callable[[], Restoration]] = {
+        "fuzzy switches": lambda: methods.fuzzy_switches(task, n_nodes),
+        "hard switches": lambda: methods.hard_switches(task),
+        "Kalman filter": lambda: methods.kalman_filter(task),
+        "linear regression": lambda: methods.linear_regression(task),
+    }
+    restorations = []
+    for name, method in work.items():
+        progress(name)
+        restorations.append(method())
+        _check_finite(restorations[-1])
+    progress("bootstrap")
+    truth = task.state[task.n_train :]
+    return _score(task, tuple(restorations), truth, n_resamples, rng)
+
+
+def _check_finite(restoration: Restoration) -> None:
+    for quantity in ("mean", "std", "log_likelihood"):
+        values = getattr(restoration, quantity)
+        if values is not None and not np.isfinite(values).all():
+            step = int(np.flatnonzero(~np.isfinite(values))[0])
+            raise FuzzykfError(f"{restoration.name}: its {quantity} at step {step} is {values[step]}")
+
+
+def _score(
+    task: Task,
+    restorations: tuple[Restoration, ...],
+    truth: FloatArray,
+    n_resamples: int,
+    rng: np.random.Generator,
+) -> Comparison:
+    errors = np.column_stack([r.mean - truth for r in restorations])
+    squared = errors**2
+    length = max(block_length(column) for column in squared.T)
+    resampled = np.sqrt(circular_block_means(squared, length, n_resamples, rng))
+    rmse = np.sqrt(squared.mean(axis=0))
+    low, high = np.quantile(resampled, [0.025, 0.975], axis=0)
+    scores = tuple(
+        Score(
+            name=r.name,
+            rmse=float(rmse[k]),
+            rmse_low=float(low[k]),
+            rmse_high=float(high[k]),
+            coverage=float((np.abs(errors[:, k]) <= INTERVAL_FACTOR * r.std).mean()),
+            log_likelihood=None if r.log_likelihood is None else float(r.log_likelihood.mean()),
+            microseconds=r.microseconds,
+        )
+        for k, r in enumerate(restorations)
+    )
+    best, second = (int(k) for k in np.argsort(rmse, kind="stable")[:2])
+    difference_low, difference_high = np.quantile(resampled[:, second] - resampled[:, best], [0.025, 0.975])
+    baseline = task.state[: task.n_train].mean()
+    return Comparison(
+        task=task,
+        restorations=restorations,
+        scores=scores,
+        baseline_rmse=float(np.sqrt(((truth - baseline) ** 2).mean())),
+        best=restorations[best].name,
+        second=restorations[second].name,
+        difference=float(rmse[second] - rmse[best]),
+        difference_low=float(difference_low),
+        difference_high=float(difference_high),
+        block_length=length,
+    )

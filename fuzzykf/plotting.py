@@ -1,0 +1,153 @@
+"""Pictures that stay readable without colour.
+
+The colours are told apart by colour-blind readers (Okabe and Ito), and lines differ
+in their dashes as well, so that a print in grey loses nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.errors import MissingDependencyError, ParameterError
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from fuzzykf.comparison import Comparison, Restoration
+
+__all__ = ["BLUE", "ORANGE", "TRUTH", "plot_comparison"]
+
+#: Colours: of the main estimate, of its rival, and of what is true.
+BLUE, ORANGE, TRUTH = "#0072B2", "#D55E00", "#000000"
+
+
+def plot_comparison(
+    comparison: Comparison, *, state_label: str = "state", unit: str = "", steps: int = 336
+) -> Figure:
+    """Draw a comparison: the whole restored part, an excerpt with its band, and the switch.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    state_label : str
+        What the state is.
+    unit : str
+        Unit of the state.
+    steps : int
+        Steps of the excerpt, which is taken from the middle.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Not registered with pyplot, so that nothing has to be closed.
+
+    Raises
+    ------
+    MissingDependencyError
+        If matplotlib is not installed.
+    ParameterError
+        If ``steps`` is less than 2.
+    """
+    if steps < 2:
+        raise ParameterError(f"steps: got {steps}, expected at least 2")
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingDependencyError("pictures need matplotlib: pip install 'fuzzykf[cli]'") from error
+    task = comparison.task
+    truth = task.state[task.n_train :]
+    n = len(truth)
+    time: Any = np.arange(task.n_train, len(task.state)) if task.time is None else task.time[task.n_train :]
+    begin = max(0, (n - steps) // 2)
+    excerpt = slice(begin, min(n, begin + steps))
+
+    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
+    whole, state, switch = figure.subplots(3, 1, height_ratios=[2, 3, 2])
+    main, rival = _main_and_rival(comparison)
+    label = f"{state_label} ({unit})" if unit else state_label
+
+    _draw_state(whole, time, truth, main, rival, band=False)
+    whole.axvspan(time[excerpt][0], time[excerpt][-1], color="0.88", zorder=0, label="shown below")
+    whole.set(ylabel=label, title="The part that no method has seen")
+    _draw_state(state, time[excerpt], truth[excerpt], main, rival, band=True, part=excerpt)
+    state.set(ylabel=label)
+    _draw_switch(switch, comparison, time, excerpt)
+    state.sharex(switch)
+    state.tick_params(labelbottom=False)
+    switch.set(ylabel="switch", ylim=(-0.05, 1.05), xlabel="row" if task.time is None else "time")
+    for axes in (whole, state, switch):
+        axes.margins(x=0)
+        axes.grid(color="0.9")
+        axes.set_axisbelow(True)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize="small")
+        if task.time is not None:
+            _date_axis(axes)
+    figure.align_ylabels()
+    return figure
+
+
+def _main_and_rival(comparison: Comparison) -> tuple[Restoration, Restoration]:
+    """Return the fuzzy filter, and the best of the others."""
+    by_rmse = sorted(
+        zip(comparison.scores, comparison.restorations, strict=True), key=lambda pair: pair[0].rmse
+    )
+    fuzzy = next(r for r in comparison.restorations if r.name == "OFSRFilter")
+    return fuzzy, next(r for _, r in by_rmse if r is not fuzzy)
+
+
+def _draw_state(
+    axes: Axes,
+    time: Any,
+    truth: Any,
+    main: Restoration,
+    rival: Restoration,
+    *,
+    band: bool,
+    part: slice = slice(None),
+) -> None:
+    from fuzzykf.comparison.run import INTERVAL_FACTOR
+
+    mean, half = main.mean[part], INTERVAL_FACTOR * main.std[part]
+    if band:
+        axes.fill_between(
+            time, mean - half, mean + half, color=BLUE, alpha=0.2, linewidth=0, label=f"{main.name}, 90 %"
+        )
+    axes.plot(time, truth, color=TRUTH, linewidth=0.9, label="measured")
+    axes.plot(time, rival.mean[part], color=ORANGE, linewidth=1.1, linestyle=(0, (4, 1.5)), label=rival.name)
+    axes.plot(time, mean, color=BLUE, linewidth=1.5, label=main.name)
+
+
+def _draw_switch(axes: Axes, comparison: Comparison, time: Any, excerpt: slice) -> None:
+    task = comparison.task
+    axes.plot(
+        time[excerpt],
+        task.switch[task.n_train :][excerpt],
+        color=TRUTH,
+        linewidth=0.9,
+        linestyle=":",
+        label="rule of the learning part\n(not seen here)",
+    )
+    styles = [(BLUE, "-", 1.5), (ORANGE, (0, (1.5, 1)), 1.1)]
+    with_switch = [r for r in comparison.restorations if r.switch is not None]
+    for (color, style, width), restoration in zip(styles, with_switch, strict=True):
+        axes.plot(
+            time[excerpt],
+            restoration.switch[excerpt],  # type: ignore[index]
+            color=color,
+            linestyle=style,
+            linewidth=width,
+            label=f"{restoration.name},\nposterior mean",
+        )
+
+
+def _date_axis(axes: Axes) -> None:
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    locator = AutoDateLocator(maxticks=8)  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
