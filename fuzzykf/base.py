@@ -80,6 +80,8 @@ def as_observation(z: ArrayLike | None, dim_z: int) -> FloatArray | None:
             allowed = "a scalar, (1,) or (1, 1)"
         raise ShapeError(f"z: got shape {shape}, expected {allowed}")
     value = value.reshape(dim_z)
+    if all(map(isfinite, value.tolist())):  # a small vector: faster than asking numpy twice
+        return value
     if np.isinf(value).any():
         raise ParameterError(f"z: got {value.tolist()}, expected finite numbers (NaN where missing)")
     return None if np.isnan(value).all() else value
@@ -404,7 +406,7 @@ class Filter(ABC):
     def _remember(self) -> None:
         """Keep the state at the first verb since construction or the last `reset`."""
         if "_origin" not in self.__dict__:
-            self._origin: dict[str, Any] = copy.deepcopy(self.__dict__)
+            self._origin: dict[str, Any] = copy.deepcopy(self.__dict__, {id(self): self})
 
     def reset(self) -> None:
         """Return to the state at the first verb since construction or the last reset."""
