@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from fuzzykf.comparison.methods import Restoration
 from fuzzykf.comparison.prepare import ClockSwitch, DailyProfile, Task, prepare, quantile_switch
-from fuzzykf.comparison.run import Comparison, compare
+from fuzzykf.comparison.run import Comparison, compare, score
 from fuzzykf.comparison.scores import Score, block_length, circular_block_means
 
 __all__ = [
@@ -24,4 +24,5 @@ __all__ = [
     "compare",
     "prepare",
     "quantile_switch",
+    "score",
 ]

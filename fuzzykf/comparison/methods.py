@@ -177,7 +177,7 @@ def kalman_filter(task: Task) -> Restoration:
     kf.x, kf.P = model.mean[:, None].copy(), model.covariance.copy()
     kf.F, kf.B, kf.Q = model.transition, model.offset[:, None], model.noise
     kf.H, kf.R = np.array([[0.0, 1.0]]), np.zeros((1, 1))
-    u = np.ones(1)
+    u = np.ones((1, 1))
 
     zs = task.observation[n:]
     mean, variance, log_likelihood = np.empty((3, len(zs)))

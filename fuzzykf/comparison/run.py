@@ -14,11 +14,10 @@ from fuzzykf.errors import FuzzykfError, ParameterError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.base import FloatArray
     from fuzzykf.comparison.methods import Restoration
     from fuzzykf.comparison.prepare import Task
 
-__all__ = ["INTERVAL_FACTOR", "Comparison", "compare"]
+__all__ = ["INTERVAL_FACTOR", "Comparison", "compare", "score"]
 
 #: Half the width of a central interval of 90 % of a normal law, in standard deviations.
 INTERVAL_FACTOR = 1.6448536269514722
@@ -121,8 +120,6 @@ def compare(
     The log-likelihoods are those of the same observations, in the same unit, given the
     earlier ones, so they may be compared; linear regression has none.
     """
-    if n_resamples < 100:
-        raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
     work: dict[str, Callable[[], Restoration]] = {
         "fuzzy switches": lambda: methods.fuzzy_switches(task, n_nodes),
         "hard switches": lambda: methods.hard_switches(task),
@@ -135,8 +132,7 @@ def compare(
         restorations.append(method())
         _check_finite(restorations[-1])
     progress("bootstrap")
-    truth = task.state[task.n_train :]
-    return _score(task, tuple(restorations), truth, n_resamples, rng)
+    return score(task, tuple(restorations), rng, n_resamples=n_resamples)
 
 
 def _check_finite(restoration: Restoration) -> None:
@@ -147,13 +143,33 @@ def _check_finite(restoration: Restoration) -> None:
             raise FuzzykfError(f"{restoration.name}: its {quantity} at step {step} is {values[step]}")
 
 
-def _score(
-    task: Task,
-    restorations: tuple[Restoration, ...],
-    truth: FloatArray,
-    n_resamples: int,
-    rng: np.random.Generator,
+def score(
+    task: Task, restorations: tuple[Restoration, ...], rng: np.random.Generator, *, n_resamples: int = 2000
 ) -> Comparison:
+    """Score what methods said of the part to be restored.
+
+    Parameters
+    ----------
+    task : Task
+    restorations : tuple of Restoration
+        Two at least.
+    rng : numpy.random.Generator
+        For the bootstrap.
+    n_resamples : int
+        Resamples of the bootstrap.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    ParameterError
+        If ``n_resamples`` is less than 100: quantiles of 2.5 % would mean nothing.
+    """
+    if n_resamples < 100:
+        raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
+    truth = task.state[task.n_train :]
     errors = np.column_stack([r.mean - truth for r in restorations])
     squared = errors**2
     length = max(block_length(column) for column in squared.T)

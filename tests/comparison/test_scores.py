@@ -1,0 +1,85 @@
+"""The bootstrap has the spread that dependent errors have, and pairs what belongs together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fuzzykf.comparison import block_length, circular_block_means
+from fuzzykf.errors import ParameterError
+
+
+def autoregression(n: int, coefficient: float, rng: np.random.Generator) -> np.ndarray:
+    series = np.empty(n)
+    series[0] = rng.normal() / np.sqrt(1 - coefficient**2)
+    noise = rng.normal(size=n)
+    for k in range(1, n):
+        series[k] = coefficient * series[k - 1] + noise[k]
+    return series
+
+
+@settings(max_examples=50, deadline=None)
+@given(n=st.integers(2, 40), length=st.integers(1, 40), seed=st.integers(0, 2**32 - 1))
+def test_resampled_means_are_those_of_the_blocks_written_out(n, length, seed) -> None:
+    # Oracle: the blocks drawn by the same generator, laid end to end and cut at n.
+    length = min(length, n)
+    series = np.random.default_rng(seed).normal(3.0, 2.0, size=(n, 2))
+    means = circular_block_means(series, length, 20, np.random.default_rng(seed))
+    starts = np.random.default_rng(seed).integers(n, size=(20, -(-n // length)))
+    for row, first in zip(means, starts, strict=True):
+        index = np.concatenate([(s + np.arange(length)) % n for s in first])[:n]
+        np.testing.assert_allclose(row, series[index].mean(axis=0), rtol=1e-12, atol=1e-12)
+
+
+def test_columns_are_resampled_together() -> None:
+    rng = np.random.default_rng(3)
+    series = rng.normal(size=500)
+    means = circular_block_means(np.column_stack([series, series + 1.0]), 20, 300, rng)
+    np.testing.assert_allclose(means[:, 1] - means[:, 0], 1.0)
+
+
+def test_the_spread_of_the_bootstrap_is_that_of_the_mean_of_dependent_data() -> None:
+    # Oracle: the variance of the mean of an autoregression, 1 / (n (1 - a)^2) for large n. A bootstrap
+    # of single rows would find a quarter of it.
+    rng = np.random.default_rng(4)
+    n, a = 4000, 0.6
+    expected = 1.0 / (np.sqrt(n) * (1 - a))
+    found = []
+    for _ in range(20):
+        series = autoregression(n, a, rng)
+        means = circular_block_means(series[:, None], block_length(series), 400, rng)
+        found.append(means.std())
+    assert np.mean(found) == pytest.approx(expected, rel=0.15)
+    single = circular_block_means(series[:, None], 1, 400, rng).std()
+    assert single < 0.6 * expected
+
+
+def test_the_length_of_blocks_is_that_of_the_theory() -> None:
+    # Oracle: the optimal length for an autoregression, from its exact covariances:
+    # G = sum |k| R(k) = 2 a / ((1 - a)^2 (1 - a^2)), g(0) = 1 / (1 - a)^2.
+    rng = np.random.default_rng(5)
+    n, a = 8000, 0.7
+    slope = 2 * a / ((1 - a) ** 2 * (1 - a**2))
+    optimum = (2 * slope**2 / (4 / 3 / (1 - a) ** 4)) ** (1 / 3) * n ** (1 / 3)
+    lengths = [block_length(autoregression(n, a, rng)) for _ in range(30)]
+    assert np.mean(lengths) == pytest.approx(optimum, rel=0.15)
+
+
+def test_white_noise_needs_short_blocks_and_a_trend_long_ones() -> None:
+    rng = np.random.default_rng(6)
+    assert np.mean([block_length(rng.normal(size=3000)) for _ in range(20)]) < 8
+    assert 100 < block_length(np.arange(3000.0)) <= np.ceil(3 * np.sqrt(3000))
+
+
+@pytest.mark.parametrize("n", [2, 3, 10, 57])
+def test_short_and_constant_series_have_a_length(n) -> None:
+    assert block_length(np.full(n, 7.0)) == 1
+    assert 1 <= block_length(np.random.default_rng(n).normal(size=n)) <= n
+
+
+@pytest.mark.parametrize("length", [0, 11])
+def test_a_block_longer_than_the_series_or_empty_is_refused(length) -> None:
+    with pytest.raises(ParameterError, match=f"length: got {length}, expected 1 to 10"):
+        circular_block_means(np.zeros((10, 1)), length, 5, np.random.default_rng(0))
