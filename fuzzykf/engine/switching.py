@@ -1,14 +1,17 @@
 """NumPy kernels of the exact switching recursion.
 
 The state of a filter is what is known of every node j after the latest
-observation: ``log_p`` (M,), the logarithm of its probability, and ``moments``
-(m + m*m, M), whose first m rows are the mean and whose other rows are the
-covariance of X given the node.  Nodes are the last axis, so that for a scalar
-state mean and variance move through the pairs together.
+observation, one column per node: ``table`` (1 + m + m*m, M) holds the logarithm of
+its probability, the mean and the covariance of X given the node.
 
 Weights live in the log domain with one maximum per column: a node whose
 probability underflows keeps exact conditional moments.  Zero probability is
 `LOG_ZERO`, finite, so that no difference becomes NaN.
+
+For a scalar state and few nodes a step of NumPy costs what its calls cost, not its
+arithmetic.  There the way from nodes to pairs is one product with a small matrix
+(`FewNodes`), since a BLAS call is three times cheaper than broadcasting, and the
+maxima are taken only where a sum comes near the ends of the floating-point range.
 """
 
 from __future__ import annotations
@@ -26,23 +29,46 @@ __all__ = ["LOG_ZERO", "Kernel", "first_step", "pack", "run", "step"]
 #: Stand-in for log 0: sums of a few stay finite, and exp of it is zero.
 LOG_ZERO = -1e300
 
+_ONE = np.ones(1)
 _HALF_LOG_2PI = 0.5 * log(2.0 * np.pi)
+
+#: Up to so many nodes the pairs of a scalar state are reached by a matrix product.
+_FEW_NODES = 16
+
+#: Sums of weights between these lose nothing without a maximum taken out.
+_TINY, _HUGE = 1e-250, 1e250
+
+#: Masses along a series are brought back to one when their total has left e^-100 to e^100.
+_DRIFT = 100.0
+
+#: How many numbers the tables of a chunk of observations may hold.
+_CHUNK = 1 << 15
+
+
+class FewNodes(NamedTuple):
+    """Ways between nodes and pairs as matrices, for a scalar state."""
+
+    mix: FloatArray  # (3 M1 M2, 3 M1): a state, as seen by the pairs
+    whole: FloatArray  # (4 M1 M2, 1 + w + q + 3 M1): rows and mix at once
+    spread: FloatArray  # (M1 M2, M2): a quantity of j, as seen by the pairs
+    sums: FloatArray  # (2 M1 M2, 2 M2): sums over i of two quantities
 
 
 class Kernel(NamedTuple):
-    """Tables of one step in the layout of the kernels.
+    """Tables of one step in the layout of the kernels; pairs (i, j) are flat, j fastest.
 
     With u = (1, w, y') the first q M1 M2 entries of ``rows @ u`` are the whitened
     innovations of y' divided by sqrt(2), the other m M1 M2 are H w + G y' + c.
     """
 
-    log_scale: FloatArray  # (M1, M2): log P_ij + the constants of the Gaussian density
+    shape: tuple[int, int, int, int]  # M1, M2, m, q
+    log_scale: FloatArray  # (M1 M2,): log P_ij and the constants of the Gaussian density
     sign: FloatArray | None  # (M1, M2): sign of P_ij, if some are negative
     rows: FloatArray  # ((q + m) M1 M2, 1 + w + q)
-    propagate: FloatArray  # scalar state: (2, M1, M2), Axx and Axx^2; else (M1, M2, m, m), Axx
-    C: FloatArray  # (M1, M2), or (M1, M2, m, m)
+    Axx: FloatArray  # (M1, M2, m, m)
+    C: FloatArray  # (M1, M2, m, m)
     ones: FloatArray  # (M1,)
-    shape: tuple[int, int, int, int]  # M1, M2, m, q
+    few: FewNodes | None  # for a scalar state and few nodes
 
 
 def pack(
@@ -67,32 +93,47 @@ def pack(
     innovation = np.concatenate([-Ny[..., None], -Ayy, identity], axis=-1)
     white = np.linalg.solve(factor, innovation) * np.sqrt(0.5)
     offset = np.concatenate([c[..., None], H, G], axis=-1)
-    columns = white.shape[-1]
+    width = white.shape[-1]
     rows = np.concatenate(
-        [np.moveaxis(white, 2, 0).reshape(-1, columns), np.moveaxis(offset, 2, 0).reshape(-1, columns)]
+        [np.moveaxis(white, 2, 0).reshape(-1, width), np.moveaxis(offset, 2, 0).reshape(-1, width)]
     )
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
     with np.errstate(divide="ignore"):
         log_transition = np.maximum(np.log(np.abs(transition)), LOG_ZERO)
-    if m == 1:
-        a = Axx[..., 0, 0]
-        propagate, noise = np.stack([a, a * a]), np.ascontiguousarray(C[..., 0, 0])
-    else:
-        propagate, noise = np.ascontiguousarray(Axx), np.ascontiguousarray(C)
+    log_scale = (log_transition - log_det - q * _HALF_LOG_2PI).reshape(-1)
+    few = None
+    if m == 1 and q == 1 and max(M1, M2) <= _FEW_NODES and (transition >= 0.0).all():
+        few = _pack_few(log_scale, rows, Axx.reshape(-1, 1), C.reshape(-1), M1, M2)
     return Kernel(
-        log_scale=log_transition - log_det - q * _HALF_LOG_2PI,
+        shape=(M1, M2, m, q),
+        log_scale=log_scale,
         sign=np.sign(transition) if (transition < 0.0).any() else None,
         rows=rows,
-        propagate=propagate,
-        C=noise,
+        Axx=np.ascontiguousarray(Axx),
+        C=np.ascontiguousarray(C),
         ones=np.ones(M1),
-        shape=(M1, M2, m, q),
+        few=few,
     )
+
+
+def _pack_few(
+    log_scale: FloatArray, rows: FloatArray, a: FloatArray, C: FloatArray, M1: int, M2: int
+) -> FewNodes:
+    p, width = M1 * M2, rows.shape[1]
+    pick = np.repeat(np.eye(M1), M2, axis=0)  # (p, M1): a quantity of i, as seen by the pairs
+    spread = np.tile(np.eye(M2), (M1, 1))
+    zero = np.zeros_like(pick)
+    mix = np.block([[pick, zero, zero], [zero, a * pick, zero], [zero, zero, a * a * pick]])
+    constants = np.zeros((3 * p, width))
+    constants[:p, 0], constants[p : 2 * p], constants[2 * p :, 0] = log_scale, rows[p:], C
+    innovations = np.concatenate([rows[:p], np.zeros((p, 3 * M1))], axis=1)
+    whole = np.concatenate([innovations, np.concatenate([constants, mix], axis=1)])
+    return FewNodes(mix, np.ascontiguousarray(whole), spread, np.kron(np.eye(2), spread))
 
 
 def first_step(
     log_initial: FloatArray, mean: FloatArray, covariance: FloatArray, factor: FloatArray, y: FloatArray
-) -> tuple[FloatArray, FloatArray, float]:
+) -> tuple[FloatArray, float]:
     """Condition the law of (r_1, Z_1) on the first observation.
 
     Parameters
@@ -105,7 +146,7 @@ def first_step(
 
     Returns
     -------
-    log_p, moments, log_likelihood
+    table, log_likelihood
     """
     q = y.size
     m = mean.shape[1] - q
@@ -113,165 +154,207 @@ def first_step(
     root = np.linalg.solve(factor, np.swapaxes(covariance[:, :m, m:], -1, -2))  # L^-1 Cov(Y, X)
     x = mean[:, :m] + (np.swapaxes(root, -1, -2) @ white[..., None])[..., 0]
     P = covariance[:, :m, :m] - np.swapaxes(root, -1, -2) @ root
+    if m == 1:
+        P = np.maximum(P, 0.0)  # the subtraction may leave a rounding error below zero
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
     log_w = log_initial - 0.5 * (white * white).sum(axis=-1) - log_det - q * _HALF_LOG_2PI
     top = log_w.max()
     log_likelihood = float(top) + log(float(np.exp(log_w - top).sum()))
-    P = np.maximum(P, 0.0) if m == 1 else P
-    moments = np.concatenate([x.T, P.reshape(-1, m * m).T])
-    return log_w - log_likelihood, moments, log_likelihood
+    table = np.concatenate([(log_w - log_likelihood)[None], x.T, P.reshape(-1, m * m).T])
+    return table, log_likelihood
 
 
 def step(
-    kernel: Kernel, log_p: FloatArray, sign_p: FloatArray | None, moments: FloatArray, u: FloatArray
-) -> tuple[FloatArray, FloatArray | None, FloatArray, float]:
+    kernel: Kernel, table: FloatArray, sign: FloatArray | None, window: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray | None, float]:
     """Move the state of a filter to the next observation.
 
     Parameters
     ----------
     kernel : Kernel
-    log_p, moments : ndarray, shapes (M1,) and (m + m*m, M1)
+    table : ndarray, shape (1 + m + m*m, M1)
         The state at n.
-    sign_p : ndarray, shape (M1,), or None
+    sign : ndarray, shape (M1,), or None
         Signs of the masses, if the chain has negative weights.
-    u : ndarray
-        (1, w, y').
+    window, y : ndarray, shapes (w,) and (q,)
+        The latest observations, and the new one.
 
     Returns
     -------
-    log_p, sign_p, moments, log_likelihood
+    table, sign, log_likelihood
         The state at n + 1 and log p(y' | y_1..n).
     """
     M1, M2, m, q = kernel.shape
-    product = (kernel.rows @ u).reshape(q + m, M1, M2)
-    if q == 1:
-        log_w = product[0]
-        np.multiply(log_w, log_w, out=log_w)
-    else:
-        log_w = np.add.reduce(product[:q] * product[:q], axis=0)
-    np.subtract(kernel.log_scale, log_w, out=log_w)
-    log_column, sign_p, moments = _advance(kernel, log_p, sign_p, moments, log_w, product[q:])
-    top = log_column.max()
-    masses = np.exp(log_column - top)
-    if sign_p is not None:
-        masses *= sign_p
-    total = float(masses.sum())
-    log_likelihood = float(top) + (log(total) if total > 0.0 else float("nan"))
-    return log_column - log_likelihood, sign_p, moments, log_likelihood
+    if kernel.few is not None:
+        pairs = kernel.few.whole.dot(np.concatenate((_ONE, window, y, table.ravel())))
+        n = M1 * M2
+        white, log_w = pairs[:n], pairs[n : 2 * n]
+        np.multiply(white, white, white)
+        np.subtract(log_w, white, log_w)
+        table, log_likelihood = _collapse_few(kernel, log_w, pairs[2 * n : 3 * n], pairs[3 * n :])
+        table[0] -= log_likelihood
+        return table, None, log_likelihood
+    product = (kernel.rows @ np.concatenate((_ONE, window, y))).reshape(q + m, M1 * M2)
+    log_w = kernel.log_scale - np.add.reduce(product[:q] ** 2, axis=0)
+    return _collapse(kernel, log_w, product[q:], table, sign)
 
 
-def _advance(
-    kernel: Kernel,
-    log_p: FloatArray,
-    sign_p: FloatArray | None,
-    moments: FloatArray,
-    log_w: FloatArray,
-    offset: FloatArray,
-) -> tuple[FloatArray, FloatArray | None, FloatArray]:
-    """Sum the pairs into nodes: unnormalised log masses and conditional moments.
+def _signed(
+    kernel: Kernel, w: FloatArray, column: FloatArray, sign: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Give the weights w (M1, M2) the signs of the chain; sums over i, and their signs."""
+    assert kernel.sign is not None
+    w *= kernel.sign
+    if sign is not None:
+        w *= sign[:, None]
+    column = kernel.ones.dot(w)
+    column = np.where(column == 0.0, np.finfo(np.float64).tiny, column)
+    return column, np.where(column < 0.0, -1.0, 1.0)
 
-    ``log_w`` (M1, M2) holds log(P_ij N(y'; ...)) and is overwritten; ``offset``
-    (m, M1, M2) holds H w + G y' + c and is overwritten for a scalar state.
+
+def _collapse_few(
+    kernel: Kernel, log_w: FloatArray, x: FloatArray, P: FloatArray
+) -> tuple[FloatArray, float]:
+    """Sum pairs into nodes, scalar state: flat arrays (M1 M2,), of which x is overwritten.
+
+    Returns the new table, its first row not normalised, and the logarithm of its total.
     """
-    m = kernel.shape[2]
-    log_w += log_p[:, None]
-    top = np.maximum.reduce(log_w, axis=0)
-    log_w -= top
-    w = np.exp(log_w, out=log_w)
-    if kernel.sign is not None:
-        w *= kernel.sign
-        if sign_p is not None:
-            w *= sign_p[:, None]
-    column = kernel.ones @ w
-    if kernel.sign is not None:
-        sign_p = np.where(column < 0.0, -1.0, 1.0)
-        column = np.where(column == 0.0, np.finfo(np.float64).tiny, column)
-    w /= column  # o_ij = p(r_n = i | r_{n+1} = j, y_1..n+1)
-    if m == 1:
-        pairs = kernel.propagate * moments[:, :, None]
-        x, P = pairs
-        x += offset[0]
-        P += kernel.C
-        new = np.add.reduce(w * pairs, axis=1)
-        x -= new[0]
-        np.multiply(x, x, out=x)
-        x *= w
-        new[1] += kernel.ones @ x
-    else:
-        new = _advance_vector(kernel, w, moments, offset)
-    log_column = np.log(column if sign_p is None else np.abs(column))
-    log_column += top
-    return log_column, sign_p, new
+    M1, M2 = kernel.shape[:2]
+    few = kernel.few
+    assert few is not None
+    spread, p = few.spread, log_w.size
+    weighted = np.empty(2 * p)
+    w, wx = weighted[:p], weighted[p:]
+    np.exp(log_w, w)
+    np.multiply(w, x, wx)
+    both = weighted.dot(few.sums)
+    column = both[:M2]
+    sums: list[float] = column.tolist()
+    total = sum(sums)
+    top = None
+    if not (min(sums) > _TINY and total < _HUGE):  # an outlier, or a node out of reach
+        top = np.maximum.reduce(log_w.reshape(M1, M2), axis=0)
+        np.exp(log_w - spread.dot(top), w)
+        np.multiply(w, x, wx)
+        both = weighted.dot(few.sums)
+        column = both[:M2]
+    table = np.empty((3, M2))
+    mean = np.divide(both[M2:], column, table[1])
+    np.subtract(x, spread.dot(mean), x)
+    np.multiply(x, x, x)
+    np.add(x, P, x)
+    np.multiply(x, w, x)
+    np.divide(x.dot(spread), column, table[2])
+    log_p = np.log(column, table[0])
+    if top is None:
+        return table, log(total)
+    log_p += top
+    return table, _log_sum(log_p, None)
 
 
-def _advance_vector(kernel: Kernel, w: FloatArray, moments: FloatArray, offset: FloatArray) -> FloatArray:
+def _log_sum(log_p: FloatArray, sign: FloatArray | None) -> float:
+    top = float(log_p.max())
+    masses = np.exp(log_p - top)
+    total = float(masses.sum() if sign is None else masses.dot(sign))
+    return top + (log(total) if total > 0.0 else float("nan"))  # the caller looks at negative masses
+
+
+def _collapse(
+    kernel: Kernel, log_w: FloatArray, offset: FloatArray, table: FloatArray, sign: FloatArray | None
+) -> tuple[FloatArray, FloatArray | None, float]:
+    """Sum pairs into nodes, for any state and any number of nodes.
+
+    ``log_w`` (M1 M2,) holds log(P_ij N(y'; ...)), ``offset`` (m, M1 M2) holds
+    H w + G y' + c.  Returns the new table, the signs of its masses and the log-likelihood.
+    """
     M1, M2, m, _ = kernel.shape
-    Axx = kernel.propagate
-    x = moments[:m].T
-    P = moments[m:].T.reshape(M1, m, m)
-    x_pair = (Axx @ x[:, None, :, None])[..., 0] + np.moveaxis(offset, 0, -1)
-    P_pair = Axx @ P[:, None] @ np.swapaxes(Axx, -1, -2) + kernel.C
+    w = log_w.reshape(M1, M2) + table[0][:, None]
+    top = np.maximum.reduce(w, axis=0)
+    w -= top
+    np.exp(w, out=w)
+    column = kernel.ones.dot(w)
+    if kernel.sign is not None:
+        column, sign = _signed(kernel, w, column, sign)
+    w /= column  # o_ij = p(r_n = i | r_{n+1} = j, y_1..n+1)
+    x = table[1 : 1 + m].T
+    P = table[1 + m :].T.reshape(M1, m, m)
+    shift = np.moveaxis(offset.reshape(m, M1, M2), 0, -1)
+    Axx = kernel.Axx
+    if m == 1:
+        x_pair = Axx[..., 0] * x[:, None] + shift
+        P_pair = Axx * Axx * P[:, None] + kernel.C
+    else:
+        x_pair = (Axx @ x[:, None, :, None])[..., 0] + shift
+        P_pair = Axx @ P[:, None] @ np.swapaxes(Axx, -1, -2) + kernel.C
     mean = np.einsum("ij,ijk->jk", w, x_pair)
     deviation = np.swapaxes(x_pair - mean, 0, 1)  # (M2, M1, m)
-    weighted = deviation * w.T[..., None]
-    P_node = np.einsum("ij,ijkl->jkl", w, P_pair) + np.swapaxes(weighted, -1, -2) @ deviation
+    spread = np.swapaxes(deviation * w.T[..., None], -1, -2) @ deviation
+    P_node = np.einsum("ij,ijkl->jkl", w, P_pair) + spread
     P_node = 0.5 * (P_node + np.swapaxes(P_node, -1, -2))
-    return np.concatenate([mean.T, P_node.reshape(M2, m * m).T])
-
-
-#: How many numbers the tables of a chunk of observations may hold.
-_CHUNK = 1 << 18
+    log_p = np.log(column if sign is None else np.abs(column)) + top
+    log_likelihood = _log_sum(log_p, sign)
+    log_p -= log_likelihood
+    return np.concatenate([log_p[None], mean.T, P_node.reshape(M2, m * m).T]), sign, log_likelihood
 
 
 def run(
-    kernel: Kernel, log_p: FloatArray, sign_p: FloatArray | None, moments: FloatArray, U: FloatArray
-) -> tuple[FloatArray, FloatArray | None, FloatArray, FloatArray]:
+    kernel: Kernel, table: FloatArray, sign: FloatArray | None, U: FloatArray
+) -> tuple[FloatArray, FloatArray | None, FloatArray]:
     """Run `step` along a series with constant tables.
 
     The densities of all observations are computed ahead of the recursion, in chunks.
 
     Parameters
     ----------
-    kernel, log_p, sign_p, moments
+    kernel, table, sign
         As in `step`.
     U : ndarray, shape (n, 1 + w + q)
         Rows (1, w, y').
 
     Returns
     -------
-    log_p : ndarray, shape (n, M)
-    sign_p : ndarray, shape (n, M), or None
-    moments : ndarray, shape (n, m + m*m, M)
+    tables : ndarray, shape (n, 1 + m + m*m, M)
+    signs : ndarray, shape (n, M), or None
     log_likelihood : ndarray, shape (n,)
     """
     n = len(U)
     M1, M2, m, q = kernel.shape
-    all_log_p, all_moments = np.empty((n, M2)), np.empty((n, m + m * m, M2))
-    all_signs = None if kernel.sign is None else np.empty((n, M2))
+    p = M1 * M2
+    tables = np.empty((n, 1 + m + m * m, M2))
+    signs = None if kernel.sign is None else np.empty((n, M2))
     log_likelihood = np.empty(n)
-    chunk = max(1, _CHUNK // ((q + m) * M1 * M2))
+    chunk = max(1, _CHUNK // ((q + m) * p))
     for start in range(0, n, chunk):
         part = U[start : start + chunk]
-        product = (part @ kernel.rows.T).reshape(len(part), q + m, M1, M2)
-        log_w = kernel.log_scale - (product[:, :q] ** 2).sum(axis=1)
-        peaks = np.empty(len(part))
-        # inside the loop masses are scaled by their maximum only; their sums follow at once
-        for k in range(len(part)):
-            log_p, sign_p, moments = _advance(kernel, log_p, sign_p, moments, log_w[k], product[k, q:])
-            peaks[k] = peak = np.maximum.reduce(log_p)
-            log_p -= peak
-            all_log_p[start + k] = log_p
-            all_moments[start + k] = moments
-            if all_signs is not None:
-                all_signs[start + k] = sign_p
-        block = slice(start, start + len(part))
-        masses = np.exp(all_log_p[block])
-        if all_signs is not None:
-            masses *= all_signs[block]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            log_total = np.log(masses.sum(axis=1))
-        all_log_p[block] -= log_total[:, None]
-        log_likelihood[block] = peaks + log_total
-        log_likelihood[start + 1 : start + len(part)] -= log_total[:-1]
-        log_p = all_log_p[start + len(part) - 1].copy()
-    return all_log_p, all_signs, all_moments, log_likelihood
+        white = part @ kernel.rows[: q * p].T
+        white *= white
+        square = white if q == 1 else white.reshape(-1, q, p).sum(axis=1)
+        if kernel.few is not None:
+            mix = kernel.few.mix
+            pairs = np.empty((len(part), 3 * p))
+            np.subtract(kernel.log_scale, square, out=pairs[:, :p])
+            np.matmul(part, kernel.rows[p:].T, out=pairs[:, p : 2 * p])
+            pairs[:, 2 * p :] = kernel.C.ravel()
+            log_totals, carried = np.empty(len(part)), np.zeros(len(part))
+            log_total = 0.0
+            for k, row in enumerate(pairs):
+                if not -_DRIFT < log_total < _DRIFT:
+                    table[0] -= log_total
+                    log_total = 0.0
+                carried[k] = log_total
+                np.add(row, mix.dot(table.ravel()), row)
+                table, log_total = _collapse_few(kernel, row[:p], row[p : 2 * p], row[2 * p :])
+                log_totals[k] = log_total
+                tables[start + k] = table
+            block = slice(start, start + len(part))
+            log_likelihood[block] = log_totals - carried
+            tables[block, 0] -= log_totals[:, None]
+            table = tables[start + len(part) - 1]
+        else:
+            offsets = (part @ kernel.rows[q * p :].T).reshape(-1, m, p)
+            for k, (row, offset) in enumerate(zip(kernel.log_scale - square, offsets, strict=True), start):
+                table, sign, log_likelihood[k] = _collapse(kernel, row, offset, table, sign)
+                tables[k] = table
+                if signs is not None:
+                    signs[k] = sign
+    return tables, signs, log_likelihood

@@ -9,6 +9,7 @@ import numpy as np
 from fuzzykf.base import Filter, FilterResult, as_observation, as_observations
 from fuzzykf.errors import SequenceError
 from fuzzykf.gaussian import mixture_moments
+from fuzzykf.io import decode, encode
 from fuzzykf.switching import recursion
 
 if TYPE_CHECKING:
@@ -80,6 +81,35 @@ class SwitchingFilter(Filter):
     def reset(self) -> None:
         """Return to the initial law, before any observation."""
         self._start()
+
+    # ------------------------------------------------------------------ for files
+
+    def _export_state(self) -> dict[str, Any]:
+        """Return the state as plain values that `_import_state` restores bit for bit."""
+        before = None
+        if self._before is not None:
+            state, window, _ = self._before
+            before = {"state": _plain(state), "window": window.tolist()}
+        return {
+            "n": self._n,
+            "predicted": self._predicted,
+            "state": None if self._state is None else _plain(self._state),
+            "window": self._window.tolist(),
+            "z": encode(self._z),
+            "log_likelihood": self._log_likelihood,
+            "before": before,
+        }
+
+    def _import_state(self, values: dict[str, Any]) -> None:
+        self._n, self._predicted = int(values["n"]), bool(values["predicted"])
+        self._state = None if values["state"] is None else _from_plain(values["state"])
+        self._window, self._z = decode(values["window"], 1), decode(values["z"], 1)
+        self._log_likelihood = float(values["log_likelihood"])
+        self._before = None
+        if values["before"] is not None:
+            tables = self._system.pair_tables(self._n - 2)
+            before = values["before"]
+            self._before = (_from_plain(before["state"]), decode(before["window"], 1), tables)
 
     # ------------------------------------------------------------------ tables
 
@@ -206,7 +236,7 @@ class SwitchingFilter(Filter):
     def _run(self, ys: FloatArray) -> tuple[NodeState, FloatArray, tuple[FloatArray, FloatArray]]:
         """Filter ``ys`` from the start; all node states, log-likelihoods and prior moments."""
         n, m, M = len(ys), self.dim_x, len(self._system.chain)
-        log_p, moments = np.empty((n, M)), np.empty((n, m + m * m, M))
+        table = np.empty((n, 1 + m + m * m, M))
         signs = np.ones((n, M)) if self._system.chain.is_signed else None
         log_likelihood = np.empty(n)
         x_prior, P_prior = np.empty((n, m)), np.empty((n, m, m))
@@ -217,7 +247,7 @@ class SwitchingFilter(Filter):
             x_prior[k], P_prior[k] = self.x_prior[:, 0], self.P_prior
             self.update(ys[k])
             assert self._state is not None
-            log_p[k], moments[k] = self._state.log_p, self._state.moments
+            table[k] = self._state.table
             if signs is not None and self._state.sign is not None:
                 signs[k] = self._state.sign
             log_likelihood[k] = self._log_likelihood
@@ -227,10 +257,10 @@ class SwitchingFilter(Filter):
             tables = self._next_tables()
             windows = _windows(ys, self._system.order)[k - 1 : n - 1]
             rest, log_likelihood[k:] = recursion.advance_all(tables, self._state, windows, ys[k:])
-            log_p[k:], moments[k:] = rest.log_p, rest.moments
+            table[k:] = rest.table
             if signs is not None:
                 signs[k:] = 1.0 if rest.sign is None else rest.sign
-            states = recursion.NodeState(log_p, signs, moments)
+            states = recursion.NodeState(table, signs)
             for start in range(k, n, _CHUNK):
                 stop = min(start + _CHUNK, n)
                 part = _slice(states, slice(start - 1, stop - 1))
@@ -242,7 +272,7 @@ class SwitchingFilter(Filter):
             if self._system.order > 1:
                 self._window = windows[-1]
             self._accept(_slice(states, n - 1), float(log_likelihood[-1]), ys[-1].copy(), before)
-        return recursion.NodeState(log_p, signs, moments), log_likelihood, (x_prior, P_prior)
+        return recursion.NodeState(table, signs), log_likelihood, (x_prior, P_prior)
 
     # ------------------------------------------------------------------ what users read
 
@@ -268,8 +298,8 @@ class SwitchingFilter(Filter):
         """Estimate of the state, (dim_x, 1)."""
         if self._state is None or self._predicted:
             return self._prior()[0][:, None]
-        m = self.dim_x
-        mean: FloatArray = self._state.moments[:m] @ recursion.node_probabilities(self._state)
+        means = self._state.table[1 : 1 + self.dim_x]
+        mean: FloatArray = means.dot(recursion.node_probabilities(self._state))
         return mean[:, None]
 
     @property
@@ -360,12 +390,20 @@ class SwitchingFilter(Filter):
 
 
 #: Observations whose prior moments are computed at once.
-_CHUNK = 4096
+_CHUNK = 512
 
 
 def _slice(states: NodeState, where: Any) -> NodeState:
     sign = None if states.sign is None else states.sign[where]
-    return recursion.NodeState(states.log_p[where], sign, states.moments[where])
+    return recursion.NodeState(states.table[where], sign)
+
+
+def _plain(state: NodeState) -> dict[str, Any]:
+    return {"table": state.table.tolist(), "sign": encode(state.sign)}
+
+
+def _from_plain(values: dict[str, Any]) -> NodeState:
+    return recursion.NodeState(decode(values["table"], 2), decode(values["sign"], 1))
 
 
 def _windows(ys: FloatArray, order: int) -> FloatArray:

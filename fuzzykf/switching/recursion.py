@@ -25,7 +25,7 @@ import numpy as np
 
 from fuzzykf.engine import switching as engine
 from fuzzykf.errors import QuadratureError
-from fuzzykf.gaussian import cholesky, mixture_moments
+from fuzzykf.gaussian import cholesky, mixture_moments, symmetrize
 
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
@@ -51,9 +51,8 @@ NEGATIVE_MASS = 1e-2
 class NodeState(NamedTuple):
     """What is known of each node after an observation; leading shape (...)."""
 
-    log_p: FloatArray  # (..., M)
-    sign: FloatArray | None  # (..., M), only for chains with negative weights
-    moments: FloatArray  # (..., m + m*m, M): mean, then covariance
+    table: FloatArray  # (..., 1 + m + m*m, M): log-probability, mean, covariance
+    sign: FloatArray | None = None  # (..., M), only for chains with negative weights
 
 
 def first_observation(law: InitialLaw, y: FloatArray) -> tuple[NodeState, float]:
@@ -64,20 +63,16 @@ def first_observation(law: InitialLaw, y: FloatArray) -> tuple[NodeState, float]
     factor = cholesky(
         law.covariance[:, m:, m:], lambda k: f"covariance of the first observation, node {k[0]}"
     )
-    log_p, moments, log_likelihood = engine.first_step(
+    table, log_likelihood = engine.first_step(
         log_probability(law.probability), law.mean, law.covariance, factor, y
     )
-    return NodeState(log_p, None, moments), log_likelihood
+    return NodeState(table), log_likelihood
 
 
 def advance(tables: PairTables, state: NodeState, window: FloatArray, y: FloatArray) -> tuple[NodeState, float]:
     """Take the next observation ``y`` (q,) into account, given the window (w,) before it."""
-    u = np.empty(1 + window.size + y.size)
-    u[0] = 1.0
-    u[1 : 1 + window.size] = window
-    u[1 + window.size :] = y
-    log_p, sign, moments, log_likelihood = engine.step(tables.kernel, *state, u)
-    new = NodeState(log_p, sign, moments)
+    table, sign, log_likelihood = engine.step(tables.kernel, state.table, state.sign, window, y)
+    new = NodeState(table, sign)
     if sign is not None:
         _check_masses(new)
     return new, log_likelihood
@@ -99,8 +94,8 @@ def advance_all(
     log_likelihood : ndarray, shape (n,)
     """
     U = np.concatenate([np.ones((len(ys), 1)), windows, ys], axis=1)
-    log_p, sign, moments, log_likelihood = engine.run(tables.kernel, *state, U)
-    states = NodeState(log_p, sign, moments)
+    table, sign, log_likelihood = engine.run(tables.kernel, *state, U)
+    states = NodeState(table, sign)
     if sign is not None:
         _check_masses(states)
     return states, log_likelihood
@@ -121,13 +116,13 @@ def _check_masses(state: NodeState) -> None:
 
 def node_probabilities(state: NodeState) -> FloatArray:
     """p(r_n = i | y_1..n), shape (..., M)."""
-    p = np.exp(state.log_p)
+    p = np.exp(state.table[..., 0, :])
     return p if state.sign is None else p * state.sign
 
 
 def node_moments(state: NodeState, m: int) -> tuple[FloatArray, FloatArray]:
     """Means (..., M, m) and covariances (..., M, m, m) of X_n given each node."""
-    flat = np.swapaxes(state.moments, -1, -2)
+    flat = np.swapaxes(state.table[..., 1:, :], -1, -2)
     return flat[..., :m], flat[..., m:].reshape(*flat.shape[:-1], m, m)
 
 
@@ -148,23 +143,19 @@ def predict_state(
         Leading shape (...).
     window : ndarray, shape (..., w)
     """
-    pairs = tables.pairs
-    m, M1, M2 = pairs.dim_x, *tables.transition.shape
+    m, (M1, M2), prior = tables.pairs.dim_x, tables.transition.shape, tables.prior
+    p = node_probabilities(state)
     x, P = node_moments(state, m)
-    lead = x.shape[:-2]
-    weights = node_probabilities(state)[..., :, None] * tables.transition
-    offset = pairs.c + (pairs.G @ pairs.Ny[..., None])[..., 0]
-    slope = pairs.H + pairs.G @ pairs.Ayy
-    mean = offset + np.einsum("ijkl,...l->...ijk", slope, window)
-    if m == 1:
-        mean += pairs.Axx[..., 0] * x[..., :, None, :]
-        spread = pairs.Axx * pairs.Axx * P[..., :, None, :, :] + tables.Qxx
-    else:
-        mean += (pairs.Axx @ x[..., :, None, :, None])[..., 0]
-        spread = pairs.Axx @ P[..., :, None, :, :] @ np.swapaxes(pairs.Axx, -1, -2) + tables.Qxx
-    return mixture_moments(
-        weights.reshape(*lead, M1 * M2), mean.reshape(*lead, M1 * M2, m), spread.reshape(*lead, M1 * M2, m, m)
-    )
+    lead = p.shape[:-1]
+    # x_ij of each pair, and the central moments of their mixture
+    constant = prior.offset[0] + window @ prior.offset[1:]
+    mean = (constant + x.reshape(*lead, M1 * m) @ prior.carried).reshape(*lead, M1 * M2, m)
+    weights = (p[..., :, None] * tables.transition).reshape(*lead, M1 * M2)
+    centre = np.einsum("...p,...pk->...k", weights, mean)
+    mean -= centre[..., None, :]
+    between = np.einsum("...pk,...pl->...kl", weights[..., None] * mean, mean)
+    within = (p[..., None, None] * P).reshape(*lead, -1) @ prior.twice + p @ prior.noise
+    return centre, symmetrize(between + within.reshape(*lead, m, m))
 
 
 def predict_observation(

@@ -119,6 +119,15 @@ class InitialLaw(NamedTuple):
     covariance: FloatArray  # (M, d, d)
 
 
+class PriorTables(NamedTuple):
+    """Matrices that carry node probabilities and moments to those of X' before Y' is seen."""
+
+    offset: FloatArray  # (1 + w, M1 M2 m): (1, w) to the part of the mean that observations make
+    carried: FloatArray  # (M1 m, M1 M2 m): x_i to Axx x_i
+    twice: FloatArray  # (M1 m m, m m): p_i P_i to its share of the sum of P_ij Axx P_i Axx'
+    noise: FloatArray  # (M1, m m): p_i to its share of the noise
+
+
 @dataclass(frozen=True, eq=False)
 class PairTables:
     """Everything the recursion needs for one step n -> n + 1.
@@ -141,10 +150,22 @@ class PairTables:
         return pack(self.transition, factor, *self.pairs[:5], *self.pairs[5:7])
 
     @cached_property
-    def Qxx(self) -> FloatArray:
-        """Noise covariance of X' before Y' is seen."""
-        G = self.pairs.G
-        return symmetrize(self.pairs.C + G @ self.pairs.Qyy @ np.swapaxes(G, -1, -2))
+    def prior(self) -> PriorTables:
+        """What the moments of X' before Y' is seen need, made once."""
+        Axx, H, G, c, C, Ayy, Ny, Qyy = self.pairs
+        M1, M2, m = *self.transition.shape, self.pairs.dim_x
+        Qxx = symmetrize(C + G @ Qyy @ np.swapaxes(G, -1, -2))
+        offset = np.concatenate([(c + (G @ Ny[..., None])[..., 0])[..., None], H + G @ Ayy], axis=-1)
+        twice = np.einsum("ijkl,ijrs->ijkrls", Axx, Axx).reshape(M1, M2, m * m, m * m)
+        carried = np.zeros((M1, m, M1, M2, m))
+        for i in range(M1):
+            carried[i, :, i] = np.moveaxis(Axx[i], -1, 0)
+        return PriorTables(
+            offset=np.moveaxis(offset, -1, 0).reshape(offset.shape[-1], -1),
+            carried=carried.reshape(M1 * m, M1 * M2 * m),
+            twice=np.swapaxes(np.einsum("ij,ijkl->ikl", self.transition, twice), -1, -2).reshape(-1, m * m),
+            noise=np.einsum("ij,ijkl->ikl", self.transition, Qxx).reshape(M1, m * m),
+        )
 
     def __copy__(self) -> Self:
         return self
