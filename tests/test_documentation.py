@@ -1,0 +1,68 @@
+"""The code in README and on the pages runs, and prints what the pages say it prints."""
+
+from __future__ import annotations
+
+import contextlib
+import doctest
+import io
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
+    *sorted((ROOT / "docs" / "howto").glob("*.md")),
+    ROOT / "docs" / "theory" / "switching.md",
+    ROOT / "docs" / "theory" / "corrections.md",
+]
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def names(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=names)
+def test_the_python_on_a_page_runs_and_prints_what_follows_it(page) -> None:
+    namespace: dict[str, object] = {}
+    printed = ""
+    for language, code in FENCE.findall(page.read_text(encoding="utf-8")):
+        if language == "python":
+            assert printed == "", f"the page does not show what was printed: {printed}"
+            output = io.StringIO()
+            with contextlib.redirect_stdout(output):
+                exec(compile(code, names(page), "exec"), namespace)
+            printed = output.getvalue()
+        elif language == "text" and printed:
+            assert code == printed
+            printed = ""
+        elif language == "pycon":
+            test = doctest.DocTestParser().get_doctest(code, namespace, names(page), str(page), 0)
+            report = io.StringIO()
+            results = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(
+                test, out=report.write, clear_globs=False
+            )
+            assert results.failed == 0, report.getvalue()
+            namespace.update(test.globs)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=names)
+def test_the_links_between_pages_lead_somewhere(page) -> None:
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
+        if not target.startswith(("http://", "https://")):
+            assert (page.parent / target).exists(), f"{names(page)} links to {target}"
+
+
+def test_readme_has_the_two_set_up_commands_each_in_one_line() -> None:
+    blocks = [
+        code
+        for language, code in FENCE.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+        if language == "sh"
+    ]
+    assert len(blocks) == 2
+    for block, end in zip(blocks, ("fuzzykf compare", "pytest"), strict=True):
+        assert re.fullmatch(rf"pip install [^\n]* {end}\n", block)
