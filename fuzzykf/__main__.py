@@ -12,9 +12,10 @@ def main() -> None:
     try:
         from fuzzykf.cli.app import app
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in {"typer", "rich", "click"}:
+        missing = (error.name or "").partition(".")[0]
+        if missing not in {"typer", "rich"}:
             raise
-        sys.exit(f"The command line needs {error.name}: pip install 'fuzzykf[cli]'")
+        sys.exit(f"The command line needs {missing}: pip install 'fuzzykf[cli]'")
     app()
 
 

@@ -15,8 +15,9 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
-from fuzzykf.cli.output import check_folder, progress_bar, report_errors, write_files
+from fuzzykf.cli.output import check_folder, progress_bar, report_errors
 from fuzzykf.errors import ParameterError
+from fuzzykf.io import write_bytes, write_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -141,9 +142,10 @@ def command(
             figure = plotting.plot_comparison(result, state_label=label, unit=source.unit)
             picture = io.BytesIO()
             figure.savefig(picture, format="png", dpi=150)
-        files = write_files(
-            out, {"comparison.csv": _as_csv(result).encode(), "comparison.png": picture.getvalue()}
-        )
+        out.mkdir(parents=True, exist_ok=True)
+        files = [out / "comparison.csv", out / "comparison.png"]
+        write_text(files[0], _as_csv(result))
+        write_bytes(files[1], picture.getvalue())
     _print(result, source, label, files)
 
 

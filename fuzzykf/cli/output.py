@@ -1,9 +1,8 @@
-"""What the commands share: consoles, the report of errors, and files that appear whole."""
+"""What the commands share: the report of errors, the progress bar, the check of a folder."""
 
 from __future__ import annotations
 
 import os
-import tempfile
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -15,10 +14,10 @@ from rich.text import Text
 from fuzzykf.errors import FuzzykfError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
-__all__ = ["check_folder", "progress_bar", "report_errors", "write_files"]
+__all__ = ["check_folder", "progress_bar", "report_errors"]
 
 
 @contextmanager
@@ -80,43 +79,3 @@ def check_folder(folder: Path) -> None:
         raise NotADirectoryError(20, "expected a folder, found a file", str(existing))
     if not os.access(existing, os.W_OK):
         raise PermissionError(13, "the folder is not writable", str(existing))
-
-
-def write_files(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
-    """Write files so that each appears whole or not at all.
-
-    All are written under temporary names first; an error leaves no file behind and
-    earlier files of the same names as they were.
-
-    Parameters
-    ----------
-    folder : Path
-        Created if need be.
-    contents : mapping of str to bytes
-        What to write, by the name of the file.
-
-    Returns
-    -------
-    list of Path
-        The files written.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    temporary: dict[str, str] = {}
-    try:
-        for name, content in contents.items():
-            handle, temporary[name] = tempfile.mkstemp(dir=folder, prefix=f".{name}.")
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        for name, path in temporary.items():
-            os.chmod(path, 0o666 & ~umask)  # mkstemp is for the owner alone
-            os.replace(path, folder / name)
-    except BaseException:
-        for path in temporary.values():
-            if os.path.exists(path):
-                os.unlink(path)
-        raise
-    return [folder / name for name in contents]

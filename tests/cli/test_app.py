@@ -1,0 +1,49 @@
+"""The program as a whole: help, version, and what it says without its extra."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+import fuzzykf
+from fuzzykf.cli.app import app
+
+
+def test_without_arguments_it_shows_its_commands() -> None:
+    result = CliRunner().invoke(app, [])
+    assert result.exit_code != 0
+    assert "compare" in result.output
+
+
+def test_it_tells_its_version() -> None:
+    result = CliRunner().invoke(app, ["--version"])
+    assert (result.exit_code, result.output) == (0, f"fuzzykf {fuzzykf.__version__}\n")
+
+
+@pytest.mark.parametrize("name", [command.name for command in app.registered_commands])
+def test_the_help_of_every_command_shows_an_example(name) -> None:
+    result = CliRunner().invoke(app, [name, "--help"])
+    assert result.exit_code == 0
+    assert f"Example: fuzzykf {name}" in result.output
+
+
+def test_an_unknown_command_is_an_error() -> None:
+    assert CliRunner().invoke(app, ["improve"]).exit_code == 2
+
+
+def test_the_module_runs_as_the_program_does() -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", "fuzzykf", "--version"], capture_output=True, text=True, check=True
+    )
+    assert run.stdout == f"fuzzykf {fuzzykf.__version__}\n"
+
+
+@pytest.mark.parametrize("missing", ["typer", "rich"])
+def test_without_the_extra_it_says_which_one_brings_the_command_line(missing) -> None:
+    code = f"import sys; sys.modules[{missing!r}] = None; from fuzzykf.__main__ import main; main()"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode != 0
+    assert run.stderr.strip() == f"The command line needs {missing}: pip install 'fuzzykf[cli]'"

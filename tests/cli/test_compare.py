@@ -1,0 +1,276 @@
+"""``fuzzykf compare`` writes what it prints, and refuses bad input with the reason and no file."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fuzzykf.cli.app import app
+
+METHODS = ["OFSRFilter", "CGOMSMFilter", "KalmanFilter (filterpy)", "linear regression"]
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, ["compare", *map(str, arguments)], env={"COLUMNS": "100"})
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[list[str]]:
+    """Three weeks of hours: a load that follows the temperature, differently by day and by night."""
+    rng = np.random.default_rng(0)
+    hour = np.arange(504)
+    day = np.clip(1.5 * np.sin(2 * np.pi * (hour - 9) / 24), -1, 1)
+    temperature = np.convolve(rng.normal(size=508), np.ones(5), "valid") + 15 + 3 * day
+    load = (1.0 + 0.5 * day) * (temperature - 15) + 10 + 2 * day + 0.3 * rng.normal(size=504)
+    time = np.datetime64("2014-01-06T00:00", "m") + hour * np.timedelta64(60, "m")
+    return [[str(t), f"{x:.5f}", f"{y:.5f}", "ok"] for t, x, y in zip(time, load, temperature, strict=True)]
+
+
+@pytest.fixture
+def write(tmp_path, rows):
+    def write(rows=rows, header=("time", "load", "temperature", "remark"), name="data.csv"):
+        path = tmp_path / name
+        with path.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([header, *rows])
+        return path
+
+    return write
+
+
+def table_of(path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+# ------------------------------------------------------------------ what it does
+
+
+def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(write, tmp_path) -> None:
+    out = tmp_path / "out"
+    result = run(write(), "--state", "load", "--obs", "temperature", "--out", out)
+    assert result.exit_code == 0, result.output
+    assert sorted(path.name for path in out.iterdir()) == ["comparison.csv", "comparison.png"]
+    table = table_of(out / "comparison.csv")
+    assert [row["method"] for row in table] == METHODS
+    for row in table:
+        rmse, low, high = (float(row[name]) for name in ("rmse", "rmse_low", "rmse_high"))
+        assert 0 < low <= rmse <= high
+        assert 0 <= float(row["coverage_90"]) <= 1
+        assert float(row["microseconds_per_step"]) > 0
+        assert (row["log_likelihood_per_step"] == "") == (row["method"] == "linear regression")
+        assert f"{rmse:.4g}" in result.output
+    best = min(table, key=lambda row: float(row["rmse"]))["method"]
+    printed = " ".join(result.output.split())
+    assert f"{best} has the lowest RMSE" in printed
+    assert re.search(r"which is (no )?more than its uncertainty", printed)
+    assert "Learned on 302 rows, compared on 202, from 2014-01-18T14:00" in printed
+    assert "Switch of the learning part: the clock, 0 from" in printed
+    assert (out / "comparison.png").read_bytes().startswith(b"\x89PNG\r\n")
+
+
+def test_the_errors_in_the_table_are_those_of_the_rows_that_were_held_back(write, rows, tmp_path) -> None:
+    # Oracle: the regression row of the table, computed here from the file.
+    result = run(
+        write(), "--state", "load", "--obs", "temperature", "--out", tmp_path / "out", "--train", 0.7
+    )
+    assert result.exit_code == 0, result.output
+    x, y = np.array([[float(r[1]), float(r[2])] for r in rows]).T
+    line = np.polyfit(y[:353], x[:353], 1)
+    expected = np.sqrt(np.mean((np.polyval(line, y[353:]) - x[353:]) ** 2))
+    assert float(table_of(tmp_path / "out" / "comparison.csv")[3]["rmse"]) == pytest.approx(expected)
+
+
+def test_the_seed_decides_the_intervals_and_nothing_else(write, tmp_path) -> None:
+    path, tables = write(), []
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        run(path, "--state", "load", "--obs", "temperature", "--out", tmp_path / name, "--seed", seed)
+        tables.append(
+            [{**row, "microseconds_per_step": ""} for row in table_of(tmp_path / name / "comparison.csv")]
+        )
+    a, b, c = tables
+    assert a == b
+    assert [row["rmse"] for row in a] == [row["rmse"] for row in c]
+    assert [row["rmse_low"] for row in a] != [row["rmse_low"] for row in c]
+
+
+def test_without_a_column_of_times_the_observation_makes_the_switch(write, tmp_path) -> None:
+    path = write(header=("row", "load", "temperature", "remark"))
+    result = run(path, "--state", "load", "--obs", "temperature", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "Switch of the learning part: the observation, 0 below" in " ".join(result.output.split())
+
+
+def test_a_column_of_times_can_be_named_and_the_profile_taken_away(write, tmp_path) -> None:
+    path = write(header=("When", "load", "temperature", "remark"))
+    common = [path, "--state", "load", "--obs", "temperature", "--time", "When", "--profile"]
+    result = run(*common, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "load, less its daily profile" in result.output
+    result = run(*common, "--switch", "quantiles", "--out", tmp_path / "out")
+    assert "the observation, 0 below" in " ".join(result.output.split())
+
+
+def test_earlier_results_are_replaced(write, tmp_path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "comparison.csv").write_text("old")
+    assert run(write(), "--state", "load", "--obs", "temperature", "--out", out).exit_code == 0
+    assert table_of(out / "comparison.csv")[0]["method"] == "OFSRFilter"
+    assert len(list(out.iterdir())) == 2
+
+
+# ------------------------------------------------------------------ the packaged data
+
+
+def test_without_a_file_it_runs_on_the_packaged_data(tmp_path) -> None:
+    result = run("--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    printed = " ".join(result.output.split())
+    assert "Victoria, 2014, hourly means: demand, less its daily profile" in printed
+    assert "Learned on 5,256 rows, compared on 3,504, from 2014-08-08T00:00" in printed
+    assert " GW" in printed
+    table = table_of(tmp_path / "out" / "comparison.csv")
+    assert [row["method"] for row in table] == METHODS
+    # The temperature says something about the demand: better than the mean of the learning part.
+    assert min(float(row["rmse"]) for row in table) < 0.55
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ["--state", "wind"],
+            "--state: the packaged data have no column 'wind'; their columns are demand_gw",
+        ),
+        (["--obs", "wind"], "--obs: the packaged data have no column 'wind'"),
+        (["--time", "time"], "--time: the packaged data bring their own times"),
+    ],
+)
+def test_what_the_packaged_data_do_not_have_is_refused(arguments, message, tmp_path) -> None:
+    result = run(*arguments, "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert message in result.output
+    assert not (tmp_path / "out").exists()
+
+
+# ------------------------------------------------------------------ bad input
+
+
+def refused(tmp_path, path, *arguments, message: str) -> None:
+    common = [] if "--state" in arguments else ["--state", "load", "--obs", "temperature"]
+    result = run(path, *common, *arguments, "--out", tmp_path / "out")
+    assert result.exit_code == 1, result.output
+    assert message in " ".join(result.output.split())
+    assert "Traceback" not in result.output
+    assert not (tmp_path / "out").exists()
+
+
+def changed(rows, row, column, text):
+    copy = [list(cells) for cells in rows]
+    copy[row][column] = text
+    return copy
+
+
+def test_a_missing_file_is_named(tmp_path) -> None:
+    refused(tmp_path, tmp_path / "none.csv", message="none.csv: No such file or directory")
+
+
+def test_a_folder_in_the_place_of_the_file_is_named(tmp_path) -> None:
+    result = run(tmp_path, "--state", "a", "--obs", "b", "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert str(tmp_path) in result.output.replace("\n", "")
+
+
+def test_a_column_that_is_not_there_is_answered_with_those_that_are(write, tmp_path) -> None:
+    refused(
+        tmp_path,
+        write(),
+        "--state",
+        "power",
+        "--obs",
+        "load",
+        message="data.csv has no column 'power'; its columns are time, load, temperature, remark",
+    )
+    refused(tmp_path, write(), "--time", "hour", message="data.csv has no column 'hour'")
+
+
+def test_columns_that_are_not_named_are_asked_for(write, tmp_path) -> None:
+    for arguments, missing in (([], "--state"), (["--state", "load"], "--obs")):
+        result = run(write(), *arguments, "--out", tmp_path / "out")
+        assert result.exit_code == 1
+        assert f"{missing}: name a column of data.csv; its columns are time, load" in result.output
+
+
+def test_text_in_a_column_is_named_with_its_line(write, rows, tmp_path) -> None:
+    refused(
+        tmp_path,
+        write(changed(rows, 40, 1, "high")),
+        message="data.csv, line 42: load is 'high', expected a number",
+    )
+    refused(tmp_path, write(changed(rows, 40, 2, "")), message="line 42: temperature is missing")
+    refused(
+        tmp_path,
+        write(),
+        "--state",
+        "remark",
+        "--obs",
+        "load",
+        message="line 2: remark is 'ok', expected a number",
+    )
+
+
+def test_times_that_cannot_be_read_or_go_back_are_named(write, rows, tmp_path) -> None:
+    refused(
+        tmp_path, write(changed(rows, 3, 0, "noon")), message="line 5: time is 'noon', expected a time as in"
+    )
+    refused(
+        tmp_path, write(changed(rows, 3, 0, "2013-12-31")), message="line 5: time is '2013-12-31', not later"
+    )
+
+
+def test_too_few_rows_are_refused_with_their_numbers(write, rows, tmp_path) -> None:
+    refused(
+        tmp_path, write(rows[:30]), message="train: 0.6 of 30 rows are 18 to learn on and 12 to compare on"
+    )
+
+
+@pytest.mark.parametrize("fraction", ["0", "1", "1.5", "-0.2", "nan"])
+def test_a_fraction_outside_0_to_1_is_refused(fraction, write, tmp_path) -> None:
+    refused(tmp_path, write(), f"--train={fraction}", message="expected a share between 0 and 1")
+
+
+def test_a_fraction_that_is_no_number_is_a_mistake_of_usage(write) -> None:
+    assert run(write(), "--state", "load", "--obs", "temperature", "--train", "half").exit_code == 2
+
+
+def test_a_constant_column_is_refused(write, rows, tmp_path) -> None:
+    constant = [[t, "3", y, remark] for t, _, y, remark in rows]
+    refused(tmp_path, write(constant), message="state: it is 3 in all 302 rows to learn on")
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused_and_kept(write, tmp_path) -> None:
+    (tmp_path / "out").write_text("mine")
+    result = run(write(), "--state", "load", "--obs", "temperature", "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "expected a folder, found a file" in result.output
+    assert (tmp_path / "out").read_text() == "mine"
+
+
+@pytest.mark.skipif(
+    os.name == "nt" or os.geteuid() == 0, reason="needs a user for whom folders can be read-only"
+)
+def test_a_folder_that_is_not_writable_is_refused(write, tmp_path) -> None:
+    (tmp_path / "locked").mkdir(mode=0o500)
+    result = run(write(), "--state", "load", "--obs", "temperature", "--out", tmp_path / "locked" / "out")
+    assert result.exit_code == 1
+    assert "not writable" in result.output
+
+
+def test_without_filterpy_it_names_the_extra_and_writes_nothing(write, tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "filterpy.kalman", None)
+    refused(tmp_path, write(), message="the comparison needs filterpy: pip install 'fuzzykf[compare]'")

@@ -1,0 +1,31 @@
+"""Errors that can be mended are reported, not traced; a folder is checked before any work."""
+
+from __future__ import annotations
+
+import pytest
+import typer
+
+from fuzzykf.cli import output
+from fuzzykf.errors import ParameterError
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused_before_any_work(tmp_path) -> None:
+    (tmp_path / "taken").write_text("")
+    for folder in (tmp_path / "taken", tmp_path / "taken" / "below"):
+        with pytest.raises(NotADirectoryError, match="expected a folder, found a file"):
+            output.check_folder(folder)
+    output.check_folder(tmp_path / "new" / "one")
+    assert not (tmp_path / "new").exists()
+
+
+def test_errors_that_can_be_mended_end_with_a_message_and_exit_code_1(capsys) -> None:
+    with pytest.raises(typer.Exit) as exit_, output.report_errors():
+        raise ParameterError("train: got [1.5], expected a share")
+    assert exit_.value.exit_code == 1
+    # Brackets are text, not rich's markup.
+    assert capsys.readouterr().err == "Error: train: got [1.5], expected a share\n"
+
+
+def test_an_error_of_the_program_itself_is_not_hidden() -> None:
+    with pytest.raises(ZeroDivisionError), output.report_errors():
+        _ = 1 / 0
