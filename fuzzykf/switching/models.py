@@ -18,11 +18,13 @@ from fuzzykf.switching.laws import FuzzyMarkovLaw
 from fuzzykf.switching.systems import StationarySystem
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from os import PathLike
 
     from numpy.typing import ArrayLike
 
     from fuzzykf.base import FloatArray
+    from fuzzykf.switching.learning import FitResult
     from fuzzykf.switching.simulation import Simulation
 
 __all__ = ["CGOFMSModel", "CGOMSModel"]
@@ -215,6 +217,66 @@ class CGOFMSModel(_SwitchingModel):
         self.law, self.form = law, form
         self._prove_noise()
 
+    @classmethod
+    def fit(
+        cls,
+        x: ArrayLike | Sequence[ArrayLike],
+        y: ArrayLike | Sequence[ArrayLike],
+        r: ArrayLike | Sequence[ArrayLike] | None = None,
+        *,
+        law: Literal["fmc1", "fmc2"] = "fmc1",
+        form: Literal["regression"] = "regression",
+        n_nodes: int = 5,
+        rule: str = "cell",
+    ) -> FitResult[CGOFMSModel]:
+        """Learn a model from data in which the state was measured as well.
+
+        Parameters
+        ----------
+        x, y : array_like, or list of these
+            States (n, m) and observations (n, q), or (n,); NaN where missing.  Several
+            series are given as lists.
+        r : array_like, shape (n,), or list of these
+            Values of the switch in [0, 1].
+        law : {"fmc1", "fmc2"}
+            Family of the law of the switch.
+        form : {"regression"}
+            Form of the Gaussian part, see `from_regressions`.
+        n_nodes : int
+            Nodes on which the log-likelihood is computed.
+        rule : str
+            Rule of the discretisation, see `FuzzyMarkovLaw.discretize`.
+
+        Returns
+        -------
+        FitResult
+            With ``.model``, ``.log_likelihood`` and ``.warnings``.
+
+        Notes
+        -----
+        Complete-data maximum likelihood on all transitions, hard and fuzzy.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from fuzzykf import CGOFMSModel, FuzzyMarkovLaw
+        >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])
+        >>> pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
+        >>> truth = CGOFMSModel(
+        ...     FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
+        ...     [[0.0, 3.0], [0.0, 0.0]],
+        ...     np.broadcast_to(pair, (2, 2, 4, 4)),
+        ...     dim_x=1,
+        ... )
+        >>> data = truth.simulate(500, np.random.default_rng(0))
+        >>> fit = CGOFMSModel.fit(data.x, data.y, data.r)
+        >>> bool(abs(fit.model.law.p_hard - truth.law.p_hard) < 0.1)
+        True
+        """
+        from fuzzykf.switching.learning import fit_fuzzy_model
+
+        return fit_fuzzy_model(x, y, r, law=law, form=form, n_nodes=n_nodes, rule=rule)
+
     def _prove_noise(self) -> None:
         r = np.concatenate([[0.0], (np.arange(N_PROOF) + 0.5) / N_PROOF, [1.0]])
         u = self.class_weights(r)
@@ -394,6 +456,38 @@ class CGOMSModel(_SwitchingModel):
             )
         self.form = form
         self._system = StationarySystem(chain, form)
+
+    @classmethod
+    def fit(
+        cls,
+        x: ArrayLike | Sequence[ArrayLike],
+        y: ArrayLike | Sequence[ArrayLike],
+        r: ArrayLike | Sequence[ArrayLike] | None = None,
+        *,
+        n_switches: int = 2,
+        form: Literal["regression"] = "regression",
+    ) -> FitResult[CGOMSModel]:
+        """Learn a model from data in which the state was measured as well.
+
+        Parameters
+        ----------
+        x, y : array_like, or list of these
+            States (n, m) and observations (n, q), or (n,); NaN where missing.
+        r : array_like, shape (n,), or list of these
+            Regimes 0, ..., n_switches - 1.
+        n_switches : int
+            Number K of regimes.
+        form : {"regression"}
+            Form of the Gaussian part, see `from_regressions`.
+
+        Returns
+        -------
+        FitResult
+            With ``.model``, ``.log_likelihood`` and ``.warnings``.
+        """
+        from fuzzykf.switching.learning import fit_hard_model
+
+        return fit_hard_model(x, y, r, n_switches=n_switches, form=form)
 
     @property
     def transition(self) -> FloatArray:

@@ -1,0 +1,160 @@
+"""Training data: shapes, missing stretches, several series, standard units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError, ShapeError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fuzzykf.base import FloatArray
+
+__all__ = ["Scale", "TrainingData", "gather"]
+
+#: A model has a dozen parameters per pair of regimes; less data than this cannot support it.
+MIN_TRANSITIONS = 20
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Units in which the data have mean zero and variance one, per component.
+
+    Attributes
+    ----------
+    mean, std : ndarray, shape (d,)
+    """
+
+    mean: FloatArray
+    std: FloatArray
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """All transitions of all series, in standard units.
+
+    Attributes
+    ----------
+    z : ndarray, shape (N, d)
+        All complete (X, Y), standardised, series after series.
+    before, after : ndarray of int, shape (T,)
+        Rows of `z` that follow one another.
+    starts : ndarray of int
+        Rows of `z` at which a stretch without gaps begins.
+    r : ndarray, shape (N,), or None
+        The switch, where it is known.
+    scale : Scale
+    dim_x : int
+    """
+
+    z: FloatArray
+    before: np.ndarray
+    after: np.ndarray
+    starts: np.ndarray
+    r: FloatArray | None
+    scale: Scale
+    dim_x: int
+
+
+def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
+    """Bring one series or several to a common form.
+
+    Parameters
+    ----------
+    x, y : array_like, or sequence of these
+        Shapes (n, m) and (n, q), or (n,) for one component; NaN where missing.  Several
+        series are given as lists of arrays.
+    r : array_like, or sequence, optional
+        The switch, shape (n,).
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        If shapes do not agree, too little is observed, or a component is constant.
+    """
+    if x is None or y is None:
+        missing = "x" if x is None else "y"
+        raise ParameterError(
+            f"{missing}: missing; the parameters of the state are not identifiable from y alone, so a stretch "
+            "of data is needed in which x was measured as well"
+        )
+    xs, ys = _series("x", x), _series("y", y)
+    rs: Sequence[Any] = [None] * len(xs) if r is None else _series("r", r)
+    if not len(xs) == len(ys) == len(rs):
+        raise ShapeError(f"x, y, r: got {len(xs)}, {len(ys)} and {len(rs)} series, expected as many of each")
+    rows, switches, starts, before = [], [], [], []
+    n_rows = 0
+    for k, (a, b, c) in enumerate(zip(xs, ys, rs, strict=True)):
+        if len(a) != len(b) or (c is not None and len(c) != len(a)):
+            raise ShapeError(
+                f"x, y, r: series {k} has {len(a)} states, {len(b)} observations"
+                + ("" if c is None else f" and {len(c)} switches")
+            )
+        z = np.concatenate([a, b], axis=1)
+        if c is not None and c.shape[1] != 1:
+            raise ShapeError(f"r: series {k} has {c.shape[1]} columns, expected one")
+        complete = np.isfinite(z).all(axis=1)
+        if c is not None:
+            complete &= np.isfinite(c[:, 0])
+        kept = np.flatnonzero(complete)
+        follows = np.diff(kept) == 1
+        positions = n_rows + np.arange(kept.size)
+        if kept.size:
+            starts.append(positions[np.concatenate([[True], ~follows])])
+            before.append(positions[:-1][follows])
+        rows.append(z[kept])
+        if c is not None:
+            switches.append(c[kept, 0])
+        n_rows += kept.size
+    widths = {block.shape[1] for block in rows}
+    if len(widths) != 1:
+        raise ShapeError("x, y: the series have different numbers of components")
+    z = np.concatenate(rows)
+    first = np.concatenate(before) if before else np.empty(0, dtype=int)
+    if first.size < MIN_TRANSITIONS:
+        raise ParameterError(
+            f"x, y: hold {first.size} steps in which x and y are both measured, expected at least "
+            f"{MIN_TRANSITIONS}"
+        )
+    mean, std = z.mean(axis=0), z.std(axis=0)
+    if not (std > 0.0).all():
+        column = int(np.argmin(std))
+        m = xs[0].shape[1]
+        name = f"x[{column}]" if column < m else f"y[{column - m}]"
+        raise ParameterError(f"{name}: is constant ({mean[column]:.6g}), which no model can be learned from")
+    return TrainingData(
+        z=(z - mean) / std,
+        before=first,
+        after=first + 1,
+        starts=np.concatenate(starts),
+        r=np.concatenate(switches) if r is not None else None,
+        scale=Scale(mean, std),
+        dim_x=xs[0].shape[1],
+    )
+
+
+def _series(name: str, value: Any) -> list[FloatArray]:
+    """Return a list of arrays (n, k)."""
+    if hasattr(value, "to_numpy"):
+        value = value.to_numpy()
+    several = isinstance(value, (list, tuple)) and len(value) > 0 and np.ndim(value[0]) >= 1
+    if several and all(np.ndim(v) == 1 and np.size(v) == 1 for v in value):
+        several = False  # one series, given as a list of observations of one component
+    parts = list(value) if several else [value]
+    result = []
+    for part in parts:
+        array = np.asarray(part.to_numpy() if hasattr(part, "to_numpy") else part)
+        try:
+            array = array.astype(np.float64)
+        except (TypeError, ValueError) as error:
+            raise ShapeError(f"{name}: expected numbers, got an array of {array.dtype}") from error
+        if array.ndim == 3 and array.shape[2] == 1:
+            array = array[..., 0]
+        if array.ndim not in (1, 2):
+            raise ShapeError(f"{name}: got shape {array.shape}, expected (n, k) or (n,)")
+        result.append(array[:, None] if array.ndim == 1 else array)
+    return result

@@ -1,0 +1,103 @@
+"""Likelihood of (x, y) with the switch hidden: a forward pass over the nodes.
+
+On the nodes (R, Z) is a hidden Markov chain with emission p(z_{n+1} | z_n, r_n, r_{n+1}),
+so the likelihood of a stretch of data is exact.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.engine.switching import LOG_ZERO
+from fuzzykf.gaussian import cholesky, log_density, logsumexp
+from fuzzykf.switching.tables import log_probability
+
+if TYPE_CHECKING:
+    from fuzzykf.base import FloatArray
+    from fuzzykf.switching.learning.data import TrainingData
+    from fuzzykf.switching.systems import StationarySystem
+
+__all__ = ["emissions", "forward", "log_likelihood"]
+
+#: Transitions whose densities are held at once.
+_CHUNK = 1024
+
+
+def emissions(system: StationarySystem, now: FloatArray, then: FloatArray) -> FloatArray:
+    """log p(z_{n+1} | z_n, r_n = i, r_{n+1} = j) for n transitions, (n, M, M).
+
+    Parameters
+    ----------
+    now, then : ndarray, shape (n, d)
+        Z before and after each transition.
+    """
+    m = system.dim_x
+    pairs = system.tables.pairs
+    x, y, x1, y1 = now[:, :m], now[:, m:], then[:, :m], then[:, m:]
+    factor_y = cholesky(pairs.Qyy, lambda k: f"noise covariance of the observation, pair {k}")
+    factor_x = cholesky(pairs.C, lambda k: f"noise covariance of the state, pair {k}")
+    mean_y = np.einsum("ijkl,nl->nijk", pairs.Ayy, y) + pairs.Ny
+    mean_x = (
+        np.einsum("ijkl,nl->nijk", pairs.Axx, x)
+        + np.einsum("ijkl,nl->nijk", pairs.H, y)
+        + np.einsum("ijkl,nl->nijk", pairs.G, y1)
+        + pairs.c
+    )
+    density = log_density(y1[:, None, None] - mean_y, factor_y)
+    return density + log_density(x1[:, None, None] - mean_x, factor_x)
+
+
+def forward(log_transition: FloatArray, log_first: FloatArray, log_emission: FloatArray) -> FloatArray:
+    """Log-likelihood of a stretch, and log p(r_n | z_1..n) after every observation.
+
+    Parameters
+    ----------
+    log_transition : ndarray, shape (M, M)
+    log_first : ndarray, shape (M,)
+        log p(r_1) + log p(z_1 | r_1).
+    log_emission : ndarray, shape (n, M, M)
+
+    Returns
+    -------
+    ndarray, shape (n + 1,)
+        log p(z_n | z_1..n-1) of each observation.
+    """
+    steps = np.empty(len(log_emission) + 1)
+    steps[0] = logsumexp(log_first)
+    log_p = log_first - steps[0]
+    moves = log_emission + log_transition
+    for n, move in enumerate(moves, 1):
+        weights = log_p[:, None] + move
+        top = weights.max(axis=0)
+        log_p = np.log(np.exp(weights - top).sum(axis=0)) + top
+        steps[n] = logsumexp(log_p)
+        log_p -= steps[n]
+    return steps
+
+
+def log_likelihood(system: StationarySystem, data: TrainingData) -> float:
+    """log p(x, y) of all stretches, in the units of the data."""
+    z = data.z * data.scale.std + data.scale.mean
+    law = system.initial()
+    factor = cholesky(law.covariance, lambda k: f"covariance of Z in node {k[0]}")
+    log_transition = log_probability(np.maximum(system.chain.transition, 0.0))
+    total = 0.0
+    stops = np.append(data.starts[1:], len(z))
+    for start, stop in zip(data.starts, stops, strict=True):
+        first = np.maximum(log_probability(law.probability), LOG_ZERO) + log_density(z[start] - law.mean, factor)
+        total += _stretch(system, log_transition, first, z[start:stop])
+    return total
+
+
+def _stretch(
+    system: StationarySystem, log_transition: FloatArray, log_first: FloatArray, z: FloatArray
+) -> float:
+    blocks = [
+        emissions(system, z[k : min(k + _CHUNK, len(z) - 1)], z[k + 1 : min(k + _CHUNK, len(z) - 1) + 1])
+        for k in range(0, len(z) - 1, _CHUNK)
+    ]
+    M = log_transition.shape[0]
+    emission = np.concatenate(blocks) if blocks else np.empty((0, M, M))
+    return float(forward(log_transition, log_first, emission).sum())
