@@ -1,0 +1,171 @@
+"""What the Kalman filters accept as a matrix, a control or a state, and what they say to the rest.
+
+The attributes of a filter are plain and may be assigned anything, so every verb
+looks at them when it needs them.  The usual case, a float64 array of the right
+shape, is returned as it is after two comparisons.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
+from fuzzykf.gaussian import SYMMETRY_TOLERANCE, as_array, check_covariance
+
+if TYPE_CHECKING:
+    from fuzzykf.base import FloatArray
+
+__all__ = [
+    "SINGULAR",
+    "SingularInnovationError",
+    "as_covariance",
+    "as_matrix",
+    "as_square",
+    "as_state",
+    "as_vector",
+    "control_term",
+    "dimension",
+    "fits",
+    "observation_matrix",
+]
+
+_FLOAT64 = np.dtype(np.float64)
+
+
+#: Said when a `SingularInnovationError` is raised.
+SINGULAR = (
+    "S = H P H' + R: expected a positive definite matrix, got one that is not (to rounding error); check P "
+    "and R, or set the attribute inv to numpy.linalg.pinv if S is meant to be singular"
+)
+
+
+class SingularInnovationError(NotPositiveDefiniteError, np.linalg.LinAlgError):
+    """The covariance S of the residual cannot be inverted.
+
+    It is a `numpy.linalg.LinAlgError` too, which is what filterpy raises here.
+    """
+
+
+def dimension(name: str, value: Any, least: int) -> int:
+    """Return ``value`` if it is an integer of at least ``least``."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ParameterError(f"{name}: got {value!r}, expected an integer of at least {least}")
+    return int(value)
+
+
+def fits(n: int, m: int, x: Any, P: Any, A: Any, V: Any) -> bool:
+    """Whether all four are plain float arrays of the shapes of x, P, A (m, n) and V (m, m).
+
+    The usual case in one look; where it is False, `as_state` and the others convert
+    what can be converted and name what cannot.
+    """
+    if not (type(x) is type(P) is type(A) is type(V) is np.ndarray):
+        return False
+    if not (x.dtype is P.dtype is A.dtype is V.dtype is _FLOAT64):
+        return False
+    state_fits: bool = x.shape == (n, 1) or x.shape == (n,)
+    return state_fits and bool(P.shape == (n, n) and A.shape == (m, n) and V.shape == (m, m))
+
+
+def as_matrix(name: str, value: Any, shape: tuple[int, int]) -> FloatArray:
+    """Return ``value`` as a float array of the given shape."""
+    if type(value) is np.ndarray and value.shape == shape and value.dtype == _FLOAT64:
+        return value
+    return as_array(name, value, shape)
+
+
+def as_square(name: str, value: Any, n: int) -> FloatArray:
+    """Return a covariance as an (n, n) array; a scalar means that multiple of the identity."""
+    if type(value) is np.ndarray and value.shape == (n, n) and value.dtype == _FLOAT64:
+        return value
+    if np.ndim(value) == 0 or (n == 1 and np.shape(value) == (1,)):
+        try:
+            return float(np.reshape(value, ())) * np.eye(n)
+        except (TypeError, ValueError) as error:
+            raise ShapeError(f"{name}: got {value!r}, expected a number or shape ({n}, {n})") from error
+    return as_array(name, value, (n, n))
+
+
+def as_covariance(name: str, value: Any, n: int) -> FloatArray:
+    """Return a covariance that was given in a call, after proving that it is one."""
+    P = as_square(name, value, n)
+    if P.shape == (1, 1):
+        if not 0.0 <= P[0, 0] < np.inf:
+            raise NotPositiveDefiniteError(f"{name}: got the variance {P[0, 0]}, expected at least 0")
+    elif not _plainly_definite(P):
+        return check_covariance(name, P, (n, n))
+    return P
+
+
+def _plainly_definite(P: FloatArray) -> bool:
+    """Whether P is symmetric and positive definite: the cheap proof, for most calls."""
+    largest = np.abs(P).max()
+    if not (largest < np.inf and np.abs(P - P.T).max() <= SYMMETRY_TOLERANCE * largest):
+        return False
+    try:
+        np.linalg.cholesky(P)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def as_state(x: Any, n: int) -> FloatArray:
+    """Return the state as a column (n, 1) or flat (n,) float array."""
+    if type(x) is np.ndarray and (x.shape == (n, 1) or x.shape == (n,)) and x.dtype == _FLOAT64:
+        return x
+    if np.shape(x) not in {(n, 1), (n,)}:
+        raise ShapeError(f"x: got shape {np.shape(x)}, expected ({n}, 1) or ({n},)")
+    return as_array("x", x, (n, 1) if np.ndim(x) == 2 else (n,))
+
+
+def as_vector(name: str, value: Any, like: FloatArray) -> FloatArray:
+    """Return what a user's function gave as an array of the shape of ``like``.
+
+    Flat, row and column vectors are all unambiguous here; a scalar is one of length 1.
+    """
+    n = like.shape[0]
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name}: expected {n} numbers, got {value!r}") from error
+    if array.size != n or array.shape not in {(n,), (n, 1), (1, n), (1,), (), (1, 1)}:
+        raise ShapeError(f"{name}: got shape {array.shape}, expected ({n},) or ({n}, 1)")
+    if not np.isfinite(array).all():
+        raise ParameterError(f"{name}: got {array.ravel().tolist()}, expected finite numbers")
+    return array.reshape(like.shape)
+
+
+def observation_matrix(name: str, value: Any, n: int) -> FloatArray:
+    """Return an observation matrix given in a call: any number of rows, n columns."""
+    if type(value) is np.ndarray and value.ndim == 2 and value.shape[1] == n and value.dtype == _FLOAT64:
+        return value
+    return as_array(name, value, (None, n))
+
+
+def control_term(B: Any, u: Any, x: FloatArray) -> FloatArray | float:
+    """Return B u in the shape of x; 0 where there is no control.
+
+    A scalar times a scalar is added to every component, as in filterpy.
+    """
+    if B is None or u is None:
+        return 0.0
+    B, u = np.asarray(B, dtype=np.float64), np.asarray(u, dtype=np.float64)
+    if u.ndim == 0 and u == 0.0:
+        return 0.0
+    inner = B.shape[1] if B.ndim == 2 else 1
+    if u.ndim and B.ndim and u.shape not in {(inner,), (inner, 1)}:
+        shape = (inner,) if x.ndim == 1 else (inner, 1)
+        raise ShapeError(f"u: got shape {u.shape}, expected {shape} for B of shape {B.shape}")
+    term = np.asarray(B.dot(u))
+    if not np.isfinite(term).all():
+        raise ParameterError(f"u: B u is {term.tolist()}, expected finite numbers")
+    if term.size == x.size == 1:
+        return term.reshape(x.shape)
+    if term.ndim and term.shape != x.shape:
+        raise ShapeError(
+            f"u: B of shape {B.shape} and u of shape {u.shape} give B u of shape {term.shape}, "
+            f"expected {x.shape}, the shape of x"
+        )
+    return term

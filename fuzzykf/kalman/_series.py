@@ -1,0 +1,108 @@
+"""Whole series: what `filter`, `smooth`, `batch_filter` and `filter_many` have in common."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.base import FilterResult
+from fuzzykf.errors import ParameterError, ShapeError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from fuzzykf.base import FloatArray
+
+__all__ = ["as_many", "as_result", "check_keep", "collect", "per_step", "unchanged_on_error"]
+
+#: What a filter with one mean and one covariance can tell about a series.
+FIELDS = ("x", "P", "x_prior", "P_prior", "log_likelihood")
+
+
+@contextmanager
+def unchanged_on_error(*filters: Any) -> Iterator[None]:
+    """Put filters back into the state they came with when the block raises.
+
+    Their verbs replace attributes instead of writing into them, so that the old
+    attribute dictionary is the old state.
+    """
+    before = [dict(each.__dict__) for each in filters]
+    try:
+        yield
+    except BaseException:
+        for each, state in zip(filters, before, strict=True):
+            each.__dict__.clear()
+            each.__dict__.update(state)
+        raise
+
+
+def per_step(name: str, values: Sequence[Any] | None, n: int) -> Sequence[Any]:
+    """Return one value per step; None for all of them where nothing was given."""
+    if values is None:
+        return [None] * n
+    if len(values) < n:
+        raise ShapeError(f"{name}: got {len(values)} values, expected one for each of the {n} observations")
+    return values
+
+
+def collect(
+    filter_: Any,
+    series: FloatArray,
+    predict: Callable[[int], None],
+    update: Callable[[int, FloatArray], None],
+    shapes: dict[str, tuple[int, ...]],
+) -> dict[str, FloatArray]:
+    """Run a filter along a series and store the attributes named in ``shapes``."""
+    n = len(series)
+    stored = {name: np.empty((n, *shape)) for name, shape in shapes.items()}
+    for k in range(n):
+        predict(k)
+        update(k, series[k])
+        for name, values in stored.items():
+            values[k] = np.reshape(getattr(filter_, name), shapes[name])
+    return stored
+
+
+def field_shapes(dim_x: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of `FIELDS` at one step."""
+    square = (dim_x, dim_x)
+    return {"x": (dim_x,), "P": square, "x_prior": (dim_x,), "P_prior": square, "log_likelihood": ()}
+
+
+def as_result(stored: dict[str, FloatArray], zs: Any, **more: Any) -> FilterResult:
+    """Make a `FilterResult` that remembers the index of a pandas object."""
+    index = getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None
+    return FilterResult(**stored, **more, index=index)
+
+
+def check_keep(keep: Iterable[str], admissible: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names in ``keep`` after checking each of them."""
+    names = (keep,) if isinstance(keep, str) else tuple(keep)
+    for name in names:
+        if name not in admissible:
+            raise ParameterError(f"keep: got {name!r}, expected names among {', '.join(admissible)}")
+    return names
+
+
+def as_many(zs: Any, dim_z: int) -> FloatArray:
+    """Return many series as an array (series, n, dim_z), NaN where missing."""
+    try:
+        array = np.array(zs, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(
+            f"zs: expected numbers of shape (series, n, {dim_z}); pad series of unequal length with NaN"
+        ) from error
+    if dim_z == 1 and array.ndim == 2:
+        array = array[..., None]
+    if array.ndim != 3 or array.shape[2] != dim_z:
+        expected = f"(series, n, {dim_z})" + (" or (series, n)" if dim_z == 1 else "")
+        raise ShapeError(f"zs: got shape {array.shape}, expected {expected}")
+    if np.isinf(array).any():
+        series, step = (int(k) for k in np.argwhere(np.isinf(array))[0][:2])
+        raise ParameterError(
+            f"zs: observation {step} of series {series} is {array[series, step].tolist()}, "
+            "expected finite numbers (NaN where missing)"
+        )
+    return array

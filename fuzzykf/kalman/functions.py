@@ -1,0 +1,297 @@
+"""The Kalman filter as functions on x and P, with the interface of filterpy's.
+
+x may be a number, a flat vector or a column; the results have the same form.
+Scalars stand for multiples of the identity wherever a matrix is expected.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.base import as_observation
+from fuzzykf.engine import kalman as engine
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_array
+from fuzzykf.kalman._arguments import (
+    SINGULAR,
+    SingularInnovationError,
+    as_covariance,
+    control_term,
+    observation_matrix,
+)
+from fuzzykf.kalman._gaussian import seen_components
+from fuzzykf.kalman._series import per_step
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.base import FloatArray
+
+__all__ = ["batch_filter", "predict", "predict_steadystate", "update", "update_steadystate"]
+
+
+def _vector(x: ArrayLike) -> FloatArray:
+    """Return x as a flat vector or a column; a number becomes a flat vector."""
+    value = np.asarray(x, dtype=np.float64)
+    if value.ndim > 2 or (value.ndim == 2 and value.shape[1] != 1) or value.size == 0:
+        raise ShapeError(f"x: got shape {value.shape}, expected a scalar, (n,) or (n, 1)")
+    return as_array("x", np.atleast_1d(value), (None,) if value.ndim < 2 else (None, 1))
+
+
+def _transition(F: Any, n: int) -> FloatArray:
+    return float(F) * np.eye(n) if np.ndim(F) == 0 else as_array("F", F, (n, n))
+
+
+def _observation(H: Any, n: int) -> FloatArray:
+    """Return H as a matrix; None, or a number, stands for a multiple of the identity."""
+    if H is None:
+        return np.eye(n)
+    if np.ndim(H) == 0:
+        return float(H) * np.eye(n)
+    if np.ndim(H) == 1 and n == 1:
+        H = np.reshape(H, (-1, 1))
+    return observation_matrix("H", H, n)
+
+
+def _like(value: FloatArray, pattern: Any) -> Any:
+    """Return a number where the caller gave one, else the array."""
+    return value.reshape(-1)[0] if np.ndim(pattern) == 0 else value
+
+
+def predict(
+    x: ArrayLike,
+    P: ArrayLike,
+    F: ArrayLike = 1,
+    Q: ArrayLike = 0,
+    u: ArrayLike = 0,
+    B: ArrayLike = 1,
+    alpha: float = 1.0,
+) -> tuple[Any, Any]:
+    """Predict the state: F x + B u and alpha^2 F P F' + Q.
+
+    Parameters
+    ----------
+    x : array_like, a number or shape (n,) or (n, 1)
+        Estimate of the state.
+    P : array_like, shape (n, n)
+        Its covariance.
+    F, Q : array_like, shape (n, n)
+        Transition and covariance of the process noise.
+    u, B : array_like
+        Control input and control matrix.
+    alpha : float
+        Fading memory, at least 1.
+
+    Returns
+    -------
+    x, P : ndarray or float
+        In the form of those given.
+
+    Raises
+    ------
+    ShapeError, ParameterError, NotPositiveDefiniteError
+        If shapes do not agree, or P or Q is no covariance.
+
+    Examples
+    --------
+    >>> x, P = predict(x=10.0, P=3.0, u=1.0, Q=4.0)
+    >>> float(x), float(P)
+    (11.0, 7.0)
+    """
+    mean = _vector(x)
+    n = mean.shape[0]
+    covariance, noise = as_covariance("P", P, n), as_covariance("Q", Q, n)
+    if not 1.0 <= alpha < np.inf:
+        raise ParameterError(f"alpha: got {alpha!r}, expected a finite number of at least 1")
+    moved, covariance = engine.predict(mean, covariance, _transition(F, n), noise, float(alpha) ** 2)
+    return _like(moved + control_term(B, u, mean), x), _like(covariance, P)
+
+
+def update(
+    x: ArrayLike,
+    P: ArrayLike,
+    z: ArrayLike | None,
+    R: ArrayLike,
+    H: ArrayLike | None = None,
+    return_all: bool = False,
+) -> tuple[Any, ...]:
+    """Take an observation into account.
+
+    Parameters
+    ----------
+    x : array_like, a number or shape (n,) or (n, 1)
+        Predicted state.
+    P : array_like, shape (n, n)
+        Its covariance.
+    z : array_like
+        Observation of m components; None or NaN where missing.
+    R : array_like, shape (m, m)
+        Covariance of its noise.
+    H : array_like, shape (m, n), optional
+        Observation matrix; by default the identity.
+    return_all : bool
+        Return y, K, S and the log-likelihood as well.
+
+    Returns
+    -------
+    x, P : ndarray or float
+        In the form of those given.
+    y, K, S : ndarray
+        Residual, gain and covariance of the residual; None if z is missing.
+    log_likelihood : float
+        Log-density of z; None if z is missing.
+
+    Raises
+    ------
+    ShapeError, ParameterError, NotPositiveDefiniteError
+        If shapes do not agree, P or R is no covariance, or S cannot be inverted.
+
+    Examples
+    --------
+    >>> x, P = update(x=1.0, P=1.0, z=2.0, R=1.0)
+    >>> float(x), float(P)
+    (1.5, 0.5)
+    """
+    mean = _vector(x)
+    n = mean.shape[0]
+    covariance, matrix = as_covariance("P", P, n), _observation(H, n)
+    m = matrix.shape[0]
+    noise = as_covariance("R", R, m)
+    value = as_observation(z, m)
+    if value is None:
+        return (x, P, None, None, None, None) if return_all else (x, P)
+    seen = seen_components(value)
+    y = (value.reshape(-1, 1) if mean.ndim == 2 else value) - matrix.dot(mean)
+
+    def invert(S: FloatArray) -> FloatArray:
+        return engine.inverse(S) if seen is None else engine.inverse_seen(S, seen, engine.inverse)
+
+    if seen is not None:
+        y = np.where(seen.reshape(y.shape), y, 0.0)
+    try:
+        mean, covariance, S, _, K = engine.update(mean, covariance, y, matrix, noise, np.eye(n), invert)
+    except np.linalg.LinAlgError as error:
+        raise SingularInnovationError(SINGULAR) from error
+    estimate = _like(mean, x), _like(covariance, P)
+    if not return_all:
+        return estimate
+    kept = np.ones(m, dtype=bool) if seen is None else seen
+    log_likelihood = engine.log_normal(y.ravel()[kept], S[np.ix_(kept, kept)])
+    return *estimate, y, K.ravel() if np.ndim(x) == 0 else K, _like(S, P), log_likelihood
+
+
+def predict_steadystate(x: ArrayLike, F: ArrayLike = 1, u: ArrayLike = 0, B: ArrayLike = 1) -> Any:
+    """Predict the state alone: F x + B u.
+
+    Parameters
+    ----------
+    x, F, u, B
+        As in `predict`.
+
+    Returns
+    -------
+    ndarray or float
+        In the form of ``x``.
+    """
+    mean = _vector(x)
+    moved: FloatArray = _transition(F, mean.shape[0]).dot(mean) + control_term(B, u, mean)
+    return _like(moved, x)
+
+
+def update_steadystate(x: ArrayLike, z: ArrayLike | None, K: ArrayLike, H: ArrayLike | None = None) -> Any:
+    """Update the state with a gain that is given: x + K (z - H x).
+
+    Parameters
+    ----------
+    x, z, H
+        As in `update`; missing components of z change nothing.
+    K : array_like, shape (n, m)
+        Gain.
+
+    Returns
+    -------
+    ndarray or float
+        In the form of ``x``.
+    """
+    mean = _vector(x)
+    matrix = _observation(H, mean.shape[0])
+    gain = as_array("K", np.reshape(K, (1, 1)) if np.size(K) == 1 else K, (mean.shape[0], matrix.shape[0]))
+    value = as_observation(z, matrix.shape[0])
+    if value is None:
+        return x
+    y = (value.reshape(-1, 1) if mean.ndim == 2 else value) - matrix.dot(mean)
+    moved: FloatArray = mean + gain.dot(np.where(np.isnan(y), 0.0, y))
+    return _like(moved, x)
+
+
+def batch_filter(
+    x: ArrayLike,
+    P: ArrayLike,
+    zs: Sequence[ArrayLike | None],
+    Fs: Sequence[Any],
+    Qs: Sequence[Any],
+    Hs: Sequence[Any],
+    Rs: Sequence[Any],
+    Bs: Sequence[Any] | None = None,
+    us: Sequence[Any] | None = None,
+    update_first: bool = False,
+    saver: Any = None,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Filter a series with given matrices for each step.
+
+    Parameters
+    ----------
+    x, P : array_like, shapes (dim_x,) or (dim_x, 1), and (dim_x, dim_x)
+        Where the series starts.
+    zs : sequence of n observations
+        None or NaN where missing.
+    Fs, Qs, Hs, Rs : sequence of n matrices
+    Bs, us : sequence of n values, optional
+        Control matrices and controls.
+    update_first : bool
+        Update before predicting, instead of after it.
+    saver : filterpy.common.Saver, optional
+        Its ``save`` is called after each step.
+
+    Returns
+    -------
+    means, covariances, means_p, covariances_p : ndarray
+        After the updates and after the predictions; means of shape (n, dim_x, 1), or
+        (n, dim_x) if x is flat.
+
+    Raises
+    ------
+    ShapeError, ParameterError, NotPositiveDefiniteError
+        As from `predict` and `update`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> one = [np.eye(1)] * 2
+    >>> means, *_ = batch_filter(np.zeros(1), np.eye(1), [1.0, 2.0], one, one, one, one)
+    >>> means.ravel().round(3)
+    array([0.667, 1.5  ])
+    """
+    mean: Any = _vector(x)
+    n, d = len(zs), mean.shape[0]
+    covariance: Any = as_covariance("P", P, d)
+    given = {"Fs": Fs, "Qs": Qs, "Hs": Hs, "Rs": Rs, "Bs": Bs, "us": us}
+    F, Q, H, R, B, u = (per_step(name, values, n) for name, values in given.items())
+    shape = (n, *mean.shape)
+    means, means_p = np.empty(shape), np.empty(shape)
+    covariances, covariances_p = np.empty((n, d, d)), np.empty((n, d, d))
+    for k in range(n):
+        for verb in ("update", "predict") if update_first else ("predict", "update"):
+            if verb == "predict":
+                mean, covariance = predict(mean, covariance, F[k], Q[k], u[k], B[k])
+                means_p[k], covariances_p[k] = mean, covariance
+            else:
+                mean, covariance = update(mean, covariance, zs[k], R[k], H[k])
+                means[k], covariances[k] = mean, covariance
+        if saver is not None:
+            saver.save()
+    return means, covariances, means_p, covariances_p

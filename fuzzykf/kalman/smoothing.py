@@ -1,0 +1,126 @@
+"""The smoother of Rauch, Tung and Striebel on the output of a filter."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.engine import kalman as engine
+from fuzzykf.errors import ShapeError
+from fuzzykf.kalman._arguments import as_matrix, as_square
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.base import FloatArray
+
+__all__ = ["rts_smoother", "smooth_moments"]
+
+
+def rts_smoother(
+    Xs: ArrayLike,
+    Ps: ArrayLike,
+    Fs: Sequence[Any],
+    Qs: Sequence[Any],
+    inv: Callable[[Any], Any] = np.linalg.inv,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Smooth the means and covariances that `batch_filter` returned.
+
+    Parameters
+    ----------
+    Xs : array_like, shape (n, dim_x) or (n, dim_x, 1)
+        Filtered means.
+    Ps : array_like, shape (n, dim_x, dim_x)
+        Filtered covariances.
+    Fs, Qs : sequence of n arrays (dim_x, dim_x)
+        Transitions and covariances of the process noise.  Those of index k lead from
+        step k - 1 to step k, as in `batch_filter`; the first of each is not used.
+    inv : callable
+        Inverts the predicted covariances; `numpy.linalg.pinv` where they are singular.
+
+    Returns
+    -------
+    x, P : ndarray
+        Smoothed means and covariances, in the shapes of ``Xs`` and ``Ps``.
+    K : ndarray, shape (n, dim_x, dim_x)
+        Gains of the smoother; the last is zero.
+    Pp : ndarray, shape (n, dim_x, dim_x)
+        ``Pp[k]`` is the covariance of step k + 1 predicted from step k; the last is ``Ps[-1]``.
+
+    Raises
+    ------
+    ShapeError
+        If the lengths or shapes do not agree.
+
+    Notes
+    -----
+    Control inputs are not known here: x^s_k = x_k + K_k (x^s_{k+1} - F x_k) takes
+    the state to move by F alone, as filterpy's function does.  With control inputs,
+    or fading memory, use `KalmanFilter.smooth`.
+
+    References
+    ----------
+    H. E. Rauch, F. Tung, C. T. Striebel, Maximum likelihood estimates of linear
+    dynamic systems, AIAA Journal 3 (1965), 1445-1450.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> means, covariances = np.array([[0.0], [1.0]]), np.ones((2, 1, 1))
+    >>> x, P, K, Pp = rts_smoother(means, covariances, [np.eye(1)] * 2, [np.eye(1)] * 2)
+    >>> x.ravel(), P.ravel()
+    (array([0.5, 1. ]), array([0.75, 1.  ]))
+    """
+    x, P = np.array(Xs, dtype=np.float64), np.array(Ps, dtype=np.float64)
+    n = len(x)
+    if len(P) != n:
+        raise ShapeError(f"Ps: got {len(P)} covariances, expected {n}, one for each of Xs")
+    d = x.shape[1] if x.ndim > 1 else 0
+    if x.shape not in {(n, d), (n, d, 1)} or P.shape != (n, d, d):
+        raise ShapeError(f"Xs, Ps: got shapes {x.shape} and {P.shape}, expected (n, dim_x[, 1]) and squares")
+    for name, values in (("Fs", Fs), ("Qs", Qs)):
+        if len(values) < n:
+            raise ShapeError(f"{name}: got {len(values)} matrices, expected {n}, one for each of Xs")
+    K, Pp = np.zeros((n, d, d)), P.copy()
+    for k in range(n - 2, -1, -1):
+        F = as_matrix(f"Fs[{k + 1}]", Fs[k + 1], (d, d))
+        Pp[k] = F.dot(P[k]).dot(F.T) + as_square(f"Qs[{k + 1}]", Qs[k + 1], d)
+        K[k] = P[k].dot(F.T).dot(inv(Pp[k]))
+        x[k] += K[k].dot(x[k + 1] - F.dot(x[k]))
+        P[k] += K[k].dot(P[k + 1] - Pp[k]).dot(K[k].T)
+    return x, P, K, Pp
+
+
+def smooth_moments(
+    x: FloatArray,
+    P: FloatArray,
+    x_prior: FloatArray,
+    P_prior: FloatArray,
+    F: FloatArray,
+    Q: FloatArray,
+    alpha_sq: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Smooth from the predictions that the filter made, whatever went into them.
+
+    Parameters
+    ----------
+    x, x_prior : ndarray, shape (n, d)
+    P, P_prior, F : ndarray, shape (n, d, d)
+        ``F[k]`` leads to step k (the Jacobian, in the extended filter).
+    Q : ndarray, shape (d, d)
+    alpha_sq : float
+        Square of the fading memory; it acts as process noise (alpha^2 - 1) F P F' more.
+
+    Returns
+    -------
+    x, P : ndarray, shapes (n, d) and (n, d, d)
+    """
+    F, before = F[1:], P[:-1]
+    C = engine.rts_gains(before, P_prior[1:], F)
+    noise = np.broadcast_to(Q, F.shape)
+    if alpha_sq != 1.0:
+        noise = noise + (alpha_sq - 1.0) * (F @ before @ np.swapaxes(F, -1, -2))
+    return engine.smooth(x, P, x_prior, C, F, noise)
