@@ -132,7 +132,10 @@ def test_what_is_no_text_is_refused(content, tmp_path) -> None:
         read_table(tmp_path / "a.csv")
 
 
-@pytest.mark.parametrize("damage", [b"no gzip at all", gzip.compress(b"a,b\n1,2\n" * 99)[:-12]])
+PACKED = gzip.compress(b"a,b\n1,2\n" * 99)
+
+
+@pytest.mark.parametrize("damage", [b"no gzip at all", PACKED[:-12], PACKED[:12] + b"\xff" * 8 + PACKED[20:]])
 def test_a_damaged_compressed_file_is_refused(damage, tmp_path) -> None:
     (tmp_path / "a.csv.gz").write_bytes(damage)
     with pytest.raises(FileFormatError, match="got something else"):

@@ -20,10 +20,10 @@ def test_a_file_in_the_place_of_the_folder_is_refused_before_any_work(tmp_path) 
 
 def test_errors_that_can_be_mended_end_with_a_message_and_exit_code_1(capsys) -> None:
     with pytest.raises(typer.Exit) as exit_, output.report_errors():
-        raise ParameterError("train: got [1.5], expected a share")
+        raise ParameterError("column '[bold]' is not there")
     assert exit_.value.exit_code == 1
     # Brackets are text, not rich's markup.
-    assert capsys.readouterr().err == "Error: train: got [1.5], expected a share\n"
+    assert capsys.readouterr().err == "Error: column '[bold]' is not there\n"
 
 
 def test_an_error_of_the_program_itself_is_not_hidden() -> None:

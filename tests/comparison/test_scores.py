@@ -63,8 +63,8 @@ def test_the_length_of_blocks_is_that_of_the_theory() -> None:
     n, a = 8000, 0.7
     slope = 2 * a / ((1 - a) ** 2 * (1 - a**2))
     optimum = (2 * slope**2 / (4 / 3 / (1 - a) ** 4)) ** (1 / 3) * n ** (1 / 3)
-    lengths = [block_length(autoregression(n, a, rng)) for _ in range(30)]
-    assert np.mean(lengths) == pytest.approx(optimum, rel=0.15)
+    lengths = [block_length(autoregression(n, a, rng)) for _ in range(100)]
+    assert np.mean(lengths) == pytest.approx(optimum, rel=0.06)
 
 
 def test_white_noise_needs_short_blocks_and_a_trend_long_ones() -> None:
