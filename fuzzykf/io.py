@@ -19,7 +19,15 @@ from fuzzykf.errors import FileFormatError, FuzzykfError, ParameterError
 if TYPE_CHECKING:
     from os import PathLike
 
-__all__ = ["load_filter", "load_model", "read_document", "save_filter", "save_model", "write_document", "write_text"]
+__all__ = [
+    "load_filter",
+    "load_model",
+    "read_document",
+    "save_filter",
+    "save_model",
+    "write_document",
+    "write_text",
+]
 
 #: Version of the files that this package writes, and the only one that it reads.
 SCHEMA_VERSION = 1
@@ -38,7 +46,7 @@ def write_text(path: str | PathLike[str], text: str) -> None:
 def write_bytes(path: str | PathLike[str], content: bytes) -> None:
     """Write a file so that a reader sees the old one or the new one, whole."""
     target = Path(path)
-    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent or Path())
+    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
     try:
         with os.fdopen(handle, "wb") as stream:
             stream.write(content)
@@ -134,16 +142,18 @@ def model_to_dict(model: Any) -> dict[str, Any]:
 def model_from_dict(kind: str, values: dict[str, Any]) -> Any:
     """Build a model from what `model_to_dict` returned."""
     from fuzzykf.switching import forms
+    from fuzzykf.switching.fuzzy_model import CGOFMSModel
+    from fuzzykf.switching.hard_model import CGOMSModel
     from fuzzykf.switching.laws import FuzzyMarkovLaw
-    from fuzzykf.switching.models import CGOFMSModel, CGOMSModel
 
     known = {c.kind: c for c in (forms.CovarianceForm, forms.TransitionForm, forms.RegressionForm)}
     parameters = dict(values["form"])
-    form = known[parameters.pop("kind")](**parameters)
+    make_form: Any = known[parameters.pop("kind")]
+    form = make_form(**parameters)
     if kind == "CGOFMSModel":
         law = dict(values["law"])
-        make = {"fmc1": FuzzyMarkovLaw.fmc1, "fmc2": FuzzyMarkovLaw.fmc2}[law.pop("kind")]
-        return CGOFMSModel._from_form(make(**law), form)
+        make_law: Any = {"fmc1": FuzzyMarkovLaw.fmc1, "fmc2": FuzzyMarkovLaw.fmc2}[law.pop("kind")]
+        return CGOFMSModel._from_form(make_law(**law), form)
     return CGOMSModel._from_form(values["transition"], form, values["initial"])
 
 
@@ -174,7 +184,8 @@ def load_filter(path: str | PathLike[str], cls: type[M]) -> M:
 
     def build() -> Any:
         model = model_from_dict(document["model_kind"], document["model"])
-        loaded: Any = cls(model, **document["options"])
+        make: Any = cls
+        loaded = make(model, **document["options"])
         loaded._import_state(document["state"])
         return loaded
 

@@ -128,7 +128,8 @@ def _pack_few(
     constants[:p, 0], constants[p : 2 * p], constants[2 * p :, 0] = log_scale, rows[p:], C
     innovations = np.concatenate([rows[:p], np.zeros((p, 3 * M1))], axis=1)
     whole = np.concatenate([innovations, np.concatenate([constants, mix], axis=1)])
-    return FewNodes(mix, np.ascontiguousarray(whole), spread, np.kron(np.eye(2), spread))
+    sums = np.kron(np.eye(2), spread).astype(np.float64)
+    return FewNodes(mix, np.ascontiguousarray(whole), spread, sums)
 
 
 def first_step(

@@ -12,7 +12,7 @@ from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from fuzzykf.base import FloatArray
 
@@ -133,9 +133,10 @@ class SwitchChain:
         return self.nodes.size
 
     @cached_property
-    def atoms(self) -> FloatArray:
+    def atoms(self) -> NDArray[np.bool_]:
         """Which nodes are hard regimes, as a boolean array of shape (M,)."""
-        return np.isclose(self.class_weights.max(axis=1), 1.0, rtol=0.0, atol=1e-15)
+        hard: NDArray[np.bool_] = np.isclose(self.class_weights.max(axis=1), 1.0, rtol=0.0, atol=1e-15)
+        return hard
 
     @cached_property
     def is_signed(self) -> bool:

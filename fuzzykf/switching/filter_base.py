@@ -14,6 +14,7 @@ from fuzzykf.switching import recursion
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
     from numpy.typing import ArrayLike
 
     from fuzzykf.base import FloatArray
@@ -407,7 +408,7 @@ def _from_plain(values: dict[str, Any]) -> NodeState:
 
 
 def _windows(ys: FloatArray, order: int) -> FloatArray:
-    """The windows (y_n, y_{n-1}, ...) of full length, one row per n; NaN before the start."""
+    """Return the windows (y_n, y_{n-1}, ...) of full length, one row per n; NaN before the start."""
     n, q = ys.shape
     windows = np.full((n, order, q), np.nan)
     for lag in range(min(order, n)):

@@ -10,7 +10,8 @@ from fuzzykf.base import FilterResult, as_observations
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.switching.chain import SwitchChain
 from fuzzykf.switching.filter_base import MISSING, SwitchingFilter
-from fuzzykf.switching.models import CGOFMSModel, CGOMSModel
+from fuzzykf.switching.fuzzy_model import CGOFMSModel
+from fuzzykf.switching.hard_model import CGOMSModel
 from fuzzykf.switching.systems import known_pair
 from fuzzykf.switching.tables import InitialLaw
 
@@ -149,8 +150,8 @@ class CGOMSMFilter(_SavedFilter):
 class _KnownPath:
     """Stands in for a system whose tables come one by one, with the switch."""
 
-    order = 1
-    steady_from = None
+    order: int = 1
+    steady_from: int | None = None
 
     def __init__(self, model: CGOFMSModel | CGOMSModel) -> None:
         self.chain = SwitchChain([0.0], [1.0], [1.0], [[1.0]])

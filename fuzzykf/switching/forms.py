@@ -86,6 +86,7 @@ class _MeanAndCovariance(GaussianForm):
     stationary: FloatArray  # (K, d, d)
 
     def marginal(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and covariance of Z_1 given the shares of r_1."""
         return linear(self.means, u), linear(self.stationary, u)
 
     def _offset(self, A: FloatArray, u1: FloatArray, u2: FloatArray) -> FloatArray:
@@ -162,10 +163,12 @@ class CovarianceForm(_MeanAndCovariance):
     def pairs(
         self, u1: FloatArray, u2: FloatArray, describe: Describe, where: np.ndarray | None = None
     ) -> PairCoefficients:
+        """Regressions of a step given the shares of r_n and r_{n+1}."""
         A, Q = self.transition(u1, u2)
         return regress(A, self._offset(A, u1, u2), Q, self.dim_x, describe, where)
 
     def to_dict(self) -> dict[str, Any]:
+        """Return the parameters as plain lists."""
         return {
             "means": self.means.tolist(),
             "covariances": self.covariances.tolist(),
@@ -213,11 +216,13 @@ class TransitionForm(_MeanAndCovariance):
     def pairs(
         self, u1: FloatArray, u2: FloatArray, describe: Describe, where: np.ndarray | None = None
     ) -> PairCoefficients:
+        """Regressions of a step given the shares of r_n and r_{n+1}."""
         A = bilinear(self.A, u1, u2)
         B = bilinear(self.root, u1, u2)
         return regress(A, self._offset(A, u1, u2), symmetrize(B @ B), self.dim_x, describe, where)
 
     def to_dict(self) -> dict[str, Any]:
+        """Return the parameters as plain lists."""
         return {
             "A": self.A.tolist(),
             "Q": self.Q.tolist(),
@@ -281,11 +286,13 @@ class RegressionForm(GaussianForm):
         self._initial = LogCovariance("covariances", self.covariances)
 
     def marginal(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and covariance of Z_1 given the shares of r_1."""
         return linear(self.means, u), self._initial(u)
 
     def pairs(
         self, u1: FloatArray, u2: FloatArray, describe: Describe, where: np.ndarray | None = None
     ) -> PairCoefficients:
+        """Regressions of a step given the shares of r_n and r_{n+1}."""
         shares = u1[..., :, None] * u2[..., None, :]
         shares = shares.reshape(*shares.shape[:-2], self.n_classes**2)
         mixed = {
@@ -294,12 +301,13 @@ class RegressionForm(GaussianForm):
         return PairCoefficients(C=self._noise_x(shares), Qyy=self._noise_y(shares), **mixed)
 
     def to_dict(self) -> dict[str, Any]:
+        """Return the parameters as plain lists."""
         parameters = {name: value.tolist() for name, value in self.table._asdict().items()}
         return parameters | {"means": self.means.tolist(), "covariances": self.covariances.tolist()}
 
 
 def _dimensions(dim_x: int, d: int) -> tuple[int, int]:
-    if not isinstance(dim_x, (int, np.integer)) or not 1 <= dim_x < d:
+    if int(dim_x) != dim_x or not 1 <= dim_x < d:
         raise ParameterError(
             f"dim_x: got {dim_x!r}, expected a whole number from 1 to {d - 1}, since means has {d} columns "
             "(state and observation)"

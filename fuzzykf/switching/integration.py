@@ -169,4 +169,4 @@ def invert_line(density: Callable[[FloatArray], FloatArray], u: float, breaks: F
         return float(density(_open(start + t * width * x)) @ w) * t * width - target
 
     t = 0.0 if excess(0.0) >= 0.0 else 1.0 if excess(1.0) <= 0.0 else brentq(excess, 0.0, 1.0, xtol=1e-14)
-    return float(_open(np.array(start + t * width)))
+    return float(_open(np.array([start + float(t) * width]))[0])

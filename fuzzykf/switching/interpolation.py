@@ -15,7 +15,7 @@ __all__ = ["LogCovariance", "compose", "decompose"]
 
 
 def decompose(V: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Modified Cholesky factors of positive definite matrices: T V T' = diag(exp(g)).
+    """Take positive definite matrices apart into their modified Cholesky factors, T V T' = diag(exp g).
 
     T is unit lower triangular: row k holds minus the coefficients of the regression
     of component k on the earlier ones, and exp(g_k) is the variance of its residual.
@@ -29,7 +29,7 @@ def decompose(V: FloatArray) -> tuple[FloatArray, FloatArray]:
     T : ndarray, shape (..., d, d)
     g : ndarray, shape (..., d)
     """
-    L = np.linalg.cholesky(V)
+    L = np.linalg.cholesky(V).astype(np.float64, copy=False)
     diagonal = np.diagonal(L, axis1=-2, axis2=-1)
     T = np.linalg.solve(L / diagonal[..., None, :], np.broadcast_to(np.eye(V.shape[-1]), V.shape))
     return np.tril(T), 2.0 * np.log(diagonal)
@@ -37,9 +37,10 @@ def decompose(V: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def compose(T: FloatArray, g: FloatArray) -> FloatArray:
     """Return the covariance that `decompose` takes apart."""
-    root = np.linalg.solve(T, np.broadcast_to(np.eye(T.shape[-1]), T.shape)) * np.exp(0.5 * g)[..., None, :]
-    V: FloatArray = root @ np.swapaxes(root, -1, -2)
-    return V
+    inverse = np.linalg.solve(T, np.broadcast_to(np.eye(T.shape[-1]), T.shape))
+    root = inverse * np.exp(0.5 * g)[..., None, :]
+    product = root @ np.swapaxes(root, -1, -2)
+    return product.astype(np.float64, copy=False)
 
 
 class LogCovariance:

@@ -8,14 +8,12 @@ edges, a density inside.
 
 from __future__ import annotations
 
-import inspect
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_array
 from fuzzykf.switching.integration import Lines, cell_masses, integrate_line, invert_line
 
 if TYPE_CHECKING:
@@ -30,12 +28,6 @@ if TYPE_CHECKING:
     Edges: TypeAlias = Density | float | Sequence[Density | float]
 
 __all__ = ["FuzzyMarkovLaw"]
-
-#: A mass or a density may be negative by this much through rounding; it then counts as zero.
-ROUNDING = 1e-12
-
-#: Largest error of the total mass of a density given as a function.
-MASS_TOLERANCE = 1e-3
 
 
 class FuzzyMarkovLaw(ABC):
@@ -100,7 +92,9 @@ class FuzzyMarkovLaw(ABC):
         fuzzykf.errors.ParameterError: alpha: got 0.5, expected a number in [0, 0.228333], \
 so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         """
-        return _FMC1(alpha, delta, eta)
+        from fuzzykf.switching.law_families import FMC1
+
+        return FMC1(alpha, delta, eta)
 
     @classmethod
     def fmc2(cls, alpha: float, gamma: float, delta: float) -> FuzzyMarkovLaw:
@@ -129,7 +123,9 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         >>> round(law.beta, 6), round(law.p_hard, 6)
         (0.002, 0.544)
         """
-        return _FMC2(alpha, gamma, delta)
+        from fuzzykf.switching.law_families import FMC2
+
+        return FMC2(alpha, gamma, delta)
 
     @classmethod
     def from_density(
@@ -172,7 +168,9 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         >>> round(law.p_hard, 6)
         0.7
         """
-        return _DensityLaw(corners, edges, interior, kinks)
+        from fuzzykf.switching.law_families import DensityLaw
+
+        return DensityLaw(corners, edges, interior, kinks)
 
     # ------------------------------------------------------------------ the density, part by part
 
@@ -219,7 +217,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         ndarray
             Of the broadcast shape.
         """
-        a, b = np.broadcast_arrays(_switch("r1", r1), _switch("r2", r2))
+        a, b = np.broadcast_arrays(checked_switch("r1", r1), checked_switch("r2", r2))
         hard_a, hard_b = (a == 0.0) | (a == 1.0), (b == 0.0) | (b == 1.0)
         density = np.empty(a.shape)
         both = hard_a & hard_b
@@ -243,7 +241,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         ndarray
             Of the shape of ``r``: probabilities at 0 and 1, densities in between.
         """
-        value = _switch("r", r)
+        value = checked_switch("r", r)
         flat = value.reshape(-1)
         inner = integrate_line(self.joint_density, flat, 0.0, 1.0, self.lines)
         ends = self.joint_density(flat[:, None], np.array([0.0, 1.0])).sum(axis=1)
@@ -265,7 +263,9 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         """
         joint = self.joint_density(r1, r2)
         marginal = np.broadcast_to(self.marginal_density(r1), joint.shape)
-        return np.divide(joint, marginal, out=np.full(joint.shape, np.nan), where=marginal > 0.0)
+        undefined = np.full(joint.shape, np.nan)
+        density: FloatArray = np.divide(joint, marginal, out=undefined, where=marginal > 0.0)
+        return density
 
     def harden(self) -> FloatArray:
         """Return the joint probabilities of the two hard regimes.
@@ -383,253 +383,9 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         return self
 
 
-# --------------------------------------------------------------------------- the laws of the paper
-
-
-class _FMC1(FuzzyMarkovLaw):
-    kind = "fmc1"
-
-    def __init__(self, alpha: float, delta: float, eta: float) -> None:
-        alpha, delta, eta = (_number(n, v) for n, v in (("alpha", alpha), ("delta", delta), ("eta", eta)))
-        for name, value in (("delta", delta), ("eta", eta)):
-            if value < 0.0:
-                raise ParameterError(f"{name}: got {value:.6g}, expected a density, which is not negative")
-        # eq. (24): alpha + beta
-        bound = (1.0 - 2.5 * (delta + eta) + (delta - eta) / 6.0) / 2.0
-        if bound < -ROUNDING:
-            raise ParameterError(
-                f"delta, eta: got {delta:.6g} and {eta:.6g}, for which 5/2 (delta + eta) - (delta - eta)/6 "
-                f"= {1.0 - 2.0 * bound:.6g}; expected at most 1"
-            )
-        beta = _beta(alpha, bound, f"beta (eq. 24) is not negative for delta = {delta:.6g} and eta = {eta:.6g}")
-        self.alpha, self.delta, self.eta = alpha, delta, eta
-        self.corners = _frozen(np.array([[alpha, beta], [beta, alpha]]))
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        return {"alpha": self.alpha, "delta": self.delta, "eta": self.eta}
-
-    @property
-    def lines(self) -> Lines:
-        return Lines(kinks=np.array([0.0]), breaks=np.array([0.0, 1.0]), order=4)
-
-    def _interior(self, r1: FloatArray, r2: FloatArray) -> FloatArray:
-        density: FloatArray = self.eta + (self.delta - self.eta) * np.abs(r1 - r2)
-        return density
-
-    _edge = _interior
-
-    def marginal_density(self, r: ArrayLike) -> FloatArray:
-        value = _switch("r", r)
-        delta, eta = self.delta, self.eta
-        hard = (value == 0.0) | (value == 1.0)  # eq. (23)
-        inside = 1.5 * (delta + eta) + (delta - eta) * (value * value - value)
-        return np.where(hard, self.corners[0].sum() + 0.5 * (delta + eta), inside)
-
-    def _inner_mass(self, r: float) -> float:
-        return self._below(r, 1.0)
-
-    def _below(self, r: float, s: float) -> float:
-        """Mass of the values in ]0, s[ that follow r."""
-        slope = self.delta - self.eta
-        spread = 0.5 * (r * r - (r - s) * abs(r - s))
-        return self.eta * s + slope * spread
-
-    def _draw_inside(self, r: float, u: float) -> float:
-        # the distribution function is quadratic on either side of r
-        slope = self.delta - self.eta
-        level = self.eta  # density at distance zero
-        target = u * self._below(r, 1.0) - self._below(r, r)
-        side = 1.0 if target >= 0.0 else -1.0
-        # level t + slope t^2 / 2 = |target|, in the form that does not cancel
-        root = np.sqrt(max(level * level + 2.0 * slope * abs(target), 0.0))
-        distance = 2.0 * abs(target) / (level + root) if level + root > 0.0 else 0.0
-        return float(min(max(r + side * distance, np.nextafter(0.0, 1.0)), np.nextafter(1.0, 0.0)))
-
-
-class _FMC2(FuzzyMarkovLaw):
-    kind = "fmc2"
-
-    def __init__(self, alpha: float, gamma: float, delta: float) -> None:
-        alpha, gamma, delta = (_number(n, v) for n, v in (("alpha", alpha), ("gamma", gamma), ("delta", delta)))
-        if not 0.0 <= delta < 0.5:
-            raise ParameterError(f"delta: got {delta:.6g}, expected a half width in [0, 0.5[")
-        area = delta * (6.0 - delta)
-        if gamma < 0.0:
-            raise ParameterError(f"gamma: got {gamma:.6g}, expected a density, which is not negative")
-        bound = (1.0 - gamma * area) / 2.0  # eq. (32): alpha + beta
-        if bound < -ROUNDING:
-            raise ParameterError(
-                f"gamma: got {gamma:.6g}, expected a number in [0, {1.0 / area:.6g}] for delta = {delta:.6g} "
-                f"(in [0, {max(1.0 - 2.0 * alpha, 0.0) / area:.6g}] for alpha = {alpha:.6g})"
-            )
-        beta = _beta(
-            alpha,
-            bound,
-            f"beta (eq. 32) is not negative for gamma = {gamma:.6g} and delta = {delta:.6g}"
-            + (
-                f"; for alpha = {alpha:.6g}, gamma must be at most {(1.0 - 2.0 * alpha) / area:.6g}"
-                if area > 0.0 and 0.0 <= alpha <= 0.5
-                else ""
-            ),
-        )
-        self.alpha, self.gamma, self.delta = alpha, gamma, delta
-        self.corners = _frozen(np.array([[alpha, beta], [beta, alpha]]))
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        return {"alpha": self.alpha, "gamma": self.gamma, "delta": self.delta}
-
-    @property
-    def lines(self) -> Lines:
-        # the marginal has kinks at delta and 1 - delta (eq. 31)
-        breaks = np.array([0.0, self.delta, 1.0 - self.delta, 1.0])
-        return Lines(kinks=np.array([-self.delta, self.delta]), breaks=np.unique(breaks), order=4)
-
-    def _interior(self, r1: FloatArray, r2: FloatArray) -> FloatArray:
-        # midpoint nodes fall on the rim of the band exactly, but for rounding
-        return np.where(np.abs(r1 - r2) <= self.delta + ROUNDING, self.gamma, 0.0)
-
-    _edge = _interior
-
-    def marginal_density(self, r: ArrayLike) -> FloatArray:
-        value = _switch("r", r)
-        hard = (value == 0.0) | (value == 1.0)  # eq. (31)
-        low = np.where(value <= self.delta + ROUNDING, 1.0 + value, self.delta)
-        high = np.where(value >= 1.0 - self.delta - ROUNDING, 2.0 - value, self.delta)
-        return np.where(hard, self.corners[0].sum() + self.gamma * self.delta, self.gamma * (low + high))
-
-    def _inner_mass(self, r: float) -> float:
-        return self.gamma * (min(1.0, r + self.delta) - max(0.0, r - self.delta))
-
-    def _draw_inside(self, r: float, u: float) -> float:
-        low, high = max(0.0, r - self.delta), min(1.0, r + self.delta)
-        return float(min(max(low + u * (high - low), np.nextafter(0.0, 1.0)), np.nextafter(1.0, 0.0)))
-
-
-class _DensityLaw(FuzzyMarkovLaw):
-    kind = "from_density"
-
-    def __init__(
-        self, corners: ArrayLike, edges: Edges, interior: Density | float, kinks: Sequence[float]
-    ) -> None:
-        masses = as_array("corners", corners, (2, 2))
-        if (masses < 0.0).any() or abs(masses[0, 1] - masses[1, 0]) > ROUNDING:
-            raise ParameterError(
-                f"corners: got {masses.tolist()}, expected four masses, not negative, with "
-                "corners[0, 1] = corners[1, 0]"
-            )
-        shifts = as_array("kinks", list(kinks), (None,))
-        if (np.abs(shifts) > 1.0).any():
-            raise ParameterError(f"kinks: got {shifts.tolist()}, expected differences r2 - r1 in [-1, 1]")
-        self.corners = _frozen(masses)
-        self._edges = _edge_functions(edges)
-        self._inside = _as_function("interior", interior)
-        self._lines = Lines(
-            kinks=np.unique(np.concatenate([shifts, -shifts])), breaks=np.linspace(0.0, 1.0, 9), order=12
-        )
-        grid = (np.arange(32) + 0.5) / 32.0
-        values = self._interior(*np.meshgrid(grid, grid, indexing="ij"))
-        if not np.allclose(values, values.T, rtol=1e-9, atol=1e-12):
-            raise ParameterError("interior: expected a symmetric density, interior(r1, r2) = interior(r2, r1)")
-        for k in (0.0, 1.0):
-            self._edge(np.full(grid.size, k), grid)
-        total = float(cell_masses(self, np.linspace(0.0, 1.0, 5)).sum())
-        if abs(total - 1.0) > MASS_TOLERANCE:
-            raise ParameterError(
-                f"corners, edges, interior: the total mass is {total:.6g}, expected 1; corners + 2 (integral "
-                "of both edges) + integral of the interior"
-            )
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        return {}
-
-    @property
-    def lines(self) -> Lines:
-        return self._lines
-
-    def _edge(self, corner: FloatArray, r: FloatArray) -> FloatArray:
-        value = np.where(corner == 0.0, _evaluate("edges", self._edges[0], r), 0.0)
-        return value + np.where(corner == 1.0, _evaluate("edges", self._edges[1], r), 0.0)
-
-    def _interior(self, r1: FloatArray, r2: FloatArray) -> FloatArray:
-        return _evaluate("interior", self._inside, r1, r2)
-
-
-# --------------------------------------------------------------------------- arguments
-
-
-def _number(name: str, value: float) -> float:
-    return float(as_array(name, value, ()))
-
-
-def _beta(alpha: float, bound: float, purpose: str) -> float:
-    """Beta from alpha and alpha + beta; zero where rounding makes it negative."""
-    beta = bound - alpha
-    if alpha < 0.0 or beta < -ROUNDING:
-        raise ParameterError(
-            f"alpha: got {alpha:.6g}, expected a number in [0, {max(bound, 0.0):.6g}], so that {purpose}"
-        )
-    return max(beta, 0.0)
-
-
-def _switch(name: str, r: ArrayLike) -> FloatArray:
+def checked_switch(name: str, r: ArrayLike) -> FloatArray:
     value = np.asarray(r, dtype=np.float64)
     if not ((value >= 0.0) & (value <= 1.0)).all():
         bad = value[~((value >= 0.0) & (value <= 1.0))].reshape(-1)[0]
         raise ParameterError(f"{name}: got {bad}, expected values of the switch in [0, 1]")
-    return value
-
-
-def _frozen(array: FloatArray) -> FloatArray:
-    array.flags.writeable = False
-    return array
-
-
-def _as_function(name: str, density: Density | float) -> Density:
-    if callable(density):
-        return density
-    constant = _number(name, density)
-
-    def constant_density(*r: FloatArray) -> FloatArray:
-        return np.full(np.broadcast_shapes(*(np.shape(a) for a in r)), constant)
-
-    return constant_density
-
-
-def _edge_functions(edges: Edges) -> tuple[Density, Density]:
-    if callable(edges):
-        both: Density = edges
-        if _n_arguments(both) == 1:
-            return both, both
-        return (lambda r: both(np.zeros_like(r), r)), (lambda r: both(np.ones_like(r), r))
-    if np.ndim(edges) == 0 and not isinstance(edges, (tuple, list)):
-        constant = _as_function("edges", edges)  # type: ignore[arg-type]
-        return constant, constant
-    pair = list(edges)  # type: ignore[arg-type]
-    if len(pair) != 2:
-        raise ParameterError(f"edges: got {len(pair)} parts, expected the two densities p(0, r) and p(1, r)")
-    return _as_function("edges", pair[0]), _as_function("edges", pair[1])
-
-
-def _n_arguments(function: Density) -> int:
-    try:
-        parameters = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):  # some built-in functions hide their signature
-        return 2
-    positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    return sum(p.kind in positional and p.default is inspect.Parameter.empty for p in parameters)
-
-
-def _evaluate(name: str, density: Density, *r: FloatArray) -> FloatArray:
-    shape = np.broadcast_shapes(*(a.shape for a in r))
-    value = np.asarray(density(*r), dtype=np.float64)
-    try:
-        value = np.broadcast_to(value, shape)
-    except ValueError:
-        raise ParameterError(f"{name}: returned shape {value.shape} for values of shape {shape}") from None
-    if not np.isfinite(value).all() or (value < -ROUNDING).any():
-        worst = value.min() if np.isfinite(value).all() else float("nan")
-        raise ParameterError(f"{name}: returned {worst}, expected finite densities that are not negative")
     return value

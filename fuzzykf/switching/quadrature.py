@@ -38,7 +38,7 @@ def discretize(law: FuzzyMarkovLaw, n_nodes: int, rule: str) -> SwitchChain:
     """Approximate a law by a Markov chain; see `FuzzyMarkovLaw.discretize`."""
     if rule not in RULES:
         raise ParameterError(f"rule: got {rule!r}, expected one of {', '.join(map(repr, RULES))}")
-    if not isinstance(n_nodes, (int, np.integer)) or n_nodes < 0:
+    if isinstance(n_nodes, bool) or int(n_nodes) != n_nodes or n_nodes < 0:
         raise ParameterError(f"n_nodes: got {n_nodes!r}, expected a whole number of at least 0")
     F = int(n_nodes)
     if rule == "product" and F:
@@ -95,7 +95,8 @@ def panel_bounds(law: FuzzyMarkovLaw) -> FloatArray:
             raise ParameterError("rule: 'product' needs a law whose kinks divide [0, 1] into a few panels")
     ordered = np.array(sorted(bounds))
     keep = np.concatenate([[True], np.diff(ordered) > 1e-9])
-    return ordered[keep]
+    bounds_kept: FloatArray = ordered[keep]
+    return bounds_kept
 
 
 def _product_chain(law: FuzzyMarkovLaw, F: int) -> SwitchChain:

@@ -69,7 +69,9 @@ def first_observation(law: InitialLaw, y: FloatArray) -> tuple[NodeState, float]
     return NodeState(table), log_likelihood
 
 
-def advance(tables: PairTables, state: NodeState, window: FloatArray, y: FloatArray) -> tuple[NodeState, float]:
+def advance(
+    tables: PairTables, state: NodeState, window: FloatArray, y: FloatArray
+) -> tuple[NodeState, float]:
     """Take the next observation ``y`` (q,) into account, given the window (w,) before it."""
     table, sign, log_likelihood = engine.step(tables.kernel, state.table, state.sign, window, y)
     new = NodeState(table, sign)
@@ -131,9 +133,7 @@ def posterior_moments(state: NodeState, m: int) -> tuple[FloatArray, FloatArray]
     return mixture_moments(node_probabilities(state), *node_moments(state, m))
 
 
-def predict_state(
-    tables: PairTables, state: NodeState, window: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def predict_state(tables: PairTables, state: NodeState, window: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean (..., m) and covariance (..., m, m) of X_{n+1} given y_1..n.
 
     Parameters
@@ -193,10 +193,12 @@ def most_likely_switch(chain: SwitchChain, mu: FloatArray) -> FloatArray:
     -------
     ndarray, shape (...)
     """
-    atoms, inner = np.flatnonzero(chain.atoms)[::-1], np.flatnonzero(~chain.atoms)
+    hard_nodes = chain.atoms
+    atoms, inner = np.flatnonzero(hard_nodes)[::-1], np.flatnonzero(~hard_nodes)
     # on a tie the paper's rule takes the regime 1, hence the reversed order
-    hard = chain.nodes[atoms][np.argmax(mu[..., atoms], axis=-1)]
+    hard: FloatArray = chain.nodes[atoms][np.argmax(mu[..., atoms], axis=-1)]
     if inner.size == 0:
         return hard
     soft = chain.nodes[inner][np.argmax(mu[..., inner] / chain.weights[inner], axis=-1)]
-    return np.where(mu[..., atoms].sum(axis=-1) > 0.5, hard, soft)
+    estimate: FloatArray = np.where(mu[..., atoms].sum(axis=-1) > 0.5, hard, soft)
+    return estimate

@@ -10,6 +10,8 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import semidefinite_root
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from fuzzykf.base import FloatArray
     from fuzzykf.switching.chain import SwitchChain
     from fuzzykf.switching.forms import GaussianForm
@@ -54,7 +56,9 @@ def sample_classes(chain: SwitchChain, n: int, rng: np.random.Generator) -> Floa
     return values
 
 
-def simulate_path(form: GaussianForm, r: FloatArray, shares: FloatArray, rng: np.random.Generator) -> Simulation:
+def simulate_path(
+    form: GaussianForm, r: FloatArray, shares: FloatArray, rng: np.random.Generator
+) -> Simulation:
     """Draw states and observations along a path of the switch.
 
     Parameters
@@ -74,22 +78,22 @@ def simulate_path(form: GaussianForm, r: FloatArray, shares: FloatArray, rng: np
         first = mean[0] + semidefinite_root(covariance[0]) @ noise[0]
         x[0], y[0] = first[:m], first[m:]
 
-    def describe(start: int, index: tuple[int, ...]) -> str:
-        k = start + index[0]
-        return f"step {k}, r_n = {r[k]:.6g}, r_n+1 = {r[k + 1]:.6g}"
-
     for start in range(0, n - 1, _CHUNK):
         stop = min(start + _CHUNK, n - 1)
-        steps = form.pairs(
-            shares[start:stop], shares[start + 1 : stop + 1], lambda k, start=start: describe(start, k)
-        )
+        steps = form.pairs(shares[start:stop], shares[start + 1 : stop + 1], _describe_steps(r, start))
         root_y, root_x = np.linalg.cholesky(steps.Qyy), semidefinite_root(steps.C)
         shock_y = (root_y @ noise[start + 1 : stop + 1, m:, None])[..., 0] + steps.Ny
         shock_x = (root_x @ noise[start + 1 : stop + 1, :m, None])[..., 0] + steps.c
         for k in range(stop - start):
             now = start + k
             y[now + 1] = steps.Ayy[k] @ y[now] + shock_y[k]
-            x[now + 1] = (
-                steps.Axx[k] @ x[now] + steps.H[k] @ y[now] + steps.G[k] @ y[now + 1] + shock_x[k]
-            )
+            x[now + 1] = steps.Axx[k] @ x[now] + steps.H[k] @ y[now] + steps.G[k] @ y[now + 1] + shock_x[k]
     return Simulation(x, y, r)
+
+
+def _describe_steps(r: FloatArray, start: int) -> Callable[[tuple[int, ...]], str]:
+    def describe(index: tuple[int, ...]) -> str:
+        k = start + index[0]
+        return f"step {k}, r_n = {r[k]:.6g}, r_n+1 = {r[k + 1]:.6g}"
+
+    return describe

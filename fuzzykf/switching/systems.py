@@ -32,8 +32,8 @@ class StationarySystem:
         message names the pair and the eigenvalue.
     """
 
-    order = 1
-    steady_from = 0
+    order: int = 1
+    steady_from: int | None = 0
 
     def __init__(self, chain: SwitchChain, form: GaussianForm) -> None:
         self.chain, self.form = chain, form

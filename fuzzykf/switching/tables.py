@@ -48,12 +48,12 @@ class PairCoefficients(NamedTuple):
     @property
     def dim_x(self) -> int:
         """Number m of components of the state."""
-        return self.Axx.shape[-1]
+        return int(self.Axx.shape[-1])
 
     @property
     def dim_z(self) -> int:
         """Number q of components of an observation."""
-        return self.Qyy.shape[-1]
+        return int(self.Qyy.shape[-1])
 
 
 def regress(

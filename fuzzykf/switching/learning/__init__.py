@@ -10,11 +10,14 @@ from fuzzykf.switching.learning.result import FitResult
 from fuzzykf.switching.learning.supervised import fit_fuzzy, fit_hard
 
 if TYPE_CHECKING:
-    from fuzzykf.switching.models import CGOFMSModel, CGOMSModel
+    from fuzzykf.switching.fuzzy_model import CGOFMSModel
+    from fuzzykf.switching.hard_model import CGOMSModel
 
 __all__ = ["FitResult", "fit_fuzzy_model", "fit_hard_model"]
 
-_HIDDEN = "r: missing; learning with a hidden switch is not supported yet, give the switch at each observation"
+_HIDDEN = (
+    "r: missing; learning with a hidden switch is not supported yet, give the switch at each observation"
+)
 
 
 def fit_fuzzy_model(

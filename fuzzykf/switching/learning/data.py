@@ -79,8 +79,8 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
     if x is None or y is None:
         missing = "x" if x is None else "y"
         raise ParameterError(
-            f"{missing}: missing; the parameters of the state are not identifiable from y alone, so a stretch "
-            "of data is needed in which x was measured as well"
+            f"{missing}: missing; the parameters of the state are not identifiable from y alone, so a "
+            "stretch of data is needed in which x was measured as well"
         )
     xs, ys = _series("x", x), _series("y", y)
     rs: Sequence[Any] = [None] * len(xs) if r is None else _series("r", r)

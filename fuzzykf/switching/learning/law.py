@@ -89,7 +89,8 @@ def _maximise(
         law = make(np.clip(logits, -40.0, 40.0))
         joint, marginal = law.joint_density(pairs[0], pairs[1]), law.marginal_density(pairs[0])
         with np.errstate(divide="ignore"):
-            return -float(counts @ (np.log(np.maximum(joint, 1e-300)) - np.log(marginal))) / counts.sum()
+            log_p = np.log(np.maximum(joint, 1e-300)) - np.log(marginal)
+        return -float(counts @ log_p) / float(counts.sum())
 
     found = minimize(loss, np.zeros(n_free), method="Nelder-Mead", options=_SEARCH)
     again = minimize(loss, found.x, method="Nelder-Mead", options=_SEARCH)

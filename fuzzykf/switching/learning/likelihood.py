@@ -26,7 +26,7 @@ _CHUNK = 1024
 
 
 def emissions(system: StationarySystem, now: FloatArray, then: FloatArray) -> FloatArray:
-    """log p(z_{n+1} | z_n, r_n = i, r_{n+1} = j) for n transitions, (n, M, M).
+    """Log p(z_{n+1} | z_n, r_n = i, r_{n+1} = j) for n transitions, (n, M, M).
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def forward(log_transition: FloatArray, log_first: FloatArray, log_emission: Flo
 
 
 def log_likelihood(system: StationarySystem, data: TrainingData) -> float:
-    """log p(x, y) of all stretches, in the units of the data."""
+    """Log p(x, y) of all stretches, in the units of the data."""
     z = data.z * data.scale.std + data.scale.mean
     law = system.initial()
     factor = cholesky(law.covariance, lambda k: f"covariance of Z in node {k[0]}")
@@ -86,7 +86,9 @@ def log_likelihood(system: StationarySystem, data: TrainingData) -> float:
     total = 0.0
     stops = np.append(data.starts[1:], len(z))
     for start, stop in zip(data.starts, stops, strict=True):
-        first = np.maximum(log_probability(law.probability), LOG_ZERO) + log_density(z[start] - law.mean, factor)
+        first = np.maximum(log_probability(law.probability), LOG_ZERO) + log_density(
+            z[start] - law.mean, factor
+        )
         total += _stretch(system, log_transition, first, z[start:stop])
     return total
 

@@ -36,7 +36,7 @@ class Cells(NamedTuple):
     """Weighted second moments of v = (regressors and targets) per cell."""
 
     shares: FloatArray  # (c, B), rows sum to one
-    count: FloatArray  # (c,)
+    weight: FloatArray  # (c,): number of observations
     moment: FloatArray  # (c, f, f): mean of v v'
 
 
@@ -87,7 +87,7 @@ def fit_regression(
     S_pp = cells.moment[:, regressors][:, :, regressors]
     S_tp = cells.moment[:, targets][:, :, regressors]
     S_tt = cells.moment[:, targets][:, :, targets]
-    pooled, scatter = _pooled(cells.count, S_pp, S_tp, S_tt)
+    pooled, scatter = _pooled(cells.weight, S_pp, S_tp, S_tt)
     B = cells.shares.shape[1]
     current = start if start is not None else Regression(*(np.repeat(a[None], B, axis=0) for a in pooled))
     value = -np.inf
@@ -103,7 +103,9 @@ def fit_regression(
     return current
 
 
-def regression_log_likelihood(cells: Cells, targets: list[int], regressors: list[int], fit: Regression) -> float:
+def regression_log_likelihood(
+    cells: Cells, targets: list[int], regressors: list[int], fit: Regression
+) -> float:
     """Log-likelihood of the targets given the regressors."""
     S_pp = cells.moment[:, regressors][:, :, regressors]
     S_tp = cells.moment[:, targets][:, :, regressors]
@@ -142,7 +144,7 @@ def _coefficients(
     scatter: FloatArray,
 ) -> FloatArray:
     """Generalised least squares for beta (B, t, p)."""
-    shares, count = cells.shares, cells.count
+    shares, count = cells.shares, cells.weight
     c, B = shares.shape
     t, p = S_tp.shape[1:]
     W = _precision(shares, current) * count[:, None, None]
@@ -175,7 +177,7 @@ def _factors(
     cells: Cells, residual: FloatArray, current: Regression, pooled: Regression
 ) -> tuple[FloatArray, FloatArray]:
     """Covariance factors from residual moments, one component after the other."""
-    shares, count = cells.shares, cells.count
+    shares, count = cells.shares, cells.weight
     B, t = current.g.shape
     T, g = current.T.copy(), current.g.copy()
     for k in range(t):
@@ -226,7 +228,7 @@ def _likelihood(cells: Cells, residual: FloatArray, fit: Regression) -> float:
     t = fit.g.shape[1]
     quadratic = np.einsum("cij,cij->c", W, residual)
     log_det = (cells.shares @ fit.g).sum(axis=1)
-    return -0.5 * float(cells.count @ (quadratic + log_det + t * _LOG_2PI))
+    return -0.5 * float(cells.weight @ (quadratic + log_det + t * _LOG_2PI))
 
 
 def _objective(

@@ -13,11 +13,12 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.forms import RegressionForm
-from fuzzykf.switching.learning.likelihood import log_likelihood
+from fuzzykf.switching.fuzzy_model import CGOFMSModel
+from fuzzykf.switching.hard_model import CGOMSModel
 from fuzzykf.switching.learning.law import count_transitions, fit_law
+from fuzzykf.switching.learning.likelihood import log_likelihood
 from fuzzykf.switching.learning.regression import Cells, Regression, fit_regression
 from fuzzykf.switching.learning.result import FitResult
-from fuzzykf.switching.models import CGOFMSModel, CGOMSModel
 
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
@@ -124,8 +125,8 @@ def scarcity(shares: FloatArray, data: TrainingData) -> list[str]:
         for j in range(K):
             if min(visits[i], visits[j]) >= SCARCE and pairs[i, j] < SCARCE:
                 found.append(
-                    f"the pair of regimes ({i}, {j}) hardly occurs (a total share of {pairs[i, j]:.3g} steps); "
-                    "its parameters follow the others"
+                    f"the pair of regimes ({i}, {j}) hardly occurs (a total share of {pairs[i, j]:.3g} "
+                    "steps); its parameters follow the others"
                 )
     return found
 
@@ -170,7 +171,9 @@ def fit_hard(data: TrainingData, n_switches: int) -> FitResult[CGOMSModel]:
     notes = scarcity(shares, data)
     left = counts.sum(axis=1)
     for k in np.flatnonzero(left == 0.0):
-        notes.append(f"the regime {k} is never left or stayed in; every regime is taken as equally likely after")
+        notes.append(
+            f"the regime {k} is never left or stayed in; every regime is taken as equally likely after"
+        )
     transition = np.where(left[:, None] > 0.0, counts / np.maximum(left, 1.0)[:, None], 1.0 / n_switches)
     visits = shares.sum(axis=0)
     model = CGOMSModel._from_form(transition, _fit_form(data, shares), visits / visits.sum())

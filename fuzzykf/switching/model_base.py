@@ -1,0 +1,68 @@
+"""What the switching models share: a Gaussian form, files, and value semantics."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from fuzzykf.switching.forms import GaussianForm
+
+__all__ = ["SwitchingModel"]
+
+
+class SwitchingModel:
+    """What the fuzzy and the hard model share: a Gaussian form, and value semantics."""
+
+    form: GaussianForm
+
+    @property
+    def dim_x(self) -> int:
+        """Number m of components of the state."""
+        return self.form.dim_x
+
+    @property
+    def dim_z(self) -> int:
+        """Number q of components of an observation."""
+        return self.form.dim_z
+
+    @property
+    def n_classes(self) -> int:
+        """Number K of hard regimes."""
+        return self.form.n_classes
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the model to a JSON file, atomically.
+
+        Parameters
+        ----------
+        path : path-like
+
+        Raises
+        ------
+        ParameterError
+            If the model holds functions (a law made by `FuzzyMarkovLaw.from_density`).
+        """
+        from fuzzykf.io import save_model
+
+        save_model(self, path)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read a model that `save` has written.
+
+        Raises
+        ------
+        FileFormatError
+            If the file is damaged, foreign, of another version, or holds another model.
+        """
+        from fuzzykf.io import load_model
+
+        return load_model(path, cls)
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
