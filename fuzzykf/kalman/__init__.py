@@ -1,10 +1,12 @@
 """Kalman filters with the interface of filterpy's, as classes and as functions."""
 
+from fuzzykf.kalman.extended import ExtendedKalmanFilter
 from fuzzykf.kalman.functions import batch_filter, predict, predict_steadystate, update, update_steadystate
 from fuzzykf.kalman.kalman_filter import KalmanFilter
 from fuzzykf.kalman.smoothing import rts_smoother
 
 __all__ = [
+    "ExtendedKalmanFilter",
     "KalmanFilter",
     "batch_filter",
     "predict",

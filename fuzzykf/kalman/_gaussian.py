@@ -10,10 +10,20 @@ import numpy as np
 
 from fuzzykf.base import Filter
 from fuzzykf.engine import kalman as engine
-from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError, as_square, as_state, dimension
+from fuzzykf.gaussian import as_array
+from fuzzykf.kalman._arguments import (
+    SINGULAR,
+    SingularInnovationError,
+    as_covariance,
+    as_square,
+    as_state,
+    dimension,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from numpy.typing import ArrayLike
 
     from fuzzykf.base import FloatArray
 
@@ -35,6 +45,8 @@ class GaussianFilter(Filter):
     ----------
     dim_x, dim_z, dim_u : int
         Dimensions of state, observation and control.
+    x, P, F, Q, R : array_like, optional
+        Initial values of these attributes, checked.
     """
 
     x: Any
@@ -52,15 +64,26 @@ class GaussianFilter(Filter):
     P_post: Any
     inv: Callable[[Any], Any]
 
-    def __init__(self, dim_x: int, dim_z: int, dim_u: int = 0) -> None:
+    def __init__(
+        self,
+        dim_x: int,
+        dim_z: int,
+        dim_u: int = 0,
+        *,
+        x: ArrayLike | None = None,
+        P: ArrayLike | None = None,
+        F: ArrayLike | None = None,
+        Q: ArrayLike | None = None,
+        R: ArrayLike | None = None,
+    ) -> None:
         self.dim_x = dimension("dim_x", dim_x, 1)
         self.dim_z = dimension("dim_z", dim_z, 1)
         self.dim_u = dimension("dim_u", dim_u, 0)
-        self.x = np.zeros((dim_x, 1))
-        self.P = np.eye(dim_x)
-        self.F = np.eye(dim_x)
-        self.Q = np.eye(dim_x)
-        self.R = np.eye(dim_z)
+        self.x = np.zeros((dim_x, 1)) if x is None else as_state(x, dim_x).copy()
+        self.P = np.eye(dim_x) if P is None else as_covariance("P", P, dim_x).copy()
+        self.F = np.eye(dim_x) if F is None else as_array("F", F, (dim_x, dim_x))
+        self.Q = np.eye(dim_x) if Q is None else as_covariance("Q", Q, dim_x).copy()
+        self.R = np.eye(dim_z) if R is None else as_covariance("R", R, dim_z).copy()
         self.z = np.full((dim_z, 1), None)
         self.y = np.zeros((dim_z, 1))
         self.S = np.zeros((dim_z, dim_z))
@@ -68,6 +91,8 @@ class GaussianFilter(Filter):
         self.K = np.zeros((dim_x, dim_z))
         self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
+        if self.x.ndim == 1:
+            self._turn(1)
         self.inv = np.linalg.inv
         self._I = np.eye(dim_x)
         self._alpha_sq = 1.0

@@ -15,7 +15,18 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import FloatArray
 
-__all__ = ["as_many", "as_result", "check_keep", "collect", "per_step", "unchanged_on_error"]
+__all__ = [
+    "FIELDS",
+    "as_batch",
+    "as_many",
+    "as_result",
+    "check_keep",
+    "collect",
+    "field_shapes",
+    "filter_each",
+    "per_step",
+    "unchanged_on_error",
+]
 
 #: What a filter with one mean and one covariance can tell about a series.
 FIELDS = ("x", "P", "x_prior", "P_prior", "log_likelihood")
@@ -75,6 +86,22 @@ def as_result(stored: dict[str, FloatArray], zs: Any, **more: Any) -> FilterResu
     """Make a `FilterResult` that remembers the index of a pandas object."""
     index = getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None
     return FilterResult(**stored, **more, index=index)
+
+
+def as_batch(stored: dict[str, FloatArray], flat: bool) -> tuple[FloatArray, ...]:
+    """Return filterpy's four arrays; the means are columns unless x is flat."""
+    x, x_prior = stored["x"], stored["x_prior"]
+    if not flat:
+        x, x_prior = x[..., None], x_prior[..., None]
+    return x, stored["P"], x_prior, stored["P_prior"]
+
+
+def filter_each(filter_: Any, series: FloatArray, names: tuple[str, ...], **arguments: Any) -> FilterResult:
+    """Filter many series one after another, each with a copy of the filter."""
+    results = [filter_.copy().filter(zs, **arguments) for zs in series]
+    if not results:
+        raise ShapeError("zs: got no series, expected at least one")
+    return FilterResult(**{name: np.stack([getattr(result, name) for result in results]) for name in names})
 
 
 def check_keep(keep: Iterable[str], admissible: tuple[str, ...]) -> tuple[str, ...]:

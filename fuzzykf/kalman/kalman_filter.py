@@ -120,23 +120,10 @@ class KalmanFilter(LinearSeries):
         R: ArrayLike | None = None,
         B: ArrayLike | None = None,
     ) -> None:
-        super().__init__(dim_x, dim_z, dim_u)
+        super().__init__(dim_x, dim_z, dim_u, x=x, P=P, F=F, Q=Q, R=R)
         self.H = np.zeros((dim_z, dim_x)) if H is None else as_array("H", H, (dim_z, dim_x))
         self.M = np.zeros((dim_x, dim_z))
         self.B = None if B is None else as_array("B", B, (dim_x, None))
-        if F is not None:
-            self.F = as_array("F", F, (dim_x, dim_x))
-        if Q is not None:
-            self.Q = as_covariance("Q", Q, dim_x).copy()
-        if R is not None:
-            self.R = as_covariance("R", R, dim_z).copy()
-        if x is not None:
-            self.x = as_state(x, dim_x).copy()
-            self._turn(self.x.ndim)
-        if P is not None:
-            self.P = as_covariance("P", P, dim_x).copy()
-        self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
-        self.x_post, self.P_post = self.x.copy(), self.P.copy()
 
     @property
     def alpha(self) -> float:
