@@ -6,6 +6,7 @@ in their dashes as well, so that a print in grey loses nothing.
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -69,7 +70,7 @@ def plot_comparison(
     figure = Figure(figsize=(9.0, 8.0), layout="constrained")
     whole, state, switch = figure.subplots(3, 1, height_ratios=[2, 3, 2])
     main, rival = _main_and_rival(comparison)
-    label = f"{state_label} ({unit})" if unit else state_label
+    label = textwrap.fill(f"{state_label} ({unit})" if unit else state_label, 24)
 
     _draw_state(whole, time, truth, main, rival, band=False)
     whole.axvspan(time[excerpt][0], time[excerpt][-1], color="0.88", zorder=0, label="shown below")
@@ -148,6 +149,6 @@ def _draw_switch(axes: Axes, comparison: Comparison, time: Any, excerpt: slice) 
 def _date_axis(axes: Axes) -> None:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-    locator = AutoDateLocator(maxticks=8)  # type: ignore[no-untyped-call]
+    locator = AutoDateLocator()  # type: ignore[no-untyped-call]
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]

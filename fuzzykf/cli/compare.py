@@ -244,7 +244,7 @@ def _print(result: Comparison, source: Source, label: str, files: list[Path]) ->
         grid.add_row(
             Text(s.name, "bold" if s.name == result.best else ""),
             f"{s.rmse:.4g}",
-            f"{s.rmse_low:.3g} to {s.rmse_high:.3g}",
+            f"{s.rmse_low:#.3g}–{s.rmse_high:#.3g}",
             f"{100 * s.coverage:.1f} %",
             "none" if s.log_likelihood is None else f"{s.log_likelihood:.3f}",
             f"{s.microseconds:.2g}" if s.microseconds < 10 else f"{s.microseconds:.0f}",
@@ -257,6 +257,9 @@ def _print(result: Comparison, source: Source, label: str, files: list[Path]) ->
             "dim",
         )
     )
+    for restoration in result.restorations:
+        for note in restoration.notes:
+            console.print(Text(f"Note on {restoration.name}: {note}."))
     console.print(Text(result.verdict(source.unit), "bold"))
     for file in files:
         console.print(Text(f"Wrote {file}"), soft_wrap=True)

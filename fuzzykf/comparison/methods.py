@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,12 +15,14 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import FloatArray
     from fuzzykf.comparison.prepare import Task
+    from fuzzykf.switching.tables import SwitchingSystem
 
 __all__ = [
     "LinearModel",
     "Restoration",
     "fit_linear_model",
     "fuzzy_switches",
+    "growth_notes",
     "hard_switches",
     "kalman_filter",
     "linear_regression",
@@ -46,6 +48,8 @@ class Restoration:
         Time of one step.
     switch : ndarray, shape (n_test,), or None
         Posterior mean of the switch.
+    notes : tuple of str
+        What a reader should know before trusting the method.
     """
 
     name: str
@@ -54,6 +58,7 @@ class Restoration:
     log_likelihood: FloatArray | None = None
     microseconds: float
     switch: FloatArray | None = None
+    notes: tuple[str, ...] = ()
 
 
 def fuzzy_switches(task: Task, n_nodes: int) -> Restoration:
@@ -68,7 +73,9 @@ def fuzzy_switches(task: Task, n_nodes: int) -> Restoration:
     from fuzzykf.switching import CGOFMSModel, OFSRFilter
 
     fit = CGOFMSModel.fit(*_learning_part(task), law="fmc1", form="regression")
-    return _switching("OFSRFilter", OFSRFilter(fit.model, n_nodes=n_nodes, rule="cell"), task)
+    system = fit.model.on_nodes(n_nodes, "cell")
+    restored = _switching("OFSRFilter", OFSRFilter(fit.model, n_nodes=n_nodes, rule="cell"), task)
+    return replace(restored, notes=(*fit.warnings, *growth_notes(system)))
 
 
 def hard_switches(task: Task) -> Restoration:
@@ -77,7 +84,36 @@ def hard_switches(task: Task) -> Restoration:
 
     x, y, r = _learning_part(task)
     fit = CGOMSModel.fit(x, y, (r >= 0.5).astype(np.float64), n_switches=2)
-    return _switching("CGOMSMFilter", CGOMSMFilter(fit.model), task)
+    restored = _switching("CGOMSMFilter", CGOMSMFilter(fit.model), task)
+    return replace(restored, notes=(*fit.warnings, *growth_notes(fit.model.on_nodes())))
+
+
+def growth_notes(system: SwitchingSystem) -> list[str]:
+    """Say whether the error of the state grows while the switch stays where it is.
+
+    The observation does not depend on the state before it, so the filter of the state has no
+    feedback: what it errs is multiplied by Axx at each step.  A learned Axx above one makes it
+    drift for as long as the switch is believed to stay.
+
+    Parameters
+    ----------
+    system : SwitchingSystem
+
+    Returns
+    -------
+    list of str
+        Empty, or one sentence about the worst node.
+    """
+    n_nodes = len(system.chain.nodes)
+    stay = system.pair_tables(0).pairs.Axx[np.arange(n_nodes), np.arange(n_nodes)]
+    growth = np.abs(np.linalg.eigvals(stay)).max(axis=-1)
+    worst = int(np.argmax(growth))
+    if growth[worst] < 1.0:
+        return []
+    return [
+        f"while the switch stays at {system.chain.nodes[worst]:.3g}, the error of the state grows by "
+        f"{growth[worst] - 1.0:.2g} of itself in a step, and no observation corrects it"
+    ]
 
 
 def _learning_part(task: Task) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -136,8 +137,14 @@ def test_without_a_file_it_runs_on_the_packaged_data(tmp_path) -> None:
     assert " GW" in printed
     table = table_of(tmp_path / "out" / "comparison.csv")
     assert [row["method"] for row in table] == METHODS
-    # The temperature says something about the demand: better than the mean of the learning part.
-    assert min(float(row["rmse"]) for row in table) < 0.55
+    # What the page tells about these data is what comes out.
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "compare.md").read_text(encoding="utf-8")
+    told = re.findall(r"^\| ([^|]+) \| ([\d.]+) \| ([\d.]+)–([\d.]+) \| (\d+) % \|$", page, re.MULTILINE)
+    assert [row[0] for row in told] == METHODS
+    for row, (_, *numbers, coverage) in zip(table, told, strict=True):
+        found = [float(row[name]) for name in ("rmse", "rmse_low", "rmse_high")]
+        np.testing.assert_allclose(found, np.array(numbers, dtype=float), rtol=0.005)
+        assert float(row["coverage_90"]) == pytest.approx(float(coverage) / 100, abs=0.006)
 
 
 @pytest.mark.parametrize(

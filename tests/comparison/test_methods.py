@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from fuzzykf import CGOMSModel
 from fuzzykf.comparison import Task, methods
 
 TRANSITION = np.array([[0.9, 0.05], [0.2, 0.7]])
@@ -86,6 +87,30 @@ def test_linear_regression_is_the_least_squares_line() -> None:
     np.testing.assert_allclose(found.mean, np.polyval(coefficients, whole.observation[300:]))
     np.testing.assert_allclose(found.std, np.sqrt(square_sum / 298))
     assert found.log_likelihood is None
+
+
+@pytest.mark.parametrize(
+    ("Axx", "expected"), [(0.99, None), (1.02, "stays at 1, the error of the state grows by 0.02 ")]
+)
+def test_a_state_that_drifts_while_the_switch_stays_is_noted(Axx, expected) -> None:
+    pairs = np.ones((2, 2, 1, 1))
+    model = CGOMSModel.from_regressions(
+        [[0.9, 0.1], [0.1, 0.9]],
+        Ayy=0.5 * pairs,
+        Ny=0 * pairs[..., 0],
+        Qyy=pairs,
+        Axx=np.array([[[[0.5]], [[3.0]]], [[[3.0]], [[Axx]]]]),  # leaving a regime does not count
+        H=0 * pairs,
+        G=pairs,
+        c=0 * pairs[..., 0],
+        C=pairs,
+        means=np.zeros((2, 2)),
+        covariances=np.broadcast_to(np.eye(2), (2, 2, 2)),
+    )
+    notes = methods.growth_notes(model.on_nodes())
+    assert len(notes) == (expected is not None)
+    for note in notes:
+        assert expected in note
 
 
 def test_the_time_of_a_step_is_in_microseconds() -> None:
