@@ -73,7 +73,8 @@ def plot_comparison(
     label = textwrap.fill(f"{state_label} ({unit})" if unit else state_label, 24)
 
     _draw_state(whole, time, truth, main, rival, band=False)
-    whole.axvspan(time[excerpt][0], time[excerpt][-1], color="0.88", zorder=0, label="shown below")
+    if n > steps:
+        whole.axvspan(time[excerpt][0], time[excerpt][-1], color="0.88", zorder=0, label="shown below")
     whole.set(ylabel=label, title="The part that no method has seen")
     _draw_state(state, time[excerpt], truth[excerpt], main, rival, band=True, part=excerpt)
     state.set(ylabel=label)
