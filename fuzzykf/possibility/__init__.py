@@ -1,1 +1,23 @@
-"""TODO."""
+"""The fuzzy (possibilistic) state estimator: norms, memberships, relations and filters."""
+
+from fuzzykf.possibility.memberships import (
+    CauchyMembership,
+    FunctionMembership,
+    GaussianMembership,
+    GridMembership,
+    IntervalMembership,
+    ParabolicMembership,
+    SingletonMembership,
+    TriangularMembership,
+)
+
+__all__ = [
+    "CauchyMembership",
+    "FunctionMembership",
+    "GaussianMembership",
+    "GridMembership",
+    "IntervalMembership",
+    "ParabolicMembership",
+    "SingletonMembership",
+    "TriangularMembership",
+]

@@ -1,0 +1,193 @@
+"""Interpolation of costs on regular lattices.
+
+A lattice is given by its origin, its steps and its shape; positions are measured
+in steps from the origin.  Costs are interpolated by the parabola (in several
+dimensions, the product of parabolas) through the nearest node and its neighbours:
+quadratic costs, that is Gaussian memberships, come out exact at any resolution.
+Where one of these nodes is impossible, at the edge of a compact support, the
+memberships are interpolated linearly instead.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fuzzykf.engine.scales import from_membership, to_membership
+
+if TYPE_CHECKING:
+    from fuzzykf.base import FloatArray
+    from fuzzykf.engine.scales import Scale
+
+__all__ = ["extrapolate", "interpolate", "subgrid_minimum"]
+
+IntArray: TypeAlias = NDArray[np.intp]
+
+#: Elements worked on at a time: the temporaries then stay in the cache.
+CHUNK = 1 << 15
+
+#: How far (in steps) beyond the last node a position still counts as on it.
+SLACK = 1e-9
+
+
+def interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:
+    """Costs between the nodes of a lattice; infinite outside it.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (n_1, ..., n_d)
+        At least three nodes along each axis.
+    position : ndarray, shape (m, d)
+        In steps from the first node; NaN for nowhere.
+    scale : {"log", "reciprocal", "complement"}
+        How costs and memberships are related.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+    """
+    out = np.full(position.shape[0], np.inf)
+    for start in range(0, position.shape[0], CHUNK):
+        part = position[start : start + CHUNK]
+        last = np.array(cost.shape) - 1
+        inside = np.flatnonzero(((part >= -SLACK) & (part <= last + SLACK)).all(axis=1))
+        if inside.size == part.shape[0]:
+            out[start : start + CHUNK] = _interpolate(cost, part, scale)
+        elif inside.size:
+            out[start + inside] = _interpolate(cost, part[inside], scale)
+    return out
+
+
+def _interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:
+    """Interpolate at positions inside the lattice."""
+    d = cost.ndim
+    flat = cost.ravel()
+    strides = np.array(cost.strides) // cost.itemsize
+    node = np.zeros(position.shape[0], dtype=np.intp)
+    weights = []
+    for k in range(d):
+        u = position[:, k]
+        nearest = np.minimum(np.maximum(np.rint(u), 1.0), cost.shape[k] - 2.0)
+        t = u - nearest
+        node += nearest.astype(np.intp) * strides[k]
+        weights.append((0.5 * t * (t - 1.0), 1.0 - t * t, 0.5 * t * (t + 1.0)))
+    value = np.zeros(position.shape[0])
+    with np.errstate(invalid="ignore", over="ignore"):
+        for offsets in product((-1, 0, 1), repeat=d):
+            weight = weights[0][offsets[0] + 1]
+            for k in range(1, d):
+                weight = weight * weights[k][offsets[k] + 1]
+            value += weight * flat.take(node + int(strides @ np.array(offsets)))
+    edge = np.flatnonzero(~np.isfinite(value))
+    if edge.size:
+        value[edge] = _interpolate_memberships(cost, position[edge], scale)
+    return np.maximum(value, 0.0, out=value)  # no membership exceeds one
+
+
+def _interpolate_memberships(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:
+    """Interpolate linearly in the memberships of the 2^d nodes around each position."""
+    d = cost.ndim
+    flat = cost.ravel()
+    strides = np.array(cost.strides) // cost.itemsize
+    base = np.clip(np.floor(position), 0, np.array(cost.shape) - 2)
+    fraction = np.clip(position - base, 0.0, 1.0)
+    node = base.astype(np.intp) @ strides
+    corners = np.array(list(product((0, 1), repeat=d)))
+    values = flat[node[:, None] + corners @ strides]
+    weight = np.where(corners, fraction[:, None, :], 1.0 - fraction[:, None, :]).prod(axis=2)
+    if scale != "log":
+        return from_membership((weight * to_membership(values, scale)).sum(axis=1), scale)
+    # Relative to the best corner, memberships too small for a float do not vanish.
+    best = values.min(axis=1)
+    shift = np.where(np.isfinite(best), best, 0.0)
+    return shift + from_membership(
+        (weight * to_membership(values - shift[:, None], scale)).sum(axis=1), scale
+    )
+
+
+def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
+    """Least cost between the nodes, by the quadratic through the best node's neighbours.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (n_1, ..., n_d)
+        At least one finite value; axes of length one are held fixed.
+
+    Returns
+    -------
+    value : float
+    position : ndarray, shape (d,)
+        In steps from the first node.  At an edge, or where the neighbours do not
+        form a bowl, it is that of the best node.
+    """
+    best = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    position = np.array(best, dtype=np.float64)
+    value = float(cost[best])
+    axes = [k for k in range(cost.ndim) if 0 < best[k] < cost.shape[k] - 1]
+    if axes:
+        window = cost[tuple(slice(b - 1, b + 2) if k in axes else b for k, b in enumerate(best))]
+        if np.isfinite(window).all():
+            slope, hessian = _quadratic(window)
+            if np.linalg.eigvalsh(hessian)[0] > 0.0:
+                step = -np.linalg.solve(hessian, slope)
+                if np.abs(step).max() <= 1.0:
+                    position[axes] += step
+                    value += 0.5 * float(slope @ step)
+    return value, position
+
+
+def _quadratic(window: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Gradient and Hessian at the centre of a window of 3 x ... x 3 nodes."""
+    d = window.ndim
+    centre = (1,) * d
+
+    def at(**moves: int) -> float:
+        return float(window[tuple(c + moves.get(f"k{k}", 0) for k, c in enumerate(centre))])
+
+    slope, hessian = np.empty(d), np.empty((d, d))
+    for k in range(d):
+        up, down = at(**{f"k{k}": 1}), at(**{f"k{k}": -1})
+        slope[k] = 0.5 * (up - down)
+        hessian[k, k] = up - 2.0 * at() + down
+        for m in range(k):
+            signs = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
+            mixed = sum(s * at(**{f"k{k}": a, f"k{m}": b}) for a, b, s in signs)
+            hessian[k, m] = hessian[m, k] = 0.25 * mixed
+    return slope, hessian
+
+
+def extrapolate(cost: FloatArray, axis: int, before: int, after: int) -> FloatArray:
+    """Continue costs beyond a lattice: by their last parabola, or line where that bends down.
+
+    Parameters
+    ----------
+    cost : ndarray
+        At least three nodes along ``axis``.
+    axis : int
+    before, after : int
+        How many nodes to add on either side.
+
+    Returns
+    -------
+    ndarray
+        Infinite beyond impossible nodes.
+    """
+    lines = np.moveaxis(cost, axis, -1)
+    parts = [lines]
+    if before:
+        parts.insert(0, _continue(lines[..., 2::-1], before)[..., ::-1])
+    if after:
+        parts.append(_continue(lines[..., -3:], after))
+    return np.moveaxis(np.concatenate(parts, axis=-1), -1, axis)
+
+
+def _continue(three: FloatArray, count: int) -> FloatArray:
+    k = np.arange(1, count + 1)
+    with np.errstate(invalid="ignore"):
+        slope = three[..., 2] - three[..., 1]
+        bend = np.maximum(slope - (three[..., 1] - three[..., 0]), 0.0)
+        values = three[..., 2:3] + slope[..., None] * k + 0.5 * bend[..., None] * k * (k + 1)
+    return np.where(np.isfinite(values), values, np.inf)

@@ -1,0 +1,182 @@
+"""Linear models and the families of shapes that they do not leave, in any dimension.
+
+A membership g^-1(q(x)) of a quadratic form q(x) = (x - m)' P^-1 (x - m) stays one
+under linear prediction and update, if the t-norm has the generator g:
+
+===========  ===========================  =====================  =================
+family       membership                   t-norm                 generator of q
+===========  ===========================  =====================  =================
+gaussian     exp(-q/2)                    product                q/2
+cauchy       1/(1 + q)                    Hamacher product       q
+parabolic    max(0, 1 - q)                Łukasiewicz            q
+===========  ===========================  =====================  =================
+
+In each scale the extension principle minimises a sum of quadratic forms, hence
+
+    min over x, w with x' = F x + w  of  |x - m|^2_P + |w|^2_Q  =  |x' - F m|^2_(FPF' + Q)
+    |x - m|^2_P + |z - H x|^2_R  =  |x - m+|^2_(P+)  +  c,   c = |z - H m|^2_(HPH' + R)
+
+with m+, P+ those of the Kalman filter.  The families differ in what the division by
+the peak g^-1(c) does: nothing for Gauss, P+ (1 + c) for Cauchy, P+ (1 - c) for the
+parabola, which is empty if c >= 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.gaussian import LOG_2PI, symmetrize
+
+if TYPE_CHECKING:
+    from fuzzykf.base import FloatArray
+
+__all__ = ["Posterior", "condition", "possibility", "predict", "restart", "whitening"]
+
+#: Eigenvalues of a correlation matrix below this count as zero: directions without spread.
+RANK_TOLERANCE = 1e-13
+
+#: A residual in a direction without spread contradicts it beyond this relative rounding error.
+CONTRADICTION = 1e-9
+
+
+def whitening(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Split space into the directions with and without spread.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (d, d)
+        Symmetric and positive semi-definite.
+
+    Returns
+    -------
+    whiten : ndarray, shape (r, d)
+        |whiten v|^2 = v' matrix^-1 v on the range of ``matrix``; whiten' whiten is a
+        generalised inverse.
+    null : ndarray, shape (d - r, d)
+        null v = 0 exactly for the v in the range.
+    """
+    deviation = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    unit = np.where(deviation > 0.0, deviation, 1.0)
+    # Ranks are judged on correlations: units of the components must not matter.
+    eigenvalues, vectors = np.linalg.eigh(matrix / unit[:, None] / unit)
+    spread = eigenvalues > RANK_TOLERANCE
+    whiten = (vectors[:, spread] / np.sqrt(eigenvalues[spread])).T / unit
+    return whiten, vectors[:, ~spread].T / unit
+
+
+def predict(
+    x: FloatArray, P: FloatArray, F: FloatArray, Q: FloatArray, shift: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Linear prediction, valid for singular F and, as a limit, singular P and Q.
+
+    Parameters
+    ----------
+    x, P : ndarray, shapes (m,) and (m, m)
+    F, Q : ndarray, shape (m, m)
+    shift : ndarray, shape (m,)
+        Added to F x.
+
+    Notes
+    -----
+    Layne and Passino (2001), equations (36) and (37); (37) is printed F'PF + Q.
+    """
+    return F @ x + shift, symmetrize(F @ P @ F.T + Q)
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What `condition` finds.
+
+    Attributes
+    ----------
+    x, P : ndarray, shapes (m,) and (m, m)
+        Center and matrix after the update; None if the two exclude each other.
+    y, S, SI, K : ndarray
+        Residual (q,), H P H' + R, its (generalised) inverse, gain (m, q).
+    surprise : float
+        c = y' S^-1 y; infinite where y contradicts a direction without spread.
+    log_likelihood : float
+        log N(y; 0, S), on the range of S if that is singular.
+    """
+
+    x: FloatArray | None
+    P: FloatArray | None
+    y: FloatArray
+    S: FloatArray
+    SI: FloatArray
+    K: FloatArray
+    surprise: float
+    log_likelihood: float
+
+
+def condition(
+    x: FloatArray, P: FloatArray, z: FloatArray, H: FloatArray, R: FloatArray, family: str
+) -> Posterior:
+    """Linear update of a membership of one of the three families.
+
+    Parameters
+    ----------
+    x, P : ndarray, shapes (m,) and (m, m)
+    z : ndarray, shape (q,)
+        Observed components only.
+    H, R : ndarray, shapes (q, m) and (q, q)
+    family : {"gaussian", "cauchy", "parabolic"}
+
+    Notes
+    -----
+    Layne and Passino (2001), equations (43), where x is misprinted, and (44), written
+    in gain form so that singular P and R are admissible.
+    """
+    y = z - H @ x
+    S = symmetrize(H @ P @ H.T + R)
+    whiten, null = whitening(S)
+    white = whiten @ y
+    surprise = float(white @ white)
+    rounding = CONTRADICTION * (np.abs(z) + np.abs(H) @ np.abs(x))
+    rounding += 10.0 * np.sqrt(RANK_TOLERANCE * np.diag(S))
+    if (np.abs(null @ y) > np.abs(null) @ rounding).any():
+        surprise = np.inf
+    SI = whiten.T @ whiten
+    K = P @ H.T @ SI
+    log_determinant = -float(np.linalg.slogdet(whiten @ whiten.T)[1]) if white.size else 0.0
+    log_likelihood = -0.5 * (surprise + white.size * LOG_2PI + log_determinant)
+    if possibility(surprise, family) <= 0.0 and (family == "parabolic" or np.isinf(surprise)):
+        return Posterior(None, None, y, S, SI, K, surprise, log_likelihood)
+    A = np.eye(x.size) - K @ H
+    factor = {"gaussian": 1.0, "cauchy": 1.0 + surprise, "parabolic": 1.0 - surprise}[family]
+    P = symmetrize(A @ P @ A.T + K @ R @ K.T) * factor
+    return Posterior(x + K @ y, P, y, S, SI, K, surprise, log_likelihood)
+
+
+def possibility(surprise: float, family: str) -> float:
+    """Possibility g^-1(c) of a measurement of surprise c."""
+    if family == "gaussian":
+        return float(np.exp(-0.5 * surprise))
+    if family == "cauchy":
+        return 1.0 / (1.0 + surprise)
+    return max(0.0, 1.0 - surprise)
+
+
+def restart(
+    x: FloatArray, P: FloatArray, z: FloatArray, H: FloatArray, R: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Forget what the prediction said about H x, and take z for it.
+
+    The limit of the update for a prediction of ever larger spread along P H'; what z
+    does not inform keeps its spread.
+
+    Returns
+    -------
+    x, P : ndarray, or None
+        None if the prediction has no spread in some direction of H x.
+    """
+    S = symmetrize(H @ P @ H.T)
+    whiten, null = whitening(S)
+    if null.size:
+        return None
+    G = P @ H.T @ whiten.T @ whiten
+    A = np.eye(x.size) - G @ H
+    return x + G @ (z - H @ x), symmetrize(A @ P @ A.T + G @ R @ G.T)

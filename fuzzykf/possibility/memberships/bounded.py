@@ -1,0 +1,178 @@
+"""Memberships of bounded support that are not smooth: triangles, intervals and points."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.possibility.memberships.base import Membership, as_vector
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.base import FloatArray
+
+__all__ = ["IntervalMembership", "SingletonMembership", "TriangularMembership"]
+
+
+class TriangularMembership(Membership):
+    """A triangle that rises from ``left`` to ``peak`` and falls to ``right``.
+
+    In several dimensions the membership is the least of those of the components, a
+    pyramid, whose level sets are boxes.
+
+    Parameters
+    ----------
+    left, peak, right : float or array_like, shape (dim,)
+        left <= peak <= right, left < right.
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        Wrong shape; not finite, or not in this order.
+
+    Examples
+    --------
+    >>> triangle = TriangularMembership(-1.0, 0.0, 2.0)
+    >>> triangle([-0.5, 1.0, 3.0])
+    array([0.5, 0.5, 0. ])
+    >>> triangle.alpha_cut(0.5)
+    IntervalMembership(lower=[-0.5], upper=[1.])
+    """
+
+    def __init__(self, left: ArrayLike, peak: ArrayLike, right: ArrayLike) -> None:
+        self.left = as_vector("left", left)
+        self.dim = self.left.size
+        self._peak = as_vector("peak", peak, self.dim)
+        self.right = as_vector("right", right, self.dim)
+        if not ((self.left <= self._peak) & (self._peak <= self.right) & (self.left < self.right)).all():
+            raise ParameterError(
+                f"left, peak, right: got {self.left.tolist()}, {self._peak.tolist()}, {self.right.tolist()}, "
+                "expected left <= peak <= right and left < right (for a point, use SingletonMembership)"
+            )
+
+    @property
+    def peak(self) -> FloatArray:
+        """The point of membership 1, (dim,)."""
+        return self._peak
+
+    def _evaluate(self, x: FloatArray) -> FloatArray:
+        # A side of length zero is a jump: nothing beyond it is possible.
+        rise, fall = self._peak - self.left, self.right - self._peak
+        with np.errstate(divide="ignore", invalid="ignore"):
+            below = np.where(x < self._peak, (x - self.left) / rise, 1.0)
+            above = np.where(x > self._peak, (self.right - x) / fall, 1.0)
+        value: FloatArray = np.clip(np.minimum(below, above), 0.0, 1.0).min(axis=-1)
+        return value
+
+    def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        lower = self.left + level * (self._peak - self.left)
+        return lower, self.right - level * (self.right - self._peak)
+
+    def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the points reaching each of many levels."""
+        lower = self.left + np.outer(levels, self._peak - self.left)
+        return lower, self.right - np.outer(levels, self.right - self._peak)
+
+    def project(self, components: Sequence[int]) -> TriangularMembership:
+        """Return the membership of some components."""
+        index = np.array(components, dtype=np.intp)
+        return TriangularMembership(self.left[index], self._peak[index], self.right[index])
+
+
+class IntervalMembership(Membership):
+    """A crisp interval or box: membership 1 inside, 0 outside.
+
+    Parameters
+    ----------
+    lower, upper : float or array_like, shape (dim,)
+        Bounds, lower <= upper; equal bounds are allowed.
+
+    Attributes
+    ----------
+    lower, upper : ndarray, shape (dim,)
+        The bounds.
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        Wrong shape; not finite, or a negative width.
+
+    Notes
+    -----
+    Layne and Passino (2001), equations (47)-(49).
+
+    Examples
+    --------
+    >>> interval = IntervalMembership(-3.0, 3.0)
+    >>> interval(2.0), interval(4.0)
+    (1.0, 0.0)
+    """
+
+    def __init__(self, lower: ArrayLike, upper: ArrayLike) -> None:
+        self.lower = as_vector("lower", lower)
+        self.dim = self.lower.size
+        self.upper = as_vector("upper", upper, self.dim)
+        if (self.lower > self.upper).any():
+            k = int(np.argmax(self.lower - self.upper))
+            raise ParameterError(
+                f"lower, upper: component {k} is [{self.lower[k]:.6g}, {self.upper[k]:.6g}], "
+                "expected lower <= upper"
+            )
+
+    def __repr__(self) -> str:
+        return f"IntervalMembership(lower={self.lower}, upper={self.upper})"
+
+    @property
+    def peak(self) -> FloatArray:
+        """The center (dim,)."""
+        return np.asarray(0.5 * (self.lower + self.upper))
+
+    def _evaluate(self, x: FloatArray) -> FloatArray:
+        inside: FloatArray = ((x >= self.lower) & (x <= self.upper)).all(axis=-1).astype(np.float64)
+        return inside
+
+    def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Return the bounds, whatever the level."""
+        del level
+        return self.lower, self.upper
+
+    def project(self, components: Sequence[int]) -> IntervalMembership:
+        """Return the membership of some components."""
+        index = np.array(components, dtype=np.intp)
+        return IntervalMembership(self.lower[index], self.upper[index])
+
+
+class SingletonMembership(IntervalMembership):
+    """A single point: membership 1 there, 0 elsewhere.
+
+    Parameters
+    ----------
+    point : float or array_like, shape (dim,)
+
+    Notes
+    -----
+    Layne and Passino (2001), equation (19).
+
+    Examples
+    --------
+    >>> SingletonMembership([0.0, 0.0])([[0.0, 0.0], [0.0, 1.0]])
+    array([1., 0.])
+    """
+
+    def __init__(self, point: ArrayLike) -> None:
+        vector = as_vector("point", point)
+        super().__init__(vector, vector)
+
+    def __repr__(self) -> str:
+        return f"SingletonMembership({self.lower})"
+
+    @property
+    def point(self) -> FloatArray:
+        """The only possible point (dim,)."""
+        return self.lower

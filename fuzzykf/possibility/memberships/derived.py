@@ -1,0 +1,205 @@
+"""Memberships made from others: cut, joined component by component, or sampled."""
+
+from __future__ import annotations
+
+from functools import reduce
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.possibility.memberships.base import Membership, as_level
+from fuzzykf.possibility.memberships.sampled import GridMembership
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.possibility.norms import TNorm
+
+__all__ = ["CutMembership", "JointMembership", "sampled"]
+
+#: Memberships on the very edge of a cut may fall below its level by rounding.
+ROUNDING = 1e-12
+
+#: Nodes per axis of a sampled membership, by number of dimensions.
+NODES = {1: 2001, 2: 201}
+
+
+class CutMembership(Membership):
+    """A membership set to zero outside a level set or a box; made by `Membership.cut`.
+
+    Parameters
+    ----------
+    base : Membership
+    level_or_bounds : float, (lo, hi) or ((lo, hi), ...)
+        See `Membership.cut`.
+
+    Attributes
+    ----------
+    base : Membership
+        What was cut.
+    level : float
+        Level below which memberships are zero; 0 if a box was cut out.
+    lower, upper : ndarray, shape (dim,)
+        Bounds of what is left.
+
+    Raises
+    ------
+    ParameterError
+        If the level is not in ]0, 1], or the cut removes the peak.
+
+    Examples
+    --------
+    >>> from fuzzykf import CauchyMembership
+    >>> noise = CauchyMembership(0.0, 15.0).cut(0.5)
+    >>> noise.lower, noise.upper, noise([15.0, 16.0])
+    (array([-15.]), array([15.]), array([0.5, 0. ]))
+    """
+
+    def __init__(
+        self, base: Membership, level_or_bounds: float | Sequence[float] | Sequence[Sequence[float]]
+    ) -> None:
+        self.base = base
+        self.dim = base.dim
+        if np.ndim(level_or_bounds) == 0:
+            self.level = as_level("level", level_or_bounds)  # type: ignore[arg-type]
+            self.lower, self.upper = base.support(self.level)
+        else:
+            bounds = np.array(level_or_bounds, dtype=np.float64)
+            if self.dim == 1 and bounds.shape == (2,):
+                bounds = bounds[None]
+            if bounds.shape != (self.dim, 2):
+                raise ShapeError(
+                    f"bounds: got shape {bounds.shape}, expected one pair (lo, hi) for each of "
+                    f"{self.dim} components"
+                )
+            self.level = 0.0
+            lower, upper = base.support()
+            self.lower, self.upper = np.maximum(lower, bounds[:, 0]), np.minimum(upper, bounds[:, 1])
+        self._peak = np.clip(base.peak, self.lower, self.upper)
+        if not (self.lower <= self.upper).all() or float(base._evaluate(self._peak)) < 1.0 - ROUNDING:
+            raise ParameterError(
+                f"bounds: got {level_or_bounds}, which cuts off the peak at {base.peak.tolist()}; "
+                "the membership would never reach 1"
+            )
+
+    @property
+    def peak(self) -> FloatArray:
+        """A point (dim,) of membership 1."""
+        return self._peak
+
+    def _kept(self, x: FloatArray, value: FloatArray, least: float) -> NDArray[np.bool_]:
+        slack = ROUNDING * np.maximum(np.abs(self.lower), np.abs(self.upper))
+        inside = ((x >= self.lower - slack) & (x <= self.upper + slack)).all(axis=-1)
+        return inside & (value >= least * (1.0 - ROUNDING))
+
+    def _evaluate(self, x: FloatArray) -> FloatArray:
+        value = self.base._evaluate(x)
+        return np.where(self._kept(x, value, self.level), value, 0.0)
+
+    def cost(self, x: FloatArray, t_norm: TNorm) -> FloatArray:
+        """Costs of the base inside the cut, of impossibility outside."""
+        value = self.base._evaluate(x)
+        return np.where(self._kept(x, value, self.level), self.base.cost(x, t_norm), t_norm.impossible)
+
+    def negative_log(self, x: FloatArray) -> FloatArray:
+        """Minus the logarithms of the memberships."""
+        value = self.base._evaluate(x)
+        return np.where(self._kept(x, value, self.level), self.base.negative_log(x), np.inf)
+
+    def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        lower, upper = self.base.support(max(level, self.level))
+        return np.maximum(lower, self.lower), np.minimum(upper, self.upper)
+
+    def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the points reaching each of many levels."""
+        lower, upper = self.base.reach(np.maximum(levels, self.level))
+        return np.maximum(lower, self.lower), np.minimum(upper, self.upper)
+
+    def project(self, components: Sequence[int]) -> Membership:
+        """Return the membership of some components: the supremum over the others."""
+        if self.level > 0.0:
+            return CutMembership(self.base.project(components), self.level)
+        return super().project(components)
+
+
+class JointMembership(Membership):
+    """Scalar memberships, one per component, joined by a t-norm.
+
+    Parameters
+    ----------
+    components : sequence of Membership
+        Each of dimension 1.
+    t_norm : TNorm
+        How they combine.
+
+    Examples
+    --------
+    >>> from fuzzykf import GaussianMembership, IntervalMembership
+    >>> from fuzzykf.possibility.norms import PRODUCT
+    >>> joint = JointMembership([GaussianMembership(0.0, 1.0), IntervalMembership(0.0, 1.0)], PRODUCT)
+    >>> round(joint([1.0, 0.5]), 4), joint([1.0, 2.0])
+    (0.6065, 0.0)
+    """
+
+    def __init__(self, components: Sequence[Membership], t_norm: TNorm) -> None:
+        self.components = tuple(components)
+        self.t_norm = t_norm
+        self.dim = len(self.components)
+        wrong = [k for k, component in enumerate(self.components) if component.dim != 1]
+        if wrong:
+            raise ShapeError(
+                f"components: number {wrong[0]} has {self.components[wrong[0]].dim} dimensions, expected 1"
+            )
+
+    @property
+    def peak(self) -> FloatArray:
+        """The peaks of the components (dim,)."""
+        return np.concatenate([component.peak for component in self.components])
+
+    def _evaluate(self, x: FloatArray) -> FloatArray:
+        return self.t_norm(*(c._evaluate(x[..., k : k + 1]) for k, c in enumerate(self.components)))
+
+    def cost(self, x: FloatArray, t_norm: TNorm) -> FloatArray:
+        """Costs; combined without a detour over memberships where the t-norm is the same."""
+        if t_norm is not self.t_norm:
+            return super().cost(x, t_norm)
+        costs = (c.cost(x[..., k : k + 1], t_norm) for k, c in enumerate(self.components))
+        return reduce(t_norm.combine, costs)
+
+    def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        bounds = [component.support(level) for component in self.components]
+        return np.concatenate([b[0] for b in bounds]), np.concatenate([b[1] for b in bounds])
+
+    def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the points reaching each of many levels."""
+        bounds = [component.reach(levels) for component in self.components]
+        return np.hstack([b[0] for b in bounds]), np.hstack([b[1] for b in bounds])
+
+    def project(self, components: Sequence[int]) -> JointMembership:
+        """Return the membership of some components."""
+        return JointMembership([self.components[k] for k in components], self.t_norm)
+
+
+def sampled(membership: Membership, level: float = 1e-8) -> GridMembership:
+    """Sample a membership on a grid over its support.
+
+    Parameters
+    ----------
+    membership : Membership
+    level : float
+        Where the support is unbounded, memberships below this level are left out.
+    """
+    lower, upper = membership.support(0.0 if membership.is_bounded else level)
+    nodes = NODES.get(membership.dim, 41)
+    axes = [
+        np.unique(np.append(np.linspace(a, b, nodes), peak)) if b > a else np.array([a])
+        for a, b, peak in zip(lower, upper, membership.peak, strict=True)
+    ]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    return GridMembership(axes, membership._evaluate(points))

@@ -1,0 +1,265 @@
+"""Memberships of a quadratic form: Gaussian, Cauchy and parabolic."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import check_covariance
+from fuzzykf.possibility.closed_form import whitening
+from fuzzykf.possibility.memberships.base import Membership, as_vector
+from fuzzykf.possibility.norms import LUKASIEWICZ
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Self
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.possibility.norms import TNorm
+
+__all__ = ["CauchyMembership", "EllipticalMembership", "GaussianMembership", "ParabolicMembership"]
+
+#: A point is off the range of a singular matrix if it is off by more than this rounding error.
+OFF_RANGE = 1e-12
+
+
+class EllipticalMembership(Membership):
+    """A decreasing function of the quadratic form q(x) = (x - center)' matrix^-1 (x - center).
+
+    The matrix may be singular: points off its range have membership zero.
+
+    Attributes
+    ----------
+    center : ndarray, shape (dim,)
+        The peak.
+    matrix : ndarray, shape (dim, dim)
+        Positive semi-definite.
+    """
+
+    #: Name of the closed family, as in `TNorm.family`.
+    family: str
+
+    def __init__(self, center: FloatArray, matrix: FloatArray) -> None:
+        self.dim = center.size
+        self.center = center
+        self.matrix = matrix
+        self._whiten, self._null = whitening(matrix)
+
+    @property
+    def peak(self) -> FloatArray:
+        """The center (dim,)."""
+        return self.center
+
+    def quadratic(self, x: FloatArray) -> FloatArray:
+        """Return q at points (..., dim), infinite off the range of a singular matrix."""
+        if self.dim == 1 and self._whiten.size:
+            scaled: FloatArray = (x[..., 0] - self.center[0]) * self._whiten[0, 0]
+            return scaled * scaled
+        residual = x - self.center
+        value: FloatArray = ((residual @ self._whiten.T) ** 2).sum(axis=-1)
+        if self._null.size:
+            allowed = OFF_RANGE * (np.abs(x) + np.abs(self.center)) @ np.abs(self._null).T
+            value = np.where((np.abs(residual @ self._null.T) > allowed).any(axis=-1), np.inf, value)
+        return value
+
+    def _evaluate(self, x: FloatArray) -> FloatArray:
+        return np.exp(-self.negative_log(x))
+
+    def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            half = np.sqrt(np.diag(self.matrix) * self._quadratic_at(np.array(level)))
+        half = np.where(np.diag(self.matrix) > 0.0, half, 0.0)
+        return self.center - half, self.center + half
+
+    def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bounds, component by component, of the points reaching each of many levels."""
+        half = np.sqrt(np.outer(self._quadratic_at(levels), np.diag(self.matrix)))
+        return self.center - half, self.center + half
+
+    def _quadratic_at(self, level: FloatArray) -> FloatArray:
+        """Value of q at which the membership falls to ``level``."""
+        raise NotImplementedError
+
+    def with_matrix(self, center: FloatArray, matrix: FloatArray) -> Self:
+        """Return a membership of the same kind with another center and matrix."""
+        new = type(self).__new__(type(self))
+        EllipticalMembership.__init__(new, center, matrix)
+        return new
+
+    def project(self, components: Sequence[int]) -> Self:
+        """Return the membership of some components: that of the block of the matrix."""
+        index = np.array(components, dtype=np.intp)
+        return self.with_matrix(self.center[index], self.matrix[np.ix_(index, index)])
+
+
+class GaussianMembership(EllipticalMembership):
+    """The membership exp(-q/2), q = (x - mean)' covariance^-1 (x - mean).
+
+    Parameters
+    ----------
+    mean : float or array_like, shape (dim,)
+        The peak.
+    covariance : float or array_like, shape (dim, dim)
+        Positive semi-definite; in one dimension, the variance.
+
+    Raises
+    ------
+    ShapeError, ParameterError, NotPositiveDefiniteError
+        Wrong shape; not finite, not symmetric; a negative variance or eigenvalue.
+
+    Notes
+    -----
+    Layne and Passino (2001), equation (31).
+
+    Examples
+    --------
+    >>> membership = GaussianMembership(1.0, 4.0)
+    >>> round(membership(3.0), 4)
+    0.6065
+    >>> membership.support(0.5)
+    (array([-1.35482005]), array([3.35482005]))
+    """
+
+    family = "gaussian"
+
+    def __init__(self, mean: ArrayLike, covariance: ArrayLike) -> None:
+        center = as_vector("mean", mean)
+        if np.ndim(covariance) == 0:
+            covariance = np.reshape(covariance, (1, 1))
+        super().__init__(center, check_covariance("covariance", covariance, (center.size, center.size)))
+
+    @property
+    def mean(self) -> FloatArray:
+        """The peak (dim,)."""
+        return self.center
+
+    @property
+    def covariance(self) -> FloatArray:
+        """The matrix of the quadratic form (dim, dim)."""
+        return self.matrix
+
+    def negative_log(self, x: FloatArray) -> FloatArray:
+        """Half the quadratic form."""
+        return 0.5 * self.quadratic(x)
+
+    def _quadratic_at(self, level: FloatArray) -> FloatArray:
+        return -2.0 * np.log(level)
+
+
+class _ScaledMembership(EllipticalMembership):
+    """An elliptical membership given by center and scale."""
+
+    def __init__(self, center: ArrayLike, scale: ArrayLike) -> None:
+        vector = as_vector("center", center)
+        super().__init__(vector, _scale_matrix(scale, vector.size))
+
+    @property
+    def scale(self) -> Any:
+        """The scale: a number in one dimension, else the matrix of the quadratic form."""
+        return float(np.sqrt(self.matrix[0, 0])) if self.dim == 1 else self.matrix
+
+
+class CauchyMembership(_ScaledMembership):
+    """The membership 1 / (1 + q), q = |x - center|^2 / scale^2.
+
+    Parameters
+    ----------
+    center : float or array_like, shape (dim,)
+        The peak.
+    scale : float or array_like
+        A number or a vector (dim,) of scales, not negative; or, as for the
+        multivariate t distribution, a positive semi-definite scale matrix
+        (dim, dim) in squared units: q = (x - center)' scale^-1 (x - center).
+
+    Raises
+    ------
+    ShapeError, ParameterError, NotPositiveDefiniteError
+        Wrong shape; not finite, negative.
+
+    Notes
+    -----
+    Layne and Passino (2001), equations (92) and (93).
+
+    Examples
+    --------
+    >>> CauchyMembership(0.0, 15.0)(15.0)
+    0.5
+    """
+
+    family = "cauchy"
+
+    def negative_log(self, x: FloatArray) -> FloatArray:
+        """log(1 + q)."""
+        return np.log1p(self.quadratic(x))
+
+    def _evaluate(self, x: FloatArray) -> FloatArray:
+        return 1.0 / (1.0 + self.quadratic(x))
+
+    def _quadratic_at(self, level: FloatArray) -> FloatArray:
+        with np.errstate(divide="ignore"):
+            return 1.0 / level - 1.0
+
+
+class ParabolicMembership(_ScaledMembership):
+    """The membership max(0, 1 - q), q = |x - center|^2 / scale^2.
+
+    Parameters
+    ----------
+    center : float or array_like, shape (dim,)
+        The peak.
+    scale : float or array_like
+        A number or a vector (dim,): the distances at which the membership becomes
+        zero, not negative; or a positive semi-definite matrix (dim, dim) in squared
+        units: q = (x - center)' scale^-1 (x - center).
+
+    Raises
+    ------
+    ShapeError, ParameterError, NotPositiveDefiniteError
+        Wrong shape; not finite, negative.
+
+    Examples
+    --------
+    >>> ParabolicMembership([0.0, 0.0], [1.0, 2.0])([0.0, 1.0])
+    0.75
+    """
+
+    family = "parabolic"
+
+    def negative_log(self, x: FloatArray) -> FloatArray:
+        """-log(1 - q)."""
+        with np.errstate(divide="ignore"):
+            return -np.log(self._evaluate(x))
+
+    def _evaluate(self, x: FloatArray) -> FloatArray:
+        return np.maximum(0.0, 1.0 - self.quadratic(x))
+
+    def cost(self, x: FloatArray, t_norm: TNorm) -> FloatArray:
+        """Costs; under Łukasiewicz the quadratic form itself, also where it exceeds 1.
+
+        There a cost above one means impossible as much as one does, but quadratic
+        costs can be interpolated across the edge of the support without error.
+        """
+        return self.quadratic(x) if t_norm is LUKASIEWICZ else super().cost(x, t_norm)
+
+    def _quadratic_at(self, level: FloatArray) -> FloatArray:
+        return 1.0 - level
+
+
+def _scale_matrix(scale: ArrayLike, dim: int) -> FloatArray:
+    """Turn a scale, scales or a scale matrix into the matrix of the quadratic form."""
+    try:
+        value = np.array(scale, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"scale: expected numbers, got {scale!r}") from error
+    if value.ndim == 2:
+        return check_covariance("scale", value, (dim, dim))
+    if value.ndim > 2 or value.shape not in {(), (dim,)}:
+        raise ShapeError(f"scale: got shape {value.shape}, expected (), ({dim},) or ({dim}, {dim})")
+    if not np.isfinite(value).all() or (value < 0.0).any():
+        raise ParameterError(f"scale: got {value.tolist()}, expected finite numbers that are not negative")
+    return np.diag(np.broadcast_to(value, (dim,)) ** 2)

@@ -1,0 +1,293 @@
+"""Triangular norms and conorms, with their additive generators.
+
+A t-norm T combines the memberships of things that hold together.  Where it has an
+additive generator g (decreasing, g(1) = 0), T(a, b) = g^-1(g(a) + g(b)): sums of
+*costs* c = g(membership) take the place of T, and suprema of memberships become
+minima of costs.  The estimator works on costs throughout, so that a state 200
+standard deviations away has the cost 20000 and not the membership 0.
+
+============  =======================  ==================  =============================
+name          T(a, b)                  cost g(membership)  shape that stays itself
+============  =======================  ==================  =============================
+product       a b                      -log                Gaussian
+hamacher      a b / (a + b - a b)      1/membership - 1    Cauchy
+lukasiewicz   max(0, a + b - 1)        1 - membership      parabola
+min           min(a, b)                -log (no generator)
+============  =======================  ==================  =============================
+
+The minimum has no additive generator.  Its cost is -log as well, a mere change of
+scale in which costs combine by their maximum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from fuzzykf.engine.scales import from_membership, to_membership
+from fuzzykf.errors import ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.engine.scales import Scale
+
+__all__ = [
+    "BOUNDED_SUM",
+    "HAMACHER",
+    "LUKASIEWICZ",
+    "MAX",
+    "MIN",
+    "PROBABILISTIC_SUM",
+    "PRODUCT",
+    "TConorm",
+    "TNorm",
+    "as_t_conorm",
+    "as_t_norm",
+]
+
+
+@dataclass(frozen=True)
+class TNorm:
+    """A triangular norm, n-ary, with its generator where it has one.
+
+    The instances are `PRODUCT`, `MIN`, `LUKASIEWICZ` and `HAMACHER`; functions that
+    take a t-norm also take its name.
+
+    Attributes
+    ----------
+    name : str
+        "product", "min", "lukasiewicz" or "hamacher".
+    scale : {"log", "reciprocal", "complement"}
+        Scale of the costs.
+    additive : bool
+        Whether costs combine by their sum (by their maximum otherwise).
+    family : str or None
+        Name of the shape with memberships g^-1(quadratic form), which linear models
+        do not leave: "gaussian", "cauchy" or "parabolic".
+
+    Notes
+    -----
+    Layne and Passino (2001), equations (3)-(5); the Hamacher product is added.
+
+    Examples
+    --------
+    >>> float(PRODUCT(0.5, 0.5)), float(LUKASIEWICZ(0.5, 0.75)), float(MIN(0.5, 0.75))
+    (0.25, 0.25, 0.5)
+    >>> float(HAMACHER(0.5, 0.5).round(4))
+    0.3333
+    """
+
+    name: str
+    scale: Scale
+    additive: bool
+    family: Literal["gaussian", "cauchy", "parabolic"] | None
+
+    def __call__(self, *memberships: ArrayLike) -> FloatArray:
+        """Combine memberships in [0, 1], element by element with broadcasting.
+
+        Parameters
+        ----------
+        *memberships : array_like
+            One or more arrays of memberships.
+
+        Returns
+        -------
+        ndarray
+        """
+        values = _memberships(self.name, memberships)
+        result = values[0]
+        for value in values[1:]:
+            if self.name == "product":
+                result = result * value
+            elif self.name == "min":
+                result = np.minimum(result, value)
+            elif self.name == "lukasiewicz":
+                result = np.maximum(0.0, result + value - 1.0)
+            else:
+                either = result + value - result * value
+                result = np.where(either > 0.0, result * value / np.where(either > 0.0, either, 1.0), 0.0)
+        return result
+
+    @property
+    def generator(self) -> Callable[[ArrayLike], FloatArray] | None:
+        """The additive generator g, or None for the minimum, which has none."""
+        return self.cost if self.additive else None
+
+    def cost(self, membership: ArrayLike) -> FloatArray:
+        """Costs of memberships: 0 for 1, and infinite (Lukasiewicz: 1) for 0."""
+        return from_membership(np.asarray(membership, dtype=np.float64), self.scale)
+
+    def membership(self, cost: ArrayLike) -> FloatArray:
+        """Memberships of costs: the (pseudo-)inverse of `cost`."""
+        return to_membership(np.asarray(cost, dtype=np.float64), self.scale)
+
+    def cost_of_log(self, negative_log: FloatArray) -> FloatArray:
+        """Costs from minus the logarithms of memberships, which do not underflow."""
+        if self.scale == "log":
+            return negative_log
+        if self.scale == "reciprocal":
+            with np.errstate(over="ignore"):
+                return np.expm1(negative_log)
+        return -np.expm1(-negative_log)
+
+    def combine(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        """Cost of two things together, from their costs."""
+        return first + second if self.additive else np.maximum(first, second)
+
+    def renormalise(self, cost: FloatArray, best: float) -> FloatArray:
+        """Costs after division of all memberships by that of the cost ``best``.
+
+        For Hamacher and Lukasiewicz this is the factor 1/(1 + c) and 1/(1 - c) that
+        widens or narrows the spread after a measurement of surprise c.
+        """
+        if self.scale == "log":
+            return cost - best
+        if self.scale == "reciprocal":
+            return (cost - best) / (1.0 + best)
+        return (cost - best) / (1.0 - best)
+
+    @property
+    def impossible(self) -> float:
+        """Cost from which on the membership is zero."""
+        return 1.0 if self.scale == "complement" else np.inf
+
+
+PRODUCT = TNorm("product", "log", True, "gaussian")
+MIN = TNorm("min", "log", False, None)
+LUKASIEWICZ = TNorm("lukasiewicz", "complement", True, "parabolic")
+HAMACHER = TNorm("hamacher", "reciprocal", True, "cauchy")
+
+
+@dataclass(frozen=True)
+class TConorm:
+    """A triangular conorm: how memberships of alternatives join.
+
+    The instances are `MAX`, `PROBABILISTIC_SUM` and `BOUNDED_SUM`.
+
+    Attributes
+    ----------
+    name : str
+        "max", "probabilistic_sum" or "bounded_sum".
+    has_continuum_limit : bool
+        Whether joining ever more alternatives of a refined grid has a limit other
+        than 1.  Only the maximum has.
+
+    Notes
+    -----
+    Layne and Passino (2001), equations (6)-(8); (7) and (8) are misprinted there:
+    the probabilistic sum is 1 - prod(1 - x_i), the bounded sum min(1, sum x_i).
+
+    Examples
+    --------
+    >>> float(PROBABILISTIC_SUM([0.5, 0.5])), float(BOUNDED_SUM([0.75, 0.5])), float(MAX([0.75, 0.5]))
+    (0.75, 1.0, 0.75)
+    """
+
+    name: str
+    has_continuum_limit: bool
+
+    def __call__(self, memberships: ArrayLike, axis: int | tuple[int, ...] | None = None) -> FloatArray:
+        """Join memberships along one or several axes (by default, all).
+
+        Parameters
+        ----------
+        memberships : array_like
+            Memberships in [0, 1].
+        axis : int or tuple of int, optional
+
+        Returns
+        -------
+        ndarray
+        """
+        (value,) = _memberships(self.name, (memberships,))
+        if self.name == "max":
+            return np.asarray(value.max(axis=axis, initial=0.0))
+        if self.name == "probabilistic_sum":
+            return np.asarray(1.0 - np.prod(1.0 - value, axis=axis))
+        return np.asarray(np.minimum(1.0, value.sum(axis=axis)))
+
+
+MAX = TConorm("max", True)
+PROBABILISTIC_SUM = TConorm("probabilistic_sum", False)
+BOUNDED_SUM = TConorm("bounded_sum", False)
+
+_T_NORMS = {norm.name: norm for norm in (PRODUCT, MIN, LUKASIEWICZ, HAMACHER)}
+_T_CONORMS = {norm.name: norm for norm in (MAX, PROBABILISTIC_SUM, BOUNDED_SUM)}
+
+
+def as_t_norm(t_norm: str | TNorm) -> TNorm:
+    """Return the t-norm of that name.
+
+    Parameters
+    ----------
+    t_norm : str or TNorm
+        "product", "min", "lukasiewicz" or "hamacher".
+
+    Raises
+    ------
+    ParameterError
+        If there is no t-norm of that name.
+
+    Examples
+    --------
+    >>> as_t_norm("min").name
+    'min'
+    """
+    if isinstance(t_norm, TNorm):
+        return t_norm
+    if t_norm not in _T_NORMS:
+        raise ParameterError(f"t_norm: got {t_norm!r}, expected one of {', '.join(map(repr, _T_NORMS))}")
+    return _T_NORMS[t_norm]
+
+
+def as_t_conorm(t_conorm: str | TConorm, *, continuum: bool = False) -> TConorm:
+    """Return the conorm of that name.
+
+    Parameters
+    ----------
+    t_conorm : str or TConorm
+        "max", "probabilistic_sum" or "bounded_sum".
+    continuum : bool
+        Whether the alternatives form a continuum.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such conorm, or if it has no limit on a continuum.
+
+    Examples
+    --------
+    >>> as_t_conorm("max", continuum=True).name
+    'max'
+    """
+    if not isinstance(t_conorm, TConorm):
+        if t_conorm not in _T_CONORMS:
+            allowed = ", ".join(map(repr, _T_CONORMS))
+            raise ParameterError(f"t_conorm: got {t_conorm!r}, expected one of {allowed}")
+        t_conorm = _T_CONORMS[t_conorm]
+    if continuum and not t_conorm.has_continuum_limit:
+        raise ParameterError(
+            f"t_conorm: {t_conorm.name!r} has no limit on a continuum: under refinement of a grid it joins "
+            "ever more alternatives and every membership tends to 1; use 'max' here, and sums only on "
+            "finite universes (fuzzykf.possibility.relations)"
+        )
+    return t_conorm
+
+
+def _memberships(name: str, values: tuple[ArrayLike, ...]) -> list[FloatArray]:
+    """Return the arguments as arrays after checking that they lie in [0, 1]."""
+    if not values:
+        raise ParameterError(f"{name}: expected at least one membership, got none")
+    arrays = [np.asarray(value, dtype=np.float64) for value in values]
+    for array in arrays:
+        inside = (array >= 0.0) & (array <= 1.0)
+        if not inside.all():
+            worst = array[~inside].flat[0]
+            raise ParameterError(f"{name}: got the membership {worst:.6g}, expected values in [0, 1]")
+    return arrays
