@@ -73,7 +73,7 @@ def as_observation(z: ArrayLike | None, dim_z: int) -> FloatArray | None:
         raise ShapeError(f"z: expected {dim_z} numbers, got {z!r}") from error
     shape = value.shape
     if not (
-        shape in {(dim_z,), (dim_z, 1), (1, dim_z)} or (dim_z == 1 and value.size == 1 and value.ndim <= 2)
+        shape in ((dim_z,), (dim_z, 1), (1, dim_z)) or (dim_z == 1 and value.size == 1 and value.ndim <= 2)
     ):
         allowed = f"({dim_z},), ({dim_z}, 1) or (1, {dim_z})"
         if dim_z == 1:
@@ -167,6 +167,12 @@ class FilterResult:
     switch, switch_mean : ndarray, shape (n,)
         Estimate of the switch by the maximum of its posterior marginal, and its
         posterior mean.
+    switch_path : ndarray, shape (n,)
+        The most likely path of the switch as a whole (smoothers).
+    z_prior, S : ndarray, shapes (n, dim_z) and (n, dim_z, dim_z)
+        Predicted observations and their covariances (forecasts).
+    node_x, node_P : ndarray, shapes (n, M, dim_x) and (n, M, dim_x, dim_x)
+        Mean and covariance of the state given each node, if asked for.
     possibility : ndarray, shape (n,)
         Possibility of each observation (possibilistic filters).
     lower, upper : ndarray, shape (n, dim_x)
@@ -194,6 +200,11 @@ class FilterResult:
     nodes: FloatArray | None = None
     switch: FloatArray | None = None
     switch_mean: FloatArray | None = None
+    switch_path: FloatArray | None = None
+    z_prior: FloatArray | None = None
+    S: FloatArray | None = None
+    node_x: FloatArray | None = None
+    node_P: FloatArray | None = None
     possibility: FloatArray | None = None
     lower: FloatArray | None = None
     upper: FloatArray | None = None
@@ -211,9 +222,12 @@ class FilterResult:
         return 0
 
     def interval(self, level: float = 0.9) -> tuple[FloatArray, FloatArray]:
-        """Central interval of every state component from mean and variance.
+        """Central interval of every state component.
 
-        The interval is that of a normal law with the moments `x` and `P`.
+        With `node_x` and `node_P` (``keep_nodes=True``) its ends are quantiles of the
+        mixture of normal laws, one per node; else those of one normal law with the
+        moments `x` and `P`.  Both are approximations: given its node the state is
+        itself a mixture, of which only mean and covariance are carried.
 
         Parameters
         ----------
@@ -233,9 +247,17 @@ class FilterResult:
             raise ParameterError(f"level: got {level}, expected a number between 0 and 1")
         if self.x is None or self.P is None:
             raise ParameterError("interval: the result holds no x and P (see 'keep')")
-        from scipy.special import ndtri
+        from fuzzykf.gaussian import mixture_quantile, normal_quantile
 
-        half = ndtri(0.5 + 0.5 * level) * np.sqrt(np.diagonal(self.P, axis1=-2, axis2=-1))
+        tail = 0.5 * (1.0 - level)
+        if self.node_x is not None and self.node_P is not None and self.mu is not None:
+            std = np.sqrt(np.diagonal(self.node_P, axis1=-2, axis2=-1))
+            weights = self.mu[..., None]
+            return (
+                mixture_quantile(tail, weights, self.node_x, std),
+                mixture_quantile(1.0 - tail, weights, self.node_x, std),
+            )
+        half = normal_quantile(1.0 - tail) * np.sqrt(np.diagonal(self.P, axis1=-2, axis2=-1))
         return self.x - half, self.x + half
 
     def to_dataframe(self, index: Any = None) -> pd.DataFrame:

@@ -29,6 +29,8 @@ __all__ = [
     "log_density",
     "logsumexp",
     "mixture_moments",
+    "mixture_quantile",
+    "normal_quantile",
     "semidefinite_root",
     "symmetrize",
 ]
@@ -281,3 +283,45 @@ def mixture_moments(
     spread = np.swapaxes(deviation, -1, -2) @ (weights[..., :, None] * deviation)
     within = (weights[..., :, None, None] * covariances).sum(axis=-3)
     return mean, symmetrize(within + spread)
+
+
+def normal_quantile(level: float) -> float:
+    """Quantile of the standard normal law."""
+    from scipy.special import ndtri
+
+    return float(ndtri(level))
+
+
+def mixture_quantile(level: float, weights: FloatArray, means: FloatArray, stds: FloatArray) -> FloatArray:
+    """Quantile of mixtures of M scalar normal laws, by bisection to rounding.
+
+    Parameters
+    ----------
+    level : float
+    weights, means, stds : ndarray, shape (..., M, k)
+        Weights sum to one along the axis before the last.
+
+    Returns
+    -------
+    ndarray, shape (..., k)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> both = np.array([[-1.0], [1.0]])
+    >>> float(mixture_quantile(0.5, np.full((2, 1), 0.5), both, np.ones((2, 1))).round(12)[0])
+    0.0
+    """
+    from scipy.special import ndtr
+
+    reach = abs(normal_quantile(level)) + 1.0
+    low, high = (means - reach * stds).min(axis=-2), (means + reach * stds).max(axis=-2)
+    positive = np.where(stds > 0.0, stds, 1.0)
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        off = middle[..., None, :] - means
+        below = np.where(stds > 0.0, ndtr(off / positive), off >= 0.0)
+        under = (weights * below).sum(axis=-2) < level
+        low, high = np.where(under, middle, low), np.where(under, high, middle)
+    quantile: FloatArray = 0.5 * (low + high)
+    return quantile

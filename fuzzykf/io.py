@@ -194,8 +194,12 @@ def load_filter(path: str | PathLike[str], cls: type[M]) -> M:
 
 
 def encode(array: np.ndarray | None) -> Any:
-    """Return an array as nested lists, None staying None."""
-    return None if array is None else array.tolist()
+    """Return an array as nested lists, None staying None; NaN, in vectors, becomes None."""
+    if array is None:
+        return None
+    if array.ndim == 1 and array.dtype == np.float64:
+        return [None if np.isnan(v) else v for v in array.tolist()]
+    return array.tolist()
 
 
 def decode(values: Any, ndim: int) -> Any:

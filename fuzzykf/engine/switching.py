@@ -24,7 +24,7 @@ import numpy as np
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
 
-__all__ = ["LOG_ZERO", "Kernel", "first_step", "pack", "run", "step"]
+__all__ = ["LOG_ZERO", "Kernel", "first_step", "log_pairs", "pack", "run", "step"]
 
 #: Stand-in for log 0: sums of a few stay finite, and exp of it is zero.
 LOG_ZERO = -1e300
@@ -298,6 +298,16 @@ def _collapse(
     return np.concatenate([log_p[None], mean.T, P_node.reshape(M2, m * m).T]), sign, log_likelihood
 
 
+def log_pairs(kernel: Kernel, U: FloatArray) -> FloatArray:
+    """Return log |P_ij| + log N(y'; Ayy w + Ny, Qyy) for rows (1, w, y') of U: (n, M1 M2)."""
+    M1, M2, _, q = kernel.shape
+    p = M1 * M2
+    white = U @ kernel.rows[: q * p].T
+    white *= white
+    log_w: FloatArray = kernel.log_scale - (white if q == 1 else white.reshape(-1, q, p).sum(axis=1))
+    return log_w
+
+
 def run(
     kernel: Kernel, table: FloatArray, sign: FloatArray | None, U: FloatArray
 ) -> tuple[FloatArray, FloatArray | None, FloatArray]:
@@ -327,13 +337,11 @@ def run(
     chunk = max(1, _CHUNK // ((q + m) * p))
     for start in range(0, n, chunk):
         part = U[start : start + chunk]
-        white = part @ kernel.rows[: q * p].T
-        white *= white
-        square = white if q == 1 else white.reshape(-1, q, p).sum(axis=1)
+        log_w = log_pairs(kernel, part)
         if kernel.few is not None:
             mix = kernel.few.mix
             pairs = np.empty((len(part), 3 * p))
-            np.subtract(kernel.log_scale, square, out=pairs[:, :p])
+            pairs[:, :p] = log_w
             np.matmul(part, kernel.rows[p:].T, out=pairs[:, p : 2 * p])
             pairs[:, 2 * p :] = kernel.C.ravel()
             log_totals, carried = np.empty(len(part)), np.zeros(len(part))
@@ -353,7 +361,7 @@ def run(
             table = tables[start + len(part) - 1]
         else:
             offsets = (part @ kernel.rows[q * p :].T).reshape(-1, m, p)
-            for k, (row, offset) in enumerate(zip(kernel.log_scale - square, offsets, strict=True), start):
+            for k, (row, offset) in enumerate(zip(log_w, offsets, strict=True), start):
                 table, sign, log_likelihood[k] = _collapse(kernel, row, offset, table, sign)
                 tables[k] = table
                 if signs is not None:

@@ -7,10 +7,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import Filter, FilterResult, as_observation, as_observations
-from fuzzykf.errors import SequenceError
+from fuzzykf.errors import ParameterError, SequenceError
 from fuzzykf.gaussian import mixture_moments
-from fuzzykf.io import decode, encode
 from fuzzykf.switching import recursion
+from fuzzykf.switching.belief import (
+    Belief,
+    begin,
+    node_state,
+    predict_observation,
+    predict_state,
+    proceed,
+)
+from fuzzykf.switching.series import Trajectory, run_series
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -18,15 +26,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.base import FloatArray
-    from fuzzykf.switching.recursion import NodeState
+    from fuzzykf.switching.chain import SwitchChain
     from fuzzykf.switching.tables import InitialLaw, PairTables, SwitchingSystem
 
-__all__ = ["MISSING", "SwitchingFilter"]
-
-MISSING = (
-    "{}: missing observations (None or NaN, or a second predict in a row) are not supported by switching "
-    "filters yet; filter the stretches between gaps separately"
-)
+__all__ = ["SwitchingFilter"]
 
 
 class SwitchingFilter(Filter):
@@ -70,47 +73,17 @@ class SwitchingFilter(Filter):
         self._start()
 
     def _start(self) -> None:
-        self._n = 0  # observations taken
+        self._n = 0  # observations taken, missing ones included
         self._predicted = False
-        self._state: NodeState | None = None
-        self._window = np.empty(0)
+        self._belief: Belief | None = None
         self._z: FloatArray | None = None
         self._log_likelihood = 0.0
-        # state, window and tables from which the latest observation was predicted
-        self._before: tuple[NodeState, FloatArray, PairTables] | None = None
+        # belief and tables from which the latest observation was predicted
+        self._before: tuple[Belief, PairTables] | None = None
 
     def reset(self) -> None:
         """Return to the initial law, before any observation."""
         self._start()
-
-    # ------------------------------------------------------------------ for files
-
-    def _export_state(self) -> dict[str, Any]:
-        """Return the state as plain values that `_import_state` restores bit for bit."""
-        before = None
-        if self._before is not None:
-            state, window, _ = self._before
-            before = {"state": _plain(state), "window": window.tolist()}
-        return {
-            "n": self._n,
-            "predicted": self._predicted,
-            "state": None if self._state is None else _plain(self._state),
-            "window": self._window.tolist(),
-            "z": encode(self._z),
-            "log_likelihood": self._log_likelihood,
-            "before": before,
-        }
-
-    def _import_state(self, values: dict[str, Any]) -> None:
-        self._n, self._predicted = int(values["n"]), bool(values["predicted"])
-        self._state = None if values["state"] is None else _from_plain(values["state"])
-        self._window, self._z = decode(values["window"], 1), decode(values["z"], 1)
-        self._log_likelihood = float(values["log_likelihood"])
-        self._before = None
-        if values["before"] is not None:
-            tables = self._system.pair_tables(self._n - 2)
-            before = values["before"]
-            self._before = (_from_plain(before["state"]), decode(before["window"], 1), tables)
 
     # ------------------------------------------------------------------ tables
 
@@ -126,15 +99,11 @@ class SwitchingFilter(Filter):
         """Move to the time of the next observation.
 
         Before the first observation this shows the initial law and may be repeated.
-
-        Raises
-        ------
-        NotImplementedError
-            If the observation of the current time has not been given: missing
-            observations are not supported yet.
+        Later, a predict that follows a predict says that the observation in between is
+        missing.
         """
         if self._predicted and self._n > 0:
-            raise NotImplementedError(MISSING.format("predict"))
+            self._take(np.full(self.dim_z, np.nan))
         self._predicted = True
 
     def update(self, z: ArrayLike | None) -> None:
@@ -142,15 +111,15 @@ class SwitchingFilter(Filter):
 
         Parameters
         ----------
-        z : array_like
-            Scalar (if dim_z is 1), or shape (dim_z,), (dim_z, 1) or (1, dim_z).
+        z : array_like or None
+            Scalar (if dim_z is 1), or shape (dim_z,), (dim_z, 1) or (1, dim_z).  None or
+            NaN where it, or a part of it, is missing; see `fuzzykf.switching.missing` for
+            what stays exact then.
 
         Raises
         ------
         SequenceError
             If no `predict` came since the last update.
-        NotImplementedError
-            If ``z``, or a part of it, is missing.
         ShapeError, ParameterError
             If ``z`` has a wrong shape or is infinite.
         """
@@ -160,39 +129,50 @@ class SwitchingFilter(Filter):
                 "per time (use step, or stack simultaneous measurements into one z)"
             )
         y = as_observation(z, self.dim_z)
-        if y is None or (self.dim_z > 1 and np.isnan(y).any()):
-            raise NotImplementedError(MISSING.format("update"))
-        before: tuple[NodeState, FloatArray, PairTables] | None
-        if self._state is None:
-            state, log_likelihood = recursion.first_observation(self._initial_law(), y)
-            before = None
+        self._take(np.full(self.dim_z, np.nan) if y is None else y)
+
+    def step(self, z: ArrayLike | None) -> FloatArray:
+        """Predict, then update with ``z``.
+
+        Parameters
+        ----------
+        z : array_like or None
+            The observation; None or NaN where missing.
+
+        Returns
+        -------
+        ndarray, shape (dim_x, 1)
+            The new estimate ``x``.
+        """
+        y = as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
+        self.predict()
+        self._take(np.full(self.dim_z, np.nan) if y is None else y)
+        return self.x
+
+    def _take(self, y: FloatArray) -> None:
+        before = None
+        if self._belief is None:
+            belief, log_likelihood = begin(self._initial_law(), y)
         else:
             tables = self._next_tables()
-            state, log_likelihood = recursion.advance(tables, self._state, self._window, y)
-            before = (self._state, self._window, tables)
-        self._accept(state, log_likelihood, y, before)
-
-    def _accept(
-        self,
-        state: NodeState,
-        log_likelihood: float,
-        y: FloatArray,
-        before: tuple[NodeState, FloatArray, PairTables] | None,
-    ) -> None:
-        self._state, self._log_likelihood, self._before = state, log_likelihood, before
-        order = self._system.order
-        self._window = y if order == 1 else np.concatenate([y, self._window])[: order * self.dim_z]
+            width = min(self._n + 1, self._system.order) * self.dim_z
+            belief, log_likelihood = proceed(tables, self._belief, y, width)
+            before = (self._belief, tables)
+        self._belief, self._log_likelihood, self._before = belief, log_likelihood, before
         self._z = y
         self._n += 1
         self._predicted = False
 
-    def filter(self, zs: Iterable[ArrayLike | None] | ArrayLike) -> FilterResult:
+    def filter(self, zs: Iterable[ArrayLike | None] | ArrayLike, *, keep_nodes: bool = False) -> FilterResult:
         """Filter a whole series from the initial law on.
 
         Parameters
         ----------
         zs : array_like
-            Shape (n, dim_z), or (n,) if ``dim_z`` is 1.
+            Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
+        keep_nodes : bool
+            Keep mean and covariance of the state given each node, from which
+            `FilterResult.interval` takes its quantiles.
 
         Returns
         -------
@@ -200,80 +180,87 @@ class SwitchingFilter(Filter):
             With ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``nodes``, ``switch``,
             ``switch_mean`` and ``log_likelihood``.  The filter stays at the last
             observation, so that `step` continues.
-
-        Raises
-        ------
-        NotImplementedError
-            If observations are missing.
         """
         ys = as_observations(zs, self.dim_z)
-        if np.isnan(ys).any():
-            raise NotImplementedError(MISSING.format("filter"))
-        index = getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None
-        return self._filter_complete(ys, index)
+        trajectory = run_series(self._system, ys)
+        self._adopt(trajectory, ys)
+        return summarise(
+            self._system.chain, trajectory, self.dim_x, keep_nodes=keep_nodes, index=index_of(zs)
+        )
 
-    def _filter_complete(self, ys: FloatArray, index: Any) -> FilterResult:
-        trial = self.copy()
-        trial.reset()
-        states, log_likelihood, priors = trial._run(ys)
-        self.__dict__.update(trial.__dict__)
-        m = self.dim_x
-        mu = recursion.node_probabilities(states)
-        x, P = mixture_moments(mu, *recursion.node_moments(states, m))
+    def _adopt(self, trajectory: Trajectory, ys: FloatArray) -> None:
+        """Stay at the last observation of a series."""
+        self._start()
+        if len(ys):
+            self._n, self._belief, self._before = len(ys), trajectory.last, trajectory.before
+            self._z, self._log_likelihood = ys[-1].copy(), float(trajectory.log_likelihood[-1])
+
+    def smooth(self, zs: Iterable[ArrayLike | None] | ArrayLike, *, keep_nodes: bool = False) -> FilterResult:
+        """Estimate every state of a series from all of it.
+
+        Exact for complete observations, see `fuzzykf.switching.smoother`; the filter
+        stays at the last observation.
+
+        Parameters
+        ----------
+        zs, keep_nodes
+            As in `filter`.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, ``mu``, ``nodes``, ``switch``, ``switch_mean``, the most
+            likely ``switch_path``, and the ``log_likelihood`` of the filter.
+        """
+        from fuzzykf.switching.smoother import smooth_series
+
+        ys = as_observations(zs, self.dim_z)
+        trajectory = run_series(self._system, ys)
+        self._adopt(trajectory, ys)
+        return smooth_series(self._system, trajectory, ys, keep_nodes=keep_nodes, index=index_of(zs))
+
+    def forecast(self, steps: int) -> FilterResult:
+        """Predict states and observations ahead; the filter stays where it is.
+
+        Means and covariances are exact if the window of the latest observations is known.
+
+        Parameters
+        ----------
+        steps : int
+            Number of steps ahead.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, ``z_prior``, ``S`` (mean and covariance of the
+            observations), ``mu``, ``nodes``, ``switch`` and ``switch_mean``.
+        """
+        if steps < 1:
+            raise ParameterError(f"steps: got {steps}, expected at least 1")
+        ahead = self.copy()
+        ahead.predict()
+        rows: list[tuple[FloatArray, ...]] = []
+        for _ in range(steps):
+            z_prior, S = ahead._predicted_observation()
+            rows.append((ahead.x[:, 0], ahead.P, z_prior, S, ahead.mu))
+            ahead.predict() if ahead._n else ahead._skip_first()
+        x, P, z_prior, S, mu = (np.array(column) for column in zip(*rows, strict=True))
         chain = self._system.chain
         return FilterResult(
             x=x,
             P=P,
-            x_prior=priors[0],
-            P_prior=priors[1],
+            z_prior=z_prior,
+            S=S,
             mu=mu,
             nodes=chain.nodes,
             switch=recursion.most_likely_switch(chain, mu),
             switch_mean=mu @ chain.nodes,
-            log_likelihood=log_likelihood,
-            index=index,
         )
 
-    def _run(self, ys: FloatArray) -> tuple[NodeState, FloatArray, tuple[FloatArray, FloatArray]]:
-        """Filter ``ys`` from the start; all node states, log-likelihoods and prior moments."""
-        n, m, M = len(ys), self.dim_x, len(self._system.chain)
-        table = np.empty((n, 1 + m + m * m, M))
-        signs = np.ones((n, M)) if self._system.chain.is_signed else None
-        log_likelihood = np.empty(n)
-        x_prior, P_prior = np.empty((n, m)), np.empty((n, m, m))
-        steady = self._system.steady_from
-        k = 0
-        while k < n and (steady is None or k <= max(steady, 0)):
-            self.predict()
-            x_prior[k], P_prior[k] = self.x_prior[:, 0], self.P_prior
-            self.update(ys[k])
-            assert self._state is not None
-            table[k] = self._state.table
-            if signs is not None and self._state.sign is not None:
-                signs[k] = self._state.sign
-            log_likelihood[k] = self._log_likelihood
-            k += 1
-        if k < n:
-            assert self._state is not None
-            tables = self._next_tables()
-            windows = _windows(ys, self._system.order)[k - 1 : n - 1]
-            rest, log_likelihood[k:] = recursion.advance_all(tables, self._state, windows, ys[k:])
-            table[k:] = rest.table
-            if signs is not None:
-                signs[k:] = 1.0 if rest.sign is None else rest.sign
-            states = recursion.NodeState(table, signs)
-            for start in range(k, n, _CHUNK):
-                stop = min(start + _CHUNK, n)
-                part = _slice(states, slice(start - 1, stop - 1))
-                x_prior[start:stop], P_prior[start:stop] = recursion.predict_state(
-                    tables, part, windows[start - k : stop - k]
-                )
-            before = (_slice(states, n - 2), windows[-1], tables)
-            self._n = n - 1
-            if self._system.order > 1:
-                self._window = windows[-1]
-            self._accept(_slice(states, n - 1), float(log_likelihood[-1]), ys[-1].copy(), before)
-        return recursion.NodeState(table, signs), log_likelihood, (x_prior, P_prior)
+    def _skip_first(self) -> None:
+        """Let the first observation be missing, and predict the second."""
+        self.update(None)
+        self.predict()
 
     # ------------------------------------------------------------------ what users read
 
@@ -282,14 +269,23 @@ class SwitchingFilter(Filter):
         m = self.dim_x
         if not self._prior_is_known():
             return np.full(m, np.nan), np.full((m, m), np.nan)
-        source = self._before
-        if self._predicted and self._state is not None:
-            source = (self._state, self._window, self._next_tables())
+        source = self._source()
         if source is None:
             law = self._initial_law()
             return mixture_moments(law.probability, law.mean[:, :m], law.covariance[:, :m, :m])
-        state, window, tables = source
-        return recursion.predict_state(tables, state, window)
+        belief, tables = source
+        return predict_state(tables, belief)
+
+    def _source(self) -> tuple[Belief, PairTables] | None:
+        """From what the latest observation was predicted, or the next one is after predict."""
+        if self._predicted and self._belief is not None:
+            return self._belief, self._next_tables()
+        return self._before
+
+    def _predicted_observation(self) -> tuple[FloatArray, FloatArray]:
+        source = self._source()
+        law = self._initial_law() if source is None else None
+        return predict_observation(source, law, self.dim_x)
 
     def _prior_is_known(self) -> bool:
         return True
@@ -297,18 +293,18 @@ class SwitchingFilter(Filter):
     @property
     def x(self) -> FloatArray:
         """Estimate of the state, (dim_x, 1)."""
-        if self._state is None or self._predicted:
+        if self._belief is None or self._predicted:
             return self._prior()[0][:, None]
-        means = self._state.table[1 : 1 + self.dim_x]
-        mean: FloatArray = means.dot(recursion.node_probabilities(self._state))
+        state = node_state(self._belief, self.dim_x)
+        mean: FloatArray = state.table[1 : 1 + self.dim_x].dot(recursion.node_probabilities(state))
         return mean[:, None]
 
     @property
     def P(self) -> FloatArray:
         """Covariance of the state, (dim_x, dim_x)."""
-        if self._state is None or self._predicted:
+        if self._belief is None or self._predicted:
             return self._prior()[1]
-        return recursion.posterior_moments(self._state, self.dim_x)[1]
+        return recursion.posterior_moments(node_state(self._belief, self.dim_x), self.dim_x)[1]
 
     @property
     def x_prior(self) -> FloatArray:
@@ -328,11 +324,12 @@ class SwitchingFilter(Filter):
     @property
     def mu(self) -> FloatArray:
         """Probability of each node of the switch, (M,)."""
-        if self._state is None:
+        if self._belief is None:
             return self._initial_law().probability.copy()
+        state = node_state(self._belief, self.dim_x)
         if self._predicted:
-            return recursion.predict_probabilities(self._next_tables(), self._state)
-        return recursion.node_probabilities(self._state)
+            return recursion.predict_probabilities(self._next_tables(), state)
+        return recursion.node_probabilities(state)
 
     @property
     def switch(self) -> float:
@@ -355,21 +352,17 @@ class SwitchingFilter(Filter):
         return None if self._z is None else self._z[:, None].copy()
 
     def _innovation(self) -> tuple[FloatArray, FloatArray]:
-        q, m = self.dim_z, self.dim_x
+        q = self.dim_z
         if self._z is None:
             return np.zeros(q), np.zeros((q, q))
-        if self._before is None:
-            law = self._initial_law()
-            mean, covariance = mixture_moments(law.probability, law.mean[:, m:], law.covariance[:, m:, m:])
-        else:
-            state, window, tables = self._before
-            mean, covariance = recursion.predict_observation(tables, state, window)
+        law = self._initial_law() if self._before is None else None
+        mean, covariance = predict_observation(self._before, law, self.dim_x)
         return self._z - mean, covariance
 
     @property
     def y(self) -> FloatArray:
-        """Innovation of the latest observation, (dim_z, 1)."""
-        return self._innovation()[0][:, None]
+        """Innovation of the latest observation, (dim_z, 1); zero where it is missing."""
+        return np.nan_to_num(self._innovation()[0])[:, None]
 
     @property
     def S(self) -> FloatArray:
@@ -378,11 +371,11 @@ class SwitchingFilter(Filter):
 
     @property
     def nis(self) -> float:
-        """Normalised innovation squared, y' S^-1 y; 0 before any observation."""
-        if self._z is None:
-            return 0.0
+        """Normalised innovation squared, y' S^-1 y, of what was observed; 0 where nothing was."""
         y, S = self._innovation()
-        return float(y @ np.linalg.solve(S, y))
+        there = np.flatnonzero(~np.isnan(y)) if self._z is not None else np.empty(0, dtype=int)
+        part = y[there]
+        return float(part @ np.linalg.solve(S[there[:, None], there], part))
 
     @property
     def mahalanobis(self) -> float:
@@ -390,27 +383,29 @@ class SwitchingFilter(Filter):
         return float(np.sqrt(self.nis))
 
 
-#: Observations whose prior moments are computed at once.
-_CHUNK = 512
+def summarise(
+    chain: SwitchChain, trajectory: Trajectory, m: int, *, keep_nodes: bool, index: Any
+) -> FilterResult:
+    """Collect what users read from the states along a series."""
+    mu = recursion.node_probabilities(trajectory.states)
+    means, covariances = recursion.node_moments(trajectory.states, m)
+    x, P = mixture_moments(mu, means, covariances)
+    return FilterResult(
+        x=x,
+        P=P,
+        x_prior=trajectory.x_prior,
+        P_prior=trajectory.P_prior,
+        mu=mu,
+        nodes=chain.nodes,
+        switch=recursion.most_likely_switch(chain, mu),
+        switch_mean=mu @ chain.nodes,
+        log_likelihood=trajectory.log_likelihood,
+        node_x=means if keep_nodes else None,
+        node_P=covariances if keep_nodes else None,
+        index=index,
+    )
 
 
-def _slice(states: NodeState, where: Any) -> NodeState:
-    sign = None if states.sign is None else states.sign[where]
-    return recursion.NodeState(states.table[where], sign)
-
-
-def _plain(state: NodeState) -> dict[str, Any]:
-    return {"table": state.table.tolist(), "sign": encode(state.sign)}
-
-
-def _from_plain(values: dict[str, Any]) -> NodeState:
-    return recursion.NodeState(decode(values["table"], 2), decode(values["sign"], 1))
-
-
-def _windows(ys: FloatArray, order: int) -> FloatArray:
-    """Return the windows (y_n, y_{n-1}, ...) of full length, one row per n; NaN before the start."""
-    n, q = ys.shape
-    windows = np.full((n, order, q), np.nan)
-    for lag in range(min(order, n)):
-        windows[lag:, lag] = ys[: n - lag]
-    return windows.reshape(n, order * q)
+def index_of(zs: Any) -> Any:
+    """Return the index of a pandas object, None for anything else."""
+    return getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None

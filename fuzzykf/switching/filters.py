@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from fuzzykf.base import FilterResult, as_observations
+from fuzzykf.base import FilterResult, as_observation, as_observations
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.switching.chain import SwitchChain
-from fuzzykf.switching.filter_base import MISSING, SwitchingFilter
+from fuzzykf.io import decode, encode
+from fuzzykf.switching.belief import belief_from_dict, belief_to_dict
+from fuzzykf.switching.filter_base import SwitchingFilter, index_of, summarise
 from fuzzykf.switching.fuzzy_model import CGOFMSModel
 from fuzzykf.switching.hard_model import CGOMSModel
-from fuzzykf.switching.systems import known_pair
-from fuzzykf.switching.tables import InitialLaw
+from fuzzykf.switching.series import Trajectory, run_series
+from fuzzykf.switching.systems import KnownPath
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.base import FloatArray
-    from fuzzykf.switching.tables import PairTables
+    from fuzzykf.switching.tables import InitialLaw, PairTables
 
 __all__ = ["CGOMSMFilter", "KnownSwitchFilter", "OFSRFilter"]
 
@@ -64,6 +66,24 @@ class _SavedFilter(SwitchingFilter):
         from fuzzykf.io import load_filter
 
         return load_filter(path, cls)
+
+    def _export_state(self) -> dict[str, Any]:
+        """Return the state as plain values that `_import_state` restores bit for bit."""
+        return {
+            "n": self._n,
+            "predicted": self._predicted,
+            "belief": belief_to_dict(self._belief),
+            "before": belief_to_dict(None if self._before is None else self._before[0]),
+            "z": encode(self._z),
+            "log_likelihood": self._log_likelihood,
+        }
+
+    def _import_state(self, values: dict[str, Any]) -> None:
+        self._n, self._predicted = int(values["n"]), bool(values["predicted"])
+        self._belief = belief_from_dict(values["belief"])
+        self._z, self._log_likelihood = decode(values["z"], 1), float(values["log_likelihood"])
+        before = belief_from_dict(values["before"])
+        self._before = None if before is None else (before, self._system.pair_tables(self._n - 2))
 
 
 class OFSRFilter(_SavedFilter):
@@ -147,23 +167,6 @@ class CGOMSMFilter(_SavedFilter):
         super().__init__(model.on_nodes())
 
 
-class _KnownPath:
-    """Stands in for a system whose tables come one by one, with the switch."""
-
-    order: int = 1
-    steady_from: int | None = None
-
-    def __init__(self, model: CGOFMSModel | CGOMSModel) -> None:
-        self.chain = SwitchChain([0.0], [1.0], [1.0], [[1.0]])
-        self.dim_x, self.dim_z = model.dim_x, model.dim_z
-
-    def initial(self) -> InitialLaw:
-        raise NotImplementedError  # pragma: no cover - the filter knows better
-
-    def pair_tables(self, n: int) -> PairTables:
-        raise NotImplementedError  # pragma: no cover - the filter knows better
-
-
 class KnownSwitchFilter(SwitchingFilter):
     """Exact filter for a switch that is known: the best that any filter can do.
 
@@ -201,7 +204,7 @@ class KnownSwitchFilter(SwitchingFilter):
         if not isinstance(model, (CGOFMSModel, CGOMSModel)):
             raise ParameterError(f"model: got {type(model).__name__}, expected a CGOFMSModel or CGOMSModel")
         self.model = model
-        super().__init__(_KnownPath(model))
+        super().__init__(KnownPath(model.form, np.empty((0, model.n_classes)), np.empty(0)))
 
     def _start(self) -> None:
         super()._start()
@@ -211,17 +214,16 @@ class KnownSwitchFilter(SwitchingFilter):
 
     # ------------------------------------------------------------------ tables
 
+    def _path(self, *r: float) -> KnownPath:
+        return KnownPath(self.model.form, self.model.class_weights(np.array(r)), np.array(r))
+
     def _initial_law(self) -> InitialLaw:
-        value = self._r if self._r_next is None else self._r_next
-        mean, covariance = self.model.form.marginal(self.model.class_weights([value]))
-        return InitialLaw(np.ones(1), mean, covariance)
+        return self._path(self._r if self._r_next is None else self._r_next).initial()
 
     def _next_tables(self) -> PairTables:
         if self._r_next is None:
             raise ParameterError("r: the value of the switch at the next observation is not known yet")
-        u = self.model.class_weights([self._r, self._r_next])
-        label = f"known pair r_n = {self._r:.6g}, r_n+1 = {self._r_next:.6g}"
-        return known_pair(self.model.form, u[0], u[1], label)
+        return self._path(self._r, self._r_next).pair_tables(0)
 
     def _prior_is_known(self) -> bool:
         return self._told_at_predict
@@ -241,6 +243,9 @@ class KnownSwitchFilter(SwitchingFilter):
         ParameterError
             If ``r`` is not a value of the switch, or was given before.
         """
+        if self._predicted and self._n > 0 and self._r_next is not None:
+            super().predict()  # the observation at the value given before is missing
+            self._predicted = False
         value = None if r is None else self._checked(r)
         super().predict()
         if value is not None:
@@ -262,21 +267,21 @@ class KnownSwitchFilter(SwitchingFilter):
         ParameterError
             If ``r`` was given to `predict` as well, or to neither.
         """
-        given = self._r_next
-        if r is not None:
-            self._r_next = self._checked(r)
-        elif given is None:
+        if r is None and self._r_next is None:
             raise ParameterError(
                 "r: missing; the value of the switch has to be given to predict or to update (use an "
                 "OFSRFilter or a CGOMSMFilter if it is not known)"
             )
+        before = self._r_next
+        self._r_next = before if r is None else self._checked(r)
         try:
             super().update(z)
         except Exception:
-            self._r_next = given
+            self._r_next = before
             raise
-        if not self._before:
-            self._told_at_predict = self._told_at_predict and given is not None
+
+    def _take(self, y: FloatArray) -> None:
+        super()._take(y)
         assert self._r_next is not None
         self._r, self._r_next = self._r_next, None
 
@@ -296,13 +301,9 @@ class KnownSwitchFilter(SwitchingFilter):
         """
         if r is None:
             raise ParameterError("r: missing; expected the value of the switch at this observation")
-        now = self._n, self._predicted, self._r_next, self._told_at_predict
+        as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
         self.predict(r)
-        try:
-            self.update(z)
-        except Exception:
-            self._n, self._predicted, self._r_next, self._told_at_predict = now
-            raise
+        self.update(z)
         return self.x
 
     def _checked(self, r: float) -> float:
@@ -315,7 +316,7 @@ class KnownSwitchFilter(SwitchingFilter):
         return float(value.reshape(()))
 
     def filter(  # type: ignore[override]
-        self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike
+        self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike, *, keep_nodes: bool = False
     ) -> FilterResult:
         """Filter a whole series with its switches, from the initial law on.
 
@@ -325,38 +326,65 @@ class KnownSwitchFilter(SwitchingFilter):
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1.
         r : array_like, shape (n,)
             Values of the switch.
+        keep_nodes : bool
+            As in `SwitchingFilter.filter`.
 
         Returns
         -------
         FilterResult
         """
+        ys, path = self._read(zs, r)
+        trajectory = run_series(path, ys)
+        self._adopt_path(trajectory, ys, path)
+        result = summarise(path.chain, trajectory, self.dim_x, keep_nodes=keep_nodes, index=index_of(zs))
+        return replace(result, nodes=None, switch=path.r, switch_mean=path.r)
+
+    def smooth(  # type: ignore[override]
+        self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike, *, keep_nodes: bool = False
+    ) -> FilterResult:
+        """Estimate every state of a series from all of it, and its switches.
+
+        Parameters
+        ----------
+        zs, r, keep_nodes
+            As in `filter`.
+
+        Returns
+        -------
+        FilterResult
+        """
+        from fuzzykf.switching.smoother import smooth_series
+
+        ys, path = self._read(zs, r)
+        trajectory = run_series(path, ys)
+        self._adopt_path(trajectory, ys, path)
+        result = smooth_series(path, trajectory, ys, keep_nodes=keep_nodes, index=index_of(zs))
+        return replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
+
+    def forecast(self, steps: int) -> FilterResult:
+        """Refuse: a forecast needs the switches of the future.
+
+        Raises
+        ------
+        ParameterError
+            Always; call `predict` with the switch of each step, or use another filter.
+        """
+        raise ParameterError(
+            f"steps: got {steps}; the future of a known switch is not known: call predict(r) for each step, "
+            "or forecast with an OFSRFilter or a CGOMSMFilter"
+        )
+
+    def _read(self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike) -> tuple[FloatArray, KnownPath]:
         ys = as_observations(zs, self.dim_z)
-        if np.isnan(ys).any():
-            raise NotImplementedError(MISSING.format("filter"))
-        switches = np.asarray(r, dtype=np.float64).reshape(-1)
+        switches = np.array(r, dtype=np.float64).reshape(-1)
         if switches.shape != (len(ys),):
             raise ShapeError(f"r: got {switches.size} values, expected {len(ys)}, one per observation")
-        self.model.class_weights(switches)
-        trial = self.copy()
-        trial.reset()
-        n, m = len(ys), self.dim_x
-        x, P, log_likelihood = np.empty((n, m)), np.empty((n, m, m)), np.empty(n)
-        x_prior, P_prior = np.empty((n, m)), np.empty((n, m, m))
-        for k in range(n):
-            x[k] = trial.step(ys[k], float(switches[k]))[:, 0]
-            P[k], log_likelihood[k] = trial.P, trial.log_likelihood
-            x_prior[k], P_prior[k] = trial.x_prior[:, 0], trial.P_prior
-        self.__dict__.update(trial.__dict__)
-        return FilterResult(
-            x=x,
-            P=P,
-            x_prior=x_prior,
-            P_prior=P_prior,
-            switch=switches,
-            switch_mean=switches,
-            log_likelihood=log_likelihood,
-            index=getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None,
-        )
+        return ys, KnownPath(self.model.form, self.model.class_weights(switches), switches)
+
+    def _adopt_path(self, trajectory: Trajectory, ys: FloatArray, path: KnownPath) -> None:
+        self._adopt(trajectory, ys)
+        if len(ys):
+            self._r, self._told_at_predict = float(path.r[-1]), True
 
     # ------------------------------------------------------------------ what users read
 

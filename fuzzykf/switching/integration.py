@@ -168,5 +168,8 @@ def invert_line(density: Callable[[FloatArray], FloatArray], u: float, breaks: F
     def excess(t: float) -> float:
         return float(density(_open(start + t * width * x)) @ w) * t * width - target
 
-    t = 0.0 if excess(0.0) >= 0.0 else 1.0 if excess(1.0) <= 0.0 else brentq(excess, 0.0, 1.0, xtol=1e-14)
-    return float(_open(np.array([start + float(t) * width]))[0])
+    t = 1.0
+    if excess(1.0) > 0.0:
+        t = float(brentq(excess, 0.0, 1.0, xtol=1e-14)) if excess(0.0) < 0.0 else 0.0
+    found: FloatArray = _open(np.array([start + t * width]))
+    return float(found[0])

@@ -103,6 +103,12 @@ def advance_all(
     return states, log_likelihood
 
 
+def log_pair_weights(tables: PairTables, windows: FloatArray, ys: FloatArray) -> FloatArray:
+    """Log |P_ij| + log N(y'; Ayy w + Ny, Qyy) of n steps with the same tables, (n, M1, M2)."""
+    U = np.concatenate([np.ones((len(ys), 1)), windows, ys], axis=1)
+    return engine.log_pairs(tables.kernel, U).reshape(len(ys), *tables.transition.shape)
+
+
 def _check_masses(state: NodeState) -> None:
     negative = np.maximum(-node_probabilities(state), 0.0).sum(axis=-1)
     if not (negative <= NEGATIVE_MASS).all():  # NaN where the total is not positive

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from fuzzykf.switching.chain import SwitchChain
 from fuzzykf.switching.tables import InitialLaw, PairTables
 
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
-    from fuzzykf.switching.chain import SwitchChain
     from fuzzykf.switching.forms import GaussianForm
 
-__all__ = ["StationarySystem"]
+__all__ = ["KnownPath", "StationarySystem"]
 
 
 class StationarySystem:
@@ -68,7 +68,32 @@ class StationarySystem:
         return self
 
 
-def known_pair(form: GaussianForm, u1: FloatArray, u2: FloatArray, label: str) -> PairTables:
-    """Tables of one step between two known values of the switch, given by their shares."""
-    pairs = form.pairs(u1[None, None, :], u2[None, None, :], lambda _: label)
-    return PairTables(np.ones((1, 1)), pairs)
+class KnownPath:
+    """A form along a known path of the switch: one node, one pair of values per step.
+
+    Parameters
+    ----------
+    form : GaussianForm
+    shares : ndarray, shape (n, K)
+        Shares of the regimes at each observation.
+    r : ndarray, shape (n,)
+        Values of the switch, for messages.
+    """
+
+    order: int = 1
+    steady_from: int | None = None
+
+    def __init__(self, form: GaussianForm, shares: FloatArray, r: FloatArray) -> None:
+        self.form, self.shares, self.r = form, shares, r
+        self.dim_x, self.dim_z = form.dim_x, form.dim_z
+        self.chain = SwitchChain([0.0], [1.0], [1.0], [[1.0]])
+
+    def initial(self) -> InitialLaw:
+        """Return the law of Z_1 at the first value of the switch."""
+        return InitialLaw(np.ones(1), *self.form.marginal(self.shares[:1]))
+
+    def pair_tables(self, n: int) -> PairTables:
+        """Return the tables of the step from observation ``n`` to ``n + 1``."""
+        label = f"known pair r_n = {self.r[n]:.6g}, r_n+1 = {self.r[n + 1]:.6g} (n = {n})"
+        u1, u2 = self.shares[n, None, None], self.shares[n + 1, None, None]
+        return PairTables(np.ones((1, 1)), self.form.pairs(u1, u2, lambda _: label))

@@ -1,0 +1,140 @@
+"""One step of a switching filter, whether observations are complete or not.
+
+A belief is what a filter knows after an observation: the state of every node and the
+window of the latest observations.  The functions here choose between the exact
+recursion (`fuzzykf.switching.recursion`) and that for gaps (`fuzzykf.switching.missing`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from fuzzykf.gaussian import mixture_moments
+from fuzzykf.io import decode, encode
+from fuzzykf.switching import missing, recursion
+from fuzzykf.switching.missing import GapState
+from fuzzykf.switching.recursion import NodeState
+from fuzzykf.switching.tables import log_probability
+
+if TYPE_CHECKING:
+    from fuzzykf.base import FloatArray
+    from fuzzykf.switching.tables import InitialLaw, PairTables
+
+__all__ = [
+    "Belief",
+    "begin",
+    "belief_from_dict",
+    "belief_to_dict",
+    "node_state",
+    "predict_observation",
+    "predict_state",
+    "proceed",
+]
+
+
+class Belief(NamedTuple):
+    """What is known after an observation."""
+
+    state: NodeState | GapState
+    window: FloatArray  # (w,): the latest observations, newest first; NaN where missing
+
+
+def begin(law: InitialLaw, y: FloatArray) -> tuple[Belief, float]:
+    """Condition the initial law on the first observation, (q,), NaN where missing.
+
+    Returns
+    -------
+    belief, log_likelihood
+    """
+    if not np.isnan(y).any():
+        state, log_likelihood = recursion.first_observation(law, y)
+        return Belief(state, y), log_likelihood
+    gap, log_likelihood = missing.start_gap(law, log_probability(law.probability), y)
+    return Belief(*missing.close_gap(gap, law.mean.shape[1] - y.size)), log_likelihood
+
+
+def proceed(tables: PairTables, belief: Belief, y: FloatArray, width: int) -> tuple[Belief, float]:
+    """Take the next observation, (q,), NaN where missing, into account.
+
+    Parameters
+    ----------
+    tables : PairTables
+    belief : Belief
+    y : ndarray, shape (q,)
+    width : int
+        Length of the window after it.
+
+    Returns
+    -------
+    belief, log_likelihood
+    """
+    state, window = belief
+    if isinstance(state, NodeState) and not np.isnan(y).any():
+        new, log_likelihood = recursion.advance(tables, state, window, y)
+        return Belief(new, y if width == y.size else np.concatenate([y, window])[:width]), log_likelihood
+    m = tables.pairs.dim_x
+    gap, log_likelihood = missing.advance_gap(tables, missing.open_gap(state, window, m), y, width)
+    return Belief(*missing.close_gap(gap, m)), log_likelihood
+
+
+def node_state(belief: Belief, m: int) -> NodeState:
+    """Probabilities of the nodes and moments of X given each."""
+    state = belief.state
+    return state if isinstance(state, NodeState) else missing.marginal_state(state, m)
+
+
+def predict_state(tables: PairTables, belief: Belief) -> tuple[FloatArray, FloatArray]:
+    """Mean (m,) and covariance (m, m) of X at the next observation."""
+    state, window = belief
+    if isinstance(state, NodeState):
+        return recursion.predict_state(tables, state, window)
+    m = tables.pairs.dim_x
+    mean, covariance = missing.predicted_moments(tables, state)
+    return mean[:m], covariance[:m, :m]
+
+
+def predict_observation(
+    source: tuple[Belief, PairTables] | None, law: InitialLaw | None, m: int
+) -> tuple[FloatArray, FloatArray]:
+    """Mean (q,) and covariance (q, q) of the next observation; of the first one without a source."""
+    if source is None:
+        assert law is not None
+        return mixture_moments(law.probability, law.mean[:, m:], law.covariance[:, m:, m:])
+    belief, tables = source
+    if isinstance(belief.state, NodeState):
+        return recursion.predict_observation(tables, belief.state, belief.window)
+    mean, covariance = missing.predicted_moments(tables, belief.state)
+    return mean[m:], covariance[m:, m:]
+
+
+# --------------------------------------------------------------------------- for files
+
+
+def belief_to_dict(belief: Belief | None) -> dict[str, Any] | None:
+    """Return a belief as plain values, bit for bit; None stays None."""
+    if belief is None:
+        return None
+    state = belief.state
+    kind = "gap" if isinstance(state, GapState) else "complete"
+    fields = {name: encode(value) for name, value in state._asdict().items()}
+    return {"kind": kind, "window": encode(belief.window), "state": fields}
+
+
+def belief_from_dict(values: dict[str, Any] | None) -> Belief | None:
+    """Build a belief from what `belief_to_dict` returned."""
+    if values is None:
+        return None
+    fields = values["state"]
+    sign, window = decode(fields["sign"], 1), decode(values["window"], 1)
+    if values["kind"] == "complete":
+        return Belief(NodeState(decode(fields["table"], 2), sign), window)
+    gap = GapState(
+        log_p=decode(fields["log_p"], 1),
+        sign=sign,
+        mean=decode(fields["mean"], 2),
+        covariance=decode(fields["covariance"], 3),
+        known=np.array(fields["known"], dtype=bool),
+    )
+    return Belief(gap, window)
