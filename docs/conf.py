@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import fuzzykf
 
 project = "fuzzykf"
@@ -44,3 +46,17 @@ html_title = f"fuzzykf {release}"
 html_static_path = ["_static"]
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
+
+
+def escape_bars(app, what, name, obj, options, lines):
+    """Keep |x| in docstrings an absolute value: the project has no substitutions to mistake it for."""
+    for k, line in enumerate(lines):
+        if not line.lstrip().startswith((">>>", "...")):
+            parts = line.split("``")  # every second part is literal
+            parts[::2] = [re.sub(r"\|([^|`]+)\|", r"\\|\1\\|", part) for part in parts[::2]]
+            lines[k] = "``".join(parts)
+
+
+def setup(app):
+    """Connect after numpydoc, which has the default priority of 500."""
+    app.connect("autodoc-process-docstring", escape_bars, priority=600)

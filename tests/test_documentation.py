@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+import fuzzykf
+
 ROOT = Path(__file__).parents[1]
 PAGES = [
     ROOT / "README.md",
@@ -55,6 +57,14 @@ def test_the_links_between_pages_lead_somewhere(page) -> None:
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
         if not target.startswith(("http://", "https://")):
             assert (page.parent / target).exists(), f"{names(page)} links to {target}"
+
+
+def test_the_reference_lists_every_public_name() -> None:
+    listed = set(
+        re.findall(r"^   (\w+)$", (ROOT / "docs" / "reference" / "index.md").read_text("utf-8"), re.MULTILINE)
+    )
+    there = {name for name in fuzzykf.__all__ if name != "__version__" and hasattr(fuzzykf, name)}
+    assert there <= listed
 
 
 def test_readme_has_the_two_set_up_commands_each_in_one_line() -> None:
