@@ -53,14 +53,17 @@ def docs(session: nox.Session) -> None:
 def studies(session: nox.Session) -> None:
     """Run the simulation studies that are too long for the test suite."""
     session.install("-e", ".[test]")
-    session.run("pytest", "-m", "study", "--override-ini", "addopts=-ra --strict-config", *session.posargs)
+    session.run("pytest", "-m", "study", *session.posargs)
 
 
 @nox.session(default=False)
 def benchmarks(session: nox.Session) -> None:
     """Measure speed as ratios within one run."""
     session.install("-e", ".[test]")
-    session.run("pytest", "tests/benchmarks", "--benchmark-only", *session.posargs)
+    options = (
+        "addopts=-ra --strict-config --strict-markers --import-mode=importlib"  # without --benchmark-skip
+    )
+    session.run("pytest", "tests/benchmarks", "--benchmark-only", "--override-ini", options, *session.posargs)
 
 
 if __name__ == "__main__":
