@@ -2,11 +2,13 @@
 
 from fuzzykf.kalman.extended import ExtendedKalmanFilter
 from fuzzykf.kalman.functions import batch_filter, predict, predict_steadystate, update, update_steadystate
+from fuzzykf.kalman.imm import IMMEstimator
 from fuzzykf.kalman.kalman_filter import KalmanFilter
 from fuzzykf.kalman.smoothing import rts_smoother
 
 __all__ = [
     "ExtendedKalmanFilter",
+    "IMMEstimator",
     "KalmanFilter",
     "batch_filter",
     "predict",

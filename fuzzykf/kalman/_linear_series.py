@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import FilterResult, as_observations
-from fuzzykf.engine import kalman as engine
+from fuzzykf.engine import kalman_series as engine
 from fuzzykf.errors import ShapeError
 from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError, as_matrix, as_square
 from fuzzykf.kalman._series import (

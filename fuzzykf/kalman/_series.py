@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from fuzzykf.base import FilterResult
 from fuzzykf.errors import ParameterError, ShapeError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from fuzzykf.base import FloatArray
 
@@ -32,21 +31,24 @@ __all__ = [
 FIELDS = ("x", "P", "x_prior", "P_prior", "log_likelihood")
 
 
-@contextmanager
-def unchanged_on_error(*filters: Any) -> Iterator[None]:
+class unchanged_on_error:
     """Put filters back into the state they came with when the block raises.
 
     Their verbs replace attributes instead of writing into them, so that the old
     attribute dictionary is the old state.
     """
-    before = [dict(each.__dict__) for each in filters]
-    try:
-        yield
-    except BaseException:
-        for each, state in zip(filters, before, strict=True):
-            each.__dict__.clear()
-            each.__dict__.update(state)
-        raise
+
+    def __init__(self, *filters: Any) -> None:
+        self._before = [(each, dict(each.__dict__)) for each in filters]
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            for each, state in self._before:
+                each.__dict__.clear()
+                each.__dict__.update(state)
 
 
 def per_step(name: str, values: Sequence[Any] | None, n: int) -> Sequence[Any]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.engine import kalman as engine
+from fuzzykf.engine import kalman_series as engine
 from fuzzykf.errors import ShapeError
 from fuzzykf.kalman._arguments import as_matrix, as_square
 

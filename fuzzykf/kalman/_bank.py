@@ -1,0 +1,188 @@
+"""Banks of filters: all members moved or updated at once where they are alike, else one by one."""
+
+from __future__ import annotations
+
+import copy
+from math import isnan, log
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.base import Filter
+from fuzzykf.engine import imm as engine
+from fuzzykf.errors import ParameterError
+from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError, control_term
+from fuzzykf.kalman._series import unchanged_on_error
+from fuzzykf.kalman.extended import ExtendedKalmanFilter
+from fuzzykf.kalman.kalman_filter import KalmanFilter
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fuzzykf.base import FloatArray
+
+__all__ = [
+    "check_possible",
+    "clone",
+    "fading",
+    "linear_model",
+    "member_states",
+    "predict_members",
+    "put_posterior",
+    "put_prior",
+    "skip_members",
+    "update_members",
+]
+
+
+def linear_model(filters: Sequence[Any], names: Sequence[str]) -> dict[str, FloatArray] | None:
+    """Stack matrices of the members, (K, ...); None unless all are plain Kalman filters of one shape.
+
+    A subclass may do anything in its verbs, and so may an ``inv`` of the user's.
+    """
+    if not all(type(f) is KalmanFilter and f.inv is np.linalg.inv for f in filters):
+        return None
+    n, m = filters[0].dim_x, filters[0].dim_z
+    shapes = {"F": (n, n), "Q": (n, n), "H": (m, n), "R": (m, m)}
+    model = {}
+    for name in names:
+        try:
+            stack = np.array([getattr(f, name) for f in filters], dtype=np.float64)
+        except (TypeError, ValueError):
+            return None
+        if stack.shape[1:] != shapes[name]:
+            return None
+        model[name] = stack
+    return model
+
+
+def fading(filters: Sequence[Any]) -> FloatArray | float:
+    """Stack alpha^2 of plain Kalman filters, (K, 1, 1); 1 if no memory fades."""
+    values = [f._alpha_sq for f in filters]
+    return 1.0 if values == [1.0] * len(values) else np.array(values)[:, None, None]
+
+
+def member_states(filters: Sequence[Any]) -> tuple[FloatArray, FloatArray]:
+    """Stack the states of the members, (K, n) and (K, n, n)."""
+    n = np.size(filters[0].x)
+    try:
+        xs = np.array([f.x for f in filters], dtype=np.float64).reshape(-1, n)
+        Ps = np.array([f.P for f in filters], dtype=np.float64)
+    except ValueError:
+        xs, Ps = np.empty((0, n)), np.empty((0, n, n))
+    if len(xs) != len(filters) or Ps.shape != (len(xs), n, n):
+        shapes = [(np.shape(f.x), np.shape(f.P)) for f in filters]
+        raise ParameterError(f"filters: x and P have shapes {shapes}, expected the same for all members")
+    return xs, Ps
+
+
+def predict_members(
+    filters: Sequence[Any], xs: FloatArray, Ps: FloatArray, u: Any
+) -> tuple[FloatArray, FloatArray]:
+    """Predict every member from the moments given, and return the predicted moments.
+
+    An error leaves the members as they were; so do all functions of this module.
+    """
+    model = linear_model(filters, ("F", "Q"))
+    like = filters[0].x
+    if model is None:
+        with unchanged_on_error(*filters):
+            for f, x, P in zip(filters, xs, Ps, strict=True):
+                f.x, f.P = x.reshape(like.shape).copy(), P.copy()
+                f.predict() if u is None else f.predict(u)
+            return member_states(filters)
+    terms = None
+    if u is not None:
+        terms = np.array([np.broadcast_to(control_term(f.B, u, like), like.shape) for f in filters])
+    xs, Ps = engine.move_bank(xs, Ps, model["F"], model["Q"], fading(filters))
+    if terms is not None:
+        xs = xs + terms.reshape(xs.shape)
+    for f, x, P in zip(filters, xs.reshape(len(xs), *like.shape), Ps, strict=True):
+        f._set_prior(x, P)
+    return xs, Ps
+
+
+def update_members(
+    filters: Sequence[Any], z: FloatArray, log_prior: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Update every member with the flat observation z; return log-likelihoods and moments.
+
+    With the logs of the prior weights given, it is an error if z has no density in
+    any mode that has a weight.
+    """
+    model = linear_model(filters, ("H", "R"))
+    if model is None:
+        with unchanged_on_error(*filters):
+            log_likelihood = np.array([_update_member(k, f, z) for k, f in enumerate(filters)])
+            check_possible(z, log_likelihood, log_prior)
+            return log_likelihood, *member_states(filters)
+    seen = np.logical_not(np.isnan(z)) if any(map(isnan, z.tolist())) else None
+    xs, Ps = member_states(filters)
+    try:
+        y, S, SI, K, xs, Ps, log_likelihood = engine.correct_bank(xs, Ps, z, model["H"], model["R"], seen)
+    except np.linalg.LinAlgError as error:
+        raise SingularInnovationError(SINGULAR) from error
+    check_possible(z, log_likelihood, log_prior)
+    column = filters[0].x.ndim == 2
+    states, residuals, value = (xs[..., None], y[..., None], z[:, None]) if column else (xs, y, z)
+    members = zip(filters, states, Ps, residuals, S, SI, K, log_likelihood.tolist(), strict=True)
+    for f, state, P, residual, S_f, SI_f, K_f, log_likelihood_f in members:
+        f._set_posterior(state, P)
+        f.z, f.y, f.S, f.SI, f.K = value.copy(), residual, S_f, SI_f, K_f
+        f._log_likelihood = log_likelihood_f
+    return log_likelihood, xs, Ps
+
+
+def check_possible(z: FloatArray, log_likelihood: FloatArray, log_prior: FloatArray | None) -> None:
+    """Raise an error if all weights vanish."""
+    if log_prior is not None and not max((log_likelihood + log_prior).tolist()) > -np.inf:
+        raise ParameterError(f"z: got {z.tolist()}, to which no mode gives a positive density")
+
+
+def _update_member(k: int, f: Any, z: FloatArray) -> float:
+    """Update one member of any kind and return its log-likelihood."""
+    if isinstance(f, Filter):
+        f.update(z)
+    elif np.isnan(z).any():
+        raise ParameterError(
+            f"z: got {z.tolist()}, but filter {k} ({type(f).__module__}.{type(f).__qualname__}) does not "
+            "know missing components; expected all of z, or None"
+        )
+    else:
+        f.update(z.copy() if np.ndim(f.x) == 1 else z[:, None].copy())
+    if hasattr(f, "log_likelihood"):
+        return float(f.log_likelihood)
+    likelihood = float(f.likelihood)
+    return log(likelihood) if likelihood > 0.0 else -np.inf
+
+
+def skip_members(filters: Sequence[Any]) -> None:
+    """Update every member without an observation."""
+    with unchanged_on_error(*filters):
+        for f in filters:
+            f.update(None)
+
+
+def put_prior(f: Any, x: FloatArray, P: FloatArray) -> None:
+    """Make x (n,) and P the prediction of one member."""
+    x = x.reshape(f.x.shape)
+    f.x, f.P = x.copy(), P.copy()
+    if hasattr(f, "x_prior"):
+        f.x_prior, f.P_prior = x.copy(), P.copy()
+
+
+def put_posterior(f: Any, x: FloatArray, P: FloatArray) -> None:
+    """Make x (n,) and P the estimate of one member."""
+    x = x.reshape(f.x.shape)
+    f.x, f.P = x.copy(), P.copy()
+    if hasattr(f, "x_post"):
+        f.x_post, f.P_post = x.copy(), P.copy()
+
+
+def clone(f: Any) -> Any:
+    """Return a copy whose verbs leave the original alone.
+
+    The verbs of this package replace attributes and write into none, so that a
+    shallow copy will do; of others nothing is known.
+    """
+    return copy.copy(f) if type(f) in {KalmanFilter, ExtendedKalmanFilter} else copy.deepcopy(f)

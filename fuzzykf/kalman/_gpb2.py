@@ -1,0 +1,99 @@
+"""Generalised pseudo-Bayes of second order: one filter for each pair of modes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.engine import imm as engine
+from fuzzykf.kalman._bank import (
+    check_possible,
+    clone,
+    predict_members,
+    put_posterior,
+    put_prior,
+    update_members,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fuzzykf.base import FloatArray
+
+__all__ = ["PairBranches"]
+
+
+class PairBranches:
+    """Copies of a bank between a prediction and its update, one for each mode before.
+
+    Parameters
+    ----------
+    filters : sequence of filters
+        The bank.
+    log_joint : ndarray, shape (N, N)
+        log P(mode i before, mode j now) at the time of the prediction.
+    """
+
+    def __init__(self, filters: Sequence[Any], log_joint: FloatArray) -> None:
+        self.banks = [[clone(f) for f in filters] for _ in filters]
+        self.log_joint = log_joint
+
+    def predict(
+        self, filters: Sequence[Any], omega: FloatArray, xs: FloatArray, Ps: FloatArray, u: Any
+    ) -> tuple[FloatArray, FloatArray]:
+        """Predict from every mode with every filter, and merge what leads to the same mode.
+
+        Returns the merged moments, and leaves them in ``filters``.
+        """
+        n = len(filters)
+        pairs = [
+            predict_members(members, np.repeat(x[None], n, axis=0), np.repeat(P[None], n, axis=0), u)
+            for members, x, P in zip(self.banks, xs, Ps, strict=True)
+        ]
+        xs, Ps = _merge_pairs(omega, pairs)
+        for f, x, P in zip(filters, xs, Ps, strict=True):
+            put_prior(f, x, P)
+        return xs, Ps
+
+    def update(
+        self, filters: Sequence[Any], z: FloatArray
+    ) -> tuple[FloatArray, float, FloatArray, FloatArray, FloatArray]:
+        """Update every pair with z, and merge what ends in the same mode.
+
+        Returns
+        -------
+        log_mu : ndarray, shape (N,)
+        total : float
+            Log-likelihood of z.
+        modes : ndarray, shape (N,)
+            Log-likelihood of z in each mode.
+        xs, Ps : ndarray
+            Merged moments; they are left in ``filters`` too.
+        """
+        updated = [update_members(members, z) for members in self.banks]
+        log_likelihood = np.array([values for values, _, _ in updated])
+        check_possible(z, log_likelihood.ravel(), self.log_joint.ravel())
+        log_pairs = self.log_joint + log_likelihood
+        log_modes = np.logaddexp.reduce(log_pairs, axis=0)
+        log_prior = np.logaddexp.reduce(self.log_joint, axis=0)
+        total = float(np.logaddexp.reduce(log_modes))
+        reached = log_modes > -np.inf
+        within = np.where(reached, log_modes, 0.0)
+        weights = np.where(reached, np.exp(log_pairs - within), np.eye(len(filters)))
+        xs, Ps = _merge_pairs(weights, [(x, P) for _, x, P in updated])
+        for j, f in enumerate(filters):
+            prior = {name: value for name, value in f.__dict__.items() if name in ("x_prior", "P_prior")}
+            f.__dict__.update(self.banks[int(np.argmax(weights[:, j]))][j].__dict__)
+            f.__dict__.update(prior)
+            put_posterior(f, xs[j], Ps[j])
+        modes = np.where(reached, within - np.where(reached, log_prior, 0.0), -np.inf)
+        return log_modes - total, total, modes, xs, Ps
+
+
+def _merge_pairs(
+    weights: FloatArray, pairs: Sequence[tuple[FloatArray, FloatArray]]
+) -> tuple[FloatArray, FloatArray]:
+    """Merge moments [i][j] over i with the weights (i, j)."""
+    xs, Ps = (np.swapaxes(np.array(moments), 0, 1) for moments in zip(*pairs, strict=True))
+    return engine.merge(weights.T, xs, Ps)

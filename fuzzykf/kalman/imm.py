@@ -1,0 +1,305 @@
+"""The interacting multiple model estimator, with filterpy's interface, and GPB2."""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from fuzzykf.base import as_observation
+from fuzzykf.engine import imm as engine
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_array
+from fuzzykf.kalman import _bank as bank
+from fuzzykf.kalman._bank_series import BankSeries
+from fuzzykf.kalman._gaussian import LEAST_LOG_LIKELIHOOD, describe
+from fuzzykf.kalman._gpb2 import PairBranches
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.base import FloatArray
+
+__all__ = ["IMMEstimator"]
+
+#: Sums of probabilities may miss one by this much.
+SUM_TOLERANCE = 1e-8
+
+
+class IMMEstimator(BankSeries):
+    """Interacting multiple model estimator of a system that switches between modes.
+
+    It takes the place of ``filterpy.kalman.IMMEstimator``.  Each mode has a filter of
+    its own; their estimates are mixed before each prediction.
+
+    Parameters
+    ----------
+    filters : sequence of filters
+        At least two, with x of one shape.  Any `fuzzykf.base.Filter` with a
+        log-likelihood will do, and any object with ``x``, ``P``, ``predict``, ``update``
+        and ``log_likelihood`` (or ``likelihood``), such as filterpy's filters; kinds may
+        be mixed.  The filters stay readable; a bank of plain Kalman filters of
+        one shape is computed all at once.
+    mu : array_like, shape (N,)
+        Probabilities of the modes at first; they are normalised.
+    M : array_like, shape (N, N)
+        Transition probabilities: ``M[i, j]`` is that of mode j after mode i.
+    method : {"imm", "gpb2"}
+        "gpb2" filters once for each pair of a mode before and a mode now and merges
+        the results (generalised pseudo-Bayes of second order): more exact, and N
+        times the work.
+
+    Attributes
+    ----------
+    filters, M : as given
+        May be changed between the verbs.
+    mu : ndarray, shape (N,)
+        Probabilities of the modes after the latest update.
+    N : int
+        Number of modes.
+    x, P, x_prior, P_prior, x_post, P_post : ndarray
+        Mean and covariance of the mixture: now, after the latest prediction, and
+        after the latest update.
+    likelihood : ndarray, shape (N,)
+        Density of the latest observation in each mode; zero before the first update.
+    mode_log_likelihood : ndarray, shape (N,)
+        Its logarithm, which does not underflow.
+    log_likelihood : float
+        Log-density of the latest observation given the earlier ones: of the mixture.
+
+    Raises
+    ------
+    ParameterError, ShapeError
+        If there are less than two filters, their shapes differ, ``mu`` is no weight
+        vector or ``M`` no transition matrix.
+
+    Notes
+    -----
+    The weights are kept as logarithms, so that an outlier, or a mode that had been
+    ruled out for long, still leaves informative probabilities.  A missing observation
+    moves the probabilities of the modes by M and has the log-likelihood 0; so does
+    the first of two predictions in a row.  x after `predict` is the mean of the
+    predicted mixture, with the predicted mode probabilities `cbar` as its weights.
+
+    With "gpb2", the attributes y, S, K of a member are those of the likeliest pair
+    that ends in its mode.
+
+    References
+    ----------
+    H. A. P. Blom, Y. Bar-Shalom, The interacting multiple model algorithm for systems
+    with Markovian switching coefficients, IEEE Trans. Automatic Control 33 (1988),
+    780-783.  Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to
+    Tracking and Navigation, Wiley 2001, section 11.6.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf.kalman import KalmanFilter
+    >>> calm = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], Q=0.01)
+    >>> lively = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], Q=9.0)
+    >>> imm = IMMEstimator([calm, lively], [0.5, 0.5], [[0.95, 0.05], [0.05, 0.95]])
+    >>> for z in (0.0, 0.1, 3.0):
+    ...     imm.predict()
+    ...     imm.update(z)
+    >>> imm.mu.round(2)
+    array([0.42, 0.58])
+    """
+
+    def __init__(
+        self,
+        filters: Sequence[Any],
+        mu: ArrayLike,
+        M: ArrayLike,
+        *,
+        method: Literal["imm", "gpb2"] = "imm",
+    ) -> None:
+        if len(filters) < 2:
+            raise ParameterError(f"filters: got {len(filters)}, expected at least two")
+        if len({id(f) for f in filters}) < len(filters):
+            raise ParameterError(
+                "filters: one object is there twice, expected a filter of its own for each mode"
+            )
+        shapes = [np.shape(f.x) for f in filters]
+        if any(shape != shapes[0] for shape in shapes):
+            raise ShapeError(f"filters: x has shapes {shapes}, expected the same for all members")
+        dims = [_observation_dimension(f) for f in filters]
+        if any(dim != dims[0] for dim in dims):
+            raise ShapeError(
+                f"filters: observations have {dims} components, expected the same for all members"
+            )
+        if method not in ("imm", "gpb2"):
+            raise ParameterError(f"method: got {method!r}, expected 'imm' or 'gpb2'")
+        self.filters, self.N, self.method = filters, len(filters), method
+        self.dim_x, self.dim_z = int(np.size(filters[0].x)), dims[0]
+        weights = as_array("mu", mu, (self.N,))
+        if (weights < 0.0).any() or weights.sum() <= 0.0:
+            raise ParameterError(f"mu: got {weights.tolist()}, expected weights of at least 0, not all 0")
+        self.mu = weights / weights.sum()
+        self._log_mu = _log(self.mu)
+        self.M = M if isinstance(M, np.ndarray) else np.array(M, dtype=np.float64)
+        self._checked_M, self._log_M = _checked_transition(self.M, self.N)
+        self.likelihood = np.zeros(self.N)
+        self.mode_log_likelihood = np.full(self.N, LEAST_LOG_LIKELIHOOD)
+        self.log_likelihood = LEAST_LOG_LIKELIHOOD
+        self._log_cbar: FloatArray | None = None  # weights of the latest prediction, until they are used
+        self._branches: PairBranches | None = None
+        self.x, self.P = self._merged(self.mu, *bank.member_states(filters))
+        self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
+        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+
+    # ------------------------------------------------------------------ modes
+
+    @property
+    def cbar(self) -> FloatArray:
+        """Probabilities of the modes at the next time, mu M, shape (N,)."""
+        return np.exp(engine.log_mixing(self._log_weights(), self._log_transition())[1])
+
+    @property
+    def omega(self) -> FloatArray:
+        """Mixing weights P(mode i before | mode j now), shape (N, N)."""
+        return engine.log_mixing(self._log_weights(), self._log_transition())[2]
+
+    def _log_weights(self) -> FloatArray:
+        """Logarithm of mu, with all its range unless mu has been assigned since."""
+        if np.exp(self._log_mu).tolist() != list(self.mu):
+            mu = as_array("mu", self.mu, (self.N,))
+            if (mu < 0.0).any() or abs(mu.sum() - 1.0) > SUM_TOLERANCE:
+                raise ParameterError(f"mu: got {mu.tolist()}, expected probabilities that sum to 1")
+            self._log_mu = _log(mu)
+        return self._log_mu
+
+    def _log_transition(self) -> FloatArray:
+        """Logarithm of M, checked if it has changed since the last time."""
+        if np.asarray(self.M).tolist() != self._checked_M:
+            self._checked_M, self._log_M = _checked_transition(self.M, self.N)
+        return self._log_M
+
+    def _merged(self, weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
+        x, P = engine.merge(weights, xs, Ps)
+        return x.reshape(self.filters[0].x.shape), P
+
+    # ------------------------------------------------------------------ verbs
+
+    def predict(self, u: Any = None) -> None:
+        """Mix the estimates of the modes and move each with its own filter.
+
+        Parameters
+        ----------
+        u : array_like, optional
+            Control input; given to ``predict`` of every filter.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from the filters; all of them are then as they were before.
+        """
+        self._remember()
+        log_mu = self._log_weights() if self._log_cbar is None else self._log_cbar
+        log_joint, log_cbar, omega = engine.log_mixing(log_mu, self._log_transition())
+        xs, Ps = bank.member_states(self.filters)
+        branches = None
+        if self.method == "imm":
+            xs, Ps = bank.predict_members(self.filters, *engine.mix(omega, xs, Ps), u)
+        else:
+            branches = PairBranches(self.filters, log_joint)
+            xs, Ps = branches.predict(self.filters, omega, xs, Ps, u)
+        x, P = self._merged(np.exp(log_cbar), xs, Ps)
+        if self._log_cbar is not None:  # a second prediction: the time in between had no observation
+            self._log_mu, self.mu = log_mu, np.exp(log_mu)
+        self._log_cbar, self._branches = log_cbar, branches
+        self.x, self.P = x, P
+        self.x_prior, self.P_prior = x.copy(), P.copy()
+
+    def update(self, z: ArrayLike | None) -> None:
+        """Update the filter of each mode, then the probabilities of the modes.
+
+        Parameters
+        ----------
+        z : array_like
+            Scalar (if dim_z is 1), or shape (dim_z,), (dim_z, 1) or (1, dim_z); None or
+            NaN where missing.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from the filters, or if no mode gives z a positive density; all filters
+            are then as they were before.
+        """
+        self._remember()
+        value = as_observation(z, self.dim_z)
+        log_prior = self._log_cbar
+        if log_prior is None:
+            log_prior = engine.log_mixing(self._log_weights(), self._log_transition())[1]
+        if value is None:
+            bank.skip_members(self.filters)
+            log_mu, total, modes = log_prior, 0.0, np.zeros(self.N)
+            xs, Ps = bank.member_states(self.filters)
+        elif self._branches is not None:
+            log_mu, total, modes, xs, Ps = self._branches.update(self.filters, value)
+        else:
+            modes, xs, Ps = bank.update_members(self.filters, value, log_prior)
+            log_mu, normaliser = engine.weigh(log_prior, modes)
+            total = float(normaliser)
+        mu = np.exp(log_mu)
+        x, P = self._merged(mu, xs, Ps)
+        self._log_mu, self.mu, self._log_cbar, self._branches = log_mu, mu, None, None
+        self.mode_log_likelihood, self.log_likelihood = modes, total
+        self.likelihood = np.exp(modes)
+        self.x, self.P = x, P
+        self.x_post, self.P_post = x.copy(), P.copy()
+
+    # ------------------------------------------------------------------ reset
+
+    def _remember(self) -> None:
+        if "_origin" not in self.__dict__:
+            own = {name: value for name, value in self.__dict__.items() if name != "filters"}
+            members = [copy.deepcopy(f.__dict__, {id(f): f}) for f in self.filters]
+            self._origin = {"own": copy.deepcopy(own, {id(self): self}), "members": members}
+
+    def reset(self) -> None:
+        """Return to the state at the first verb since construction or the last reset.
+
+        The members return to it too, and stay the same objects.
+        """
+        if "_origin" not in self.__dict__:
+            return
+        origin, filters = self._origin, self.filters
+        self.__dict__.clear()
+        self.__dict__.update(origin["own"], filters=filters)
+        for f, state in zip(filters, origin["members"], strict=True):
+            f.__dict__.clear()
+            f.__dict__.update(state)
+
+    def __repr__(self) -> str:
+        """Show every public attribute, one below the other."""
+        names = [name for name in self.__dict__ if not name.startswith("_")]
+        return describe(self, [*names, "cbar", "omega"])
+
+
+def _log(p: FloatArray) -> FloatArray:
+    """Logarithm, minus infinity of zero."""
+    with np.errstate(divide="ignore"):
+        return np.log(p)
+
+
+def _checked_transition(M: Any, n: int) -> tuple[list[list[float]], FloatArray]:
+    """Return a transition matrix as a list, and its logarithm, after checking it."""
+    matrix = as_array("M", M, (n, n))
+    sums = matrix.sum(axis=1)
+    if (matrix < 0.0).any() or np.abs(sums - 1.0).max() > SUM_TOLERANCE:
+        raise ParameterError(
+            f"M: got {matrix.tolist()}, whose rows sum to {sums.tolist()}, expected probabilities that sum "
+            "to 1 in each row"
+        )
+    return matrix.tolist(), _log(matrix)
+
+
+def _observation_dimension(f: Any) -> int:
+    """Return how many components an observation of this filter has; filterpy's UKF hides it."""
+    for name in ("dim_z", "_dim_z"):
+        if hasattr(f, name):
+            return int(getattr(f, name))
+    return int(np.shape(f.R)[0])
