@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fuzzykf.cli.app import app
+from fuzzykf.comparison import methods
 
 METHODS = ["OFSRFilter", "CGOMSMFilter", "KalmanFilter (filterpy)", "linear regression"]
 
@@ -114,6 +115,35 @@ def test_a_column_of_times_can_be_named_and_the_profile_taken_away(write, tmp_pa
     assert "load, less its daily profile" in result.output
     result = run(*common, "--switch", "quantiles", "--out", tmp_path / "out")
     assert "the observation, 0 below" in " ".join(result.output.split())
+
+
+def test_a_column_of_working_days_counts_more_than_the_calendar(write, rows, tmp_path) -> None:
+    tables = []
+    for name, workday in (("a", lambda k: "1"), ("b", lambda k: str(k // 24 % 2))):
+        path = write(
+            [[*cells, workday(k)] for k, cells in enumerate(rows)],
+            ("time", "load", "temperature", "remark", "workday"),
+        )
+        run(path, "--state", "load", "--obs", "temperature", "--profile", "--out", tmp_path / name)
+        tables.append([row["rmse"] for row in table_of(tmp_path / name / "comparison.csv")])
+    assert tables[0] != tables[1]
+
+
+def test_the_number_of_nodes_concerns_the_fuzzy_filter_alone(write, tmp_path) -> None:
+    path, tables = write(), []
+    for nodes in (0, 5):
+        out = tmp_path / str(nodes)
+        run(path, "--state", "load", "--obs", "temperature", "--nodes", nodes, "--out", out)
+        tables.append([row["rmse"] for row in table_of(out / "comparison.csv")])
+    assert tables[0][0] != tables[1][0]
+    assert tables[0][1:] == tables[1][1:]
+
+
+def test_notes_are_printed_with_the_name_of_the_method(write, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(methods, "growth_notes", lambda system: [f"it has {len(system.chain.nodes)} nodes"])
+    result = run(write(), "--state", "load", "--obs", "temperature", "--out", tmp_path / "out")
+    assert "Note on OFSRFilter: it has 7 nodes." in result.output
+    assert "Note on CGOMSMFilter: it has 2 nodes." in result.output
 
 
 def test_earlier_results_are_replaced(write, tmp_path) -> None:
