@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 import re
 from pathlib import Path
 
@@ -296,16 +295,6 @@ def test_a_file_in_the_place_of_the_folder_is_refused_and_kept(write, tmp_path) 
     assert result.exit_code == 1
     assert "expected a folder, found a file" in result.output
     assert (tmp_path / "out").read_text() == "mine"
-
-
-@pytest.mark.skipif(
-    os.name == "nt" or os.geteuid() == 0, reason="needs a user for whom folders can be read-only"
-)
-def test_a_folder_that_is_not_writable_is_refused(write, tmp_path) -> None:
-    (tmp_path / "locked").mkdir(mode=0o500)
-    result = run(write(), "--state", "load", "--obs", "temperature", "--out", tmp_path / "locked" / "out")
-    assert result.exit_code == 1
-    assert "not writable" in result.output
 
 
 def test_without_filterpy_it_names_the_extra_and_writes_nothing(write, tmp_path, monkeypatch) -> None:

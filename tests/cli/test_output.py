@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 import typer
 
@@ -16,6 +18,14 @@ def test_a_file_in_the_place_of_the_folder_is_refused_before_any_work(tmp_path) 
             output.check_folder(folder)
     output.check_folder(tmp_path / "new" / "one")
     assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_that_is_not_writable_is_refused_before_any_work(tmp_path, monkeypatch) -> None:
+    asked = []
+    monkeypatch.setattr(output.os, "access", lambda path, mode: asked.append((path, mode)))
+    with pytest.raises(PermissionError, match="the folder is not writable"):
+        output.check_folder(tmp_path / "new")
+    assert asked == [(tmp_path, os.W_OK)]
 
 
 def test_errors_that_can_be_mended_end_with_a_message_and_exit_code_1(capsys) -> None:
