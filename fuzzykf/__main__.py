@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 
 __all__ = ["main"]
@@ -16,6 +17,9 @@ def main() -> None:
         if missing not in {"typer", "rich"}:
             raise
         sys.exit(f"The command line needs {missing}: pip install 'fuzzykf[cli]'")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without µ shows ?, and gets its table
     app()
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -143,6 +146,27 @@ def test_notes_are_printed_with_the_name_of_the_method(write, tmp_path, monkeypa
     result = run(write(), "--state", "load", "--obs", "temperature", "--out", tmp_path / "out")
     assert "Note on OFSRFilter: it has 7 nodes." in result.output
     assert "Note on CGOMSMFilter: it has 2 nodes." in result.output
+
+
+def test_a_terminal_that_knows_ascii_only_gets_its_table(write, tmp_path) -> None:
+    arguments = [
+        "compare",
+        str(write()),
+        "--state",
+        "load",
+        "--obs",
+        "temperature",
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    result = subprocess.run(
+        [sys.executable, "-m", "fuzzykf", *arguments],
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert b"has the lowest RMSE" in result.stdout
 
 
 def test_earlier_results_are_replaced(write, tmp_path) -> None:
