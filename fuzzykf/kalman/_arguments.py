@@ -154,10 +154,12 @@ def control_term(B: Any, u: Any, x: FloatArray) -> FloatArray | float:
     B, u = np.asarray(B, dtype=np.float64), np.asarray(u, dtype=np.float64)
     if u.ndim == 0 and u == 0.0:
         return 0.0
-    inner = B.shape[1] if B.ndim == 2 else 1
+    inner = B.shape[1] if B.ndim > 1 else 1
     if u.ndim and B.ndim and u.shape not in {(inner,), (inner, 1)}:
         shape = (inner,) if x.ndim == 1 else (inner, 1)
         raise ShapeError(f"u: got shape {u.shape}, expected {shape} for B of shape {B.shape}")
+    if B.ndim == 1 and u.ndim and u.size == 1:
+        u = u.reshape(())
     term = np.asarray(B.dot(u))
     if not np.isfinite(term).all():
         raise ParameterError(f"u: B u is {term.tolist()}, expected finite numbers")

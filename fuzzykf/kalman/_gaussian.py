@@ -34,6 +34,20 @@ LEAST_LIKELIHOOD = sys.float_info.min
 LEAST_LOG_LIKELIHOOD = log(LEAST_LIKELIHOOD)
 
 
+class _StateAttribute:
+    """The attribute x: assigning a flat state makes all vectors of the filter flat, and back.
+
+    It only has a setter, so that x is read from, and found in, the ordinary dictionary
+    of attributes.
+    """
+
+    def __set__(self, instance: GaussianFilter, value: Any) -> None:
+        instance.__dict__["x"] = value
+        ndim = np.ndim(value)
+        if ndim in (1, 2) and np.ndim(instance.__dict__.get("y", value)) != ndim:
+            instance._turn(ndim)
+
+
 class GaussianFilter(Filter):
     """State, update and likelihoods of a filter with one mean and one covariance.
 
@@ -49,7 +63,7 @@ class GaussianFilter(Filter):
         Initial values of these attributes, checked.
     """
 
-    x: Any
+    x: Any = _StateAttribute()
     P: Any
     Q: Any
     F: Any
@@ -106,19 +120,17 @@ class GaussianFilter(Filter):
         return as_state(self.x, self.dim_x), as_square("P", self.P, self.dim_x)
 
     def _set_prior(self, x: FloatArray, P: FloatArray) -> None:
-        self.x, self.P = x, P
+        self.__dict__["x"], self.P = x, P
         self.x_prior, self.P_prior = x.copy(), P.copy()
-        if self.y.ndim != x.ndim:
-            self._turn(x.ndim)
 
     def _turn(self, ndim: int) -> None:
-        """Give the vectors that describe the latest update the form of x, flat or column."""
-        for name in ("y", "z", "x_post"):
-            value = getattr(self, name)
+        """Give all vectors the form of x, flat or column."""
+        for name in ("x_prior", "x_post", "y", "z"):
+            value = np.asarray(getattr(self, name))
             setattr(self, name, value.reshape(-1) if ndim == 1 else value.reshape(-1, 1))
 
     def _set_posterior(self, x: FloatArray, P: FloatArray) -> None:
-        self.x, self.P = x, P
+        self.__dict__["x"], self.P = x, P
         self.x_post, self.P_post = x.copy(), P.copy()
         self._log_likelihood = self._likelihood = self._mahalanobis = None
 
