@@ -378,16 +378,10 @@ class Filter(ABC):
         -------
         FilterResult
             Fields ``x``, ``P``, ``x_prior``, ``P_prior`` and, from a probabilistic
-            filter, ``log_likelihood``.
+            filter, ``log_likelihood``; from a possibilistic one, ``possibility``,
+            ``lower`` and ``upper``.
         """
         series = as_observations(zs, self.dim_z)
-        collected: dict[str, list[FloatArray]] = {
-            name: [] for name in ("x", "P", "x_prior", "P_prior", "log_likelihood") if hasattr(self, name)
-        }
-        for z in series:
-            self.step(z)
-            for name, values in collected.items():
-                values.append(np.array(getattr(self, name), dtype=np.float64))
         n, m = len(series), self.dim_x
         shapes = {
             "x": (n, m),
@@ -395,7 +389,15 @@ class Filter(ABC):
             "P": (n, m, m),
             "P_prior": (n, m, m),
             "log_likelihood": (n,),
+            "possibility": (n,),
+            "lower": (n, m),
+            "upper": (n, m),
         }
+        collected: dict[str, list[FloatArray]] = {name: [] for name in shapes if hasattr(self, name)}
+        for z in series:
+            self.step(z)
+            for name, values in collected.items():
+                values.append(np.array(getattr(self, name), dtype=np.float64))
         arrays = {name: np.array(values).reshape(shapes[name]) for name, values in collected.items()}
         return FilterResult(**arrays, index=getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None)
 

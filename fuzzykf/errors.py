@@ -8,15 +8,20 @@ filterpy or numpy, which expects a `ValueError`, goes on working.
 from __future__ import annotations
 
 __all__ = [
+    "ClosenessWarning",
     "EmptyIntersectionError",
     "FileFormatError",
     "FuzzykfError",
     "MissingDependencyError",
     "NotPositiveDefiniteError",
+    "NotStableError",
     "ParameterError",
     "QuadratureError",
     "SequenceError",
     "ShapeError",
+    "SupportLostError",
+    "SupportWarning",
+    "UnreachableMeasurementError",
 ]
 
 
@@ -40,8 +45,28 @@ class NotPositiveDefiniteError(ParameterError):
     """
 
 
+class NotStableError(ParameterError):
+    """Second moments that have to settle grow without bound; the message names the spectral radius."""
+
+
+class ClosenessWarning(UserWarning):
+    """A converted model is far from the one it stands for; the message says how far."""
+
+
 class EmptyIntersectionError(FuzzykfError, ValueError):
     """Prediction and measurement exclude each other: no state is possible."""
+
+
+class UnreachableMeasurementError(EmptyIntersectionError):
+    """No state whatever can explain the measurement: it lies outside what hx can reach."""
+
+
+class SupportLostError(FuzzykfError, ValueError):
+    """All possible states have left the fixed universe of a grid."""
+
+
+class SupportWarning(UserWarning):
+    """Possible states have left a grid at its edge, or a grid is too coarse for a measurement."""
 
 
 class SequenceError(FuzzykfError, RuntimeError):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
     from fuzzykf.engine.scales import Scale
 
-__all__ = ["extrapolate", "interpolate", "subgrid_minimum"]
+__all__ = ["extrapolate", "interpolate", "interpolate_lines", "subgrid_minimum"]
 
 IntArray: TypeAlias = NDArray[np.intp]
 
@@ -106,6 +106,50 @@ def _interpolate_memberships(cost: FloatArray, position: FloatArray, scale: Scal
     return shift + from_membership(
         (weight * to_membership(values - shift[:, None], scale)).sum(axis=1), scale
     )
+
+
+def interpolate_lines(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:
+    """Costs between the nodes of many lines, at the same positions on each.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (lines, n)
+        n >= 3.
+    position : ndarray, shape (m,)
+        In steps from the first node.
+
+    Returns
+    -------
+    ndarray, shape (lines, m)
+        Infinite outside the lines.
+    """
+    n = cost.shape[1]
+    nearest = np.minimum(np.maximum(np.rint(position), 1.0), n - 2.0)
+    t = position - nearest
+    node = nearest.astype(np.intp)
+    with np.errstate(invalid="ignore", over="ignore"):
+        value: FloatArray = (
+            0.5 * t * (t - 1.0) * cost[:, node - 1]
+            + (1.0 - t * t) * cost[:, node]
+            + 0.5 * t * (t + 1.0) * cost[:, node + 1]
+        )
+    line, edge = np.nonzero(~np.isfinite(value))
+    if line.size:
+        base = np.clip(np.floor(position[edge]), 0, n - 2).astype(np.intp)
+        fraction = np.clip(position[edge] - base, 0.0, 1.0)
+        value[line, edge] = _between(cost[line, base], cost[line, base + 1], fraction, scale)
+    value[:, (position < -SLACK) | (position > n - 1 + SLACK)] = np.inf
+    np.maximum(value, 0.0, out=value)
+    return value
+
+
+def _between(low: FloatArray, high: FloatArray, fraction: FloatArray, scale: Scale) -> FloatArray:
+    """Costs at a fraction of the way between two nodes, linear in the memberships."""
+    best = np.minimum(low, high)
+    shift = np.where(np.isfinite(best), best, 0.0) if scale == "log" else np.zeros(best.shape)
+    weighted = (1.0 - fraction) * to_membership(low - shift, scale)
+    weighted += fraction * to_membership(high - shift, scale)
+    return shift + from_membership(weighted, scale)
 
 
 def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:

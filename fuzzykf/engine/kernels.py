@@ -21,7 +21,15 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
 
-__all__ = ["convolve_bounded", "convolve_convex", "convolve_table"]
+__all__ = [
+    "convolve_bounded",
+    "convolve_convex",
+    "convolve_joint",
+    "convolve_table",
+    "crossing",
+    "is_convex",
+    "totals",
+]
 
 IntArray: TypeAlias = NDArray[np.intp]
 
@@ -162,3 +170,75 @@ def convolve_bounded(cost: FloatArray, table: FloatArray, combine: np.ufunc = np
             guess[row[winner]] = block[winner] * BLOCK + total[winner].argmin(axis=1)
         source[k] = guess
     return source
+
+
+def totals(
+    cost: FloatArray, table: FloatArray, source: IntArray, shift: int, combine: np.ufunc = np.add
+) -> FloatArray:
+    """Total of the source ``shift`` places from the given one; infinite beyond the ends."""
+    n = cost.shape[1]
+    neighbour = source + shift
+    clipped = np.clip(neighbour, 0, n - 1)
+    total: FloatArray = combine(
+        np.take_along_axis(cost, clipped, axis=1), table[np.arange(table.shape[0]), clipped]
+    )
+    return np.where(neighbour == clipped, total, np.inf)
+
+
+def crossing(cost: FloatArray, table: FloatArray, source: IntArray) -> FloatArray:
+    """Least maximum of cost and kernel between a source and its neighbours, both taken as linear."""
+    here = np.take_along_axis(cost, source, axis=1)
+    kernel_here = table[np.arange(table.shape[0]), source]
+    least = np.maximum(here, kernel_here)
+    for shift in (-1, 1):
+        neighbour = np.clip(source + shift, 0, cost.shape[1] - 1)
+        there = np.take_along_axis(cost, neighbour, axis=1)
+        kernel_there = table[np.arange(table.shape[0]), neighbour]
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            t = (kernel_here - here) / ((there - here) - (kernel_there - kernel_here))
+            value = here + t * (there - here)
+        least = np.where((t > 0.0) & (t < 1.0) & (value < least), value, least)
+    return least
+
+
+def is_convex(table: FloatArray) -> bool:
+    """Whether every row of a table is convex where it is finite, and finite on an interval.
+
+    For equidistant sources that is the condition of `convolve_convex`.
+    """
+    finite = np.isfinite(table)
+    gaps = np.diff(finite.astype(np.int8), axis=1, prepend=0, append=0)
+    if (np.abs(gaps).sum(axis=1) > 2).any():
+        return False
+    with np.errstate(invalid="ignore"):
+        bend = table[:, 2:] - 2.0 * table[:, 1:-1] + table[:, :-2]
+        size = np.abs(table[:, 1:-1])
+    return not (bend < -1e-12 * (1.0 + size)).any()
+
+
+def convolve_joint(
+    cost: FloatArray, kernel: FloatArray, center: tuple[int, ...], combine: np.ufunc = np.add
+) -> FloatArray:
+    """Convolve a lattice with a kernel on the same lattice, offset by offset.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (n_1, ..., n_d)
+    kernel : ndarray, shape (k_1, ..., k_d)
+        Cost of each offset; infinite offsets are skipped.
+    center : tuple of int
+        Index of the offset zero.
+
+    Returns
+    -------
+    ndarray, shape (n_1, ..., n_d)
+    """
+    out = np.full(cost.shape, np.inf)
+    for index in np.argwhere(np.isfinite(kernel)):
+        shifts = [int(i) - c for i, c in zip(index, center, strict=True)]
+        if any(abs(s) >= n for s, n in zip(shifts, cost.shape, strict=True)):
+            continue
+        to = tuple(slice(max(s, 0), n + min(s, 0)) for s, n in zip(shifts, cost.shape, strict=True))
+        from_ = tuple(slice(max(-s, 0), n - max(s, 0)) for s, n in zip(shifts, cost.shape, strict=True))
+        np.minimum(out[to], combine(cost[from_], kernel[tuple(index)]), out=out[to])
+    return out

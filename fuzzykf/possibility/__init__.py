@@ -1,5 +1,6 @@
 """The fuzzy (possibilistic) state estimator: norms, memberships, relations and filters."""
 
+from fuzzykf.possibility.estimator import FuzzyRelationEstimator
 from fuzzykf.possibility.memberships import (
     CauchyMembership,
     FunctionMembership,
@@ -14,6 +15,7 @@ from fuzzykf.possibility.memberships import (
 __all__ = [
     "CauchyMembership",
     "FunctionMembership",
+    "FuzzyRelationEstimator",
     "GaussianMembership",
     "GridMembership",
     "IntervalMembership",

@@ -11,12 +11,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.errors import ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import TypeAlias
 
     from fuzzykf.base import FloatArray
+
+    Function: TypeAlias = Callable[[FloatArray], FloatArray]
+    Bounds: TypeAlias = tuple[FloatArray, FloatArray]
 
 __all__ = [
     "contract",
@@ -35,18 +39,20 @@ PROBES = 65
 SWEEPS = 100
 
 
-def monotone_image(
-    f: Callable[[FloatArray], FloatArray], lower: float, upper: float, name: str
-) -> tuple[float, float]:
+def monotone_image(f: Function, lower: FloatArray, upper: FloatArray, name: str) -> Bounds:
     """Image of an interval under a continuous monotone function.
 
     Parameters
     ----------
     f : callable
-        Element-wise on arrays.
-    lower, upper : float
+        Element-wise on arrays (n,).
+    lower, upper : ndarray, shape (1,)
     name : str
         Name of the function, for messages.
+
+    Returns
+    -------
+    lower, upper : ndarray, shape (1,)
 
     Raises
     ------
@@ -58,13 +64,14 @@ def monotone_image(
     Layne and Passino (2001), equations (52)-(55), without the noise.
     """
     values = _probe(f, lower, upper, name)
-    return float(min(values[0], values[-1])), float(max(values[0], values[-1]))
+    return np.minimum(values[:1], values[-1:]), np.maximum(values[:1], values[-1:])
 
 
-def _probe(f: Callable[[FloatArray], FloatArray], lower: float, upper: float, name: str) -> FloatArray:
+def _probe(f: Function, lower: FloatArray, upper: FloatArray, name: str) -> FloatArray:
     """Values of ``f`` along an interval, after checking that they are monotone."""
-    points = np.linspace(lower, upper, PROBES if upper > lower else 1)
-    values = f(points)
+    points = np.linspace(lower[0], upper[0], PROBES if upper[0] > lower[0] else 1)
+    with np.errstate(all="ignore"):
+        values = f(points)
     if not np.isfinite(values).all():
         k = int(np.argmin(np.isfinite(values)))
         raise ParameterError(f"{name}: returned {values[k]} at {points[k]:.6g}, expected a finite number")
@@ -72,21 +79,30 @@ def _probe(f: Callable[[FloatArray], FloatArray], lower: float, upper: float, na
     rounding = 8.0 * np.finfo(float).eps * np.abs(values).max()
     if change.min(initial=0.0) < -rounding and change.max(initial=0.0) > rounding:
         raise ParameterError(
-            f"{name}: is not monotone on [{lower:.6g}, {upper:.6g}]; intervals need a monotone scalar function "
-            f"or an interval extension ({name}_interval), and points=... asks for a grid instead"
+            f"{name}: is not monotone on [{lower[0]:.6g}, {upper[0]:.6g}]; intervals need a monotone scalar "
+            f"function or an interval extension ({name}_interval); points=... asks for a grid instead"
         )
     return values
 
 
 def monotone_restriction(
-    g: Callable[[FloatArray], FloatArray], lower: float, upper: float, least: float, most: float, name: str
-) -> tuple[float, float] | None:
+    g: Function, lower: FloatArray, upper: FloatArray, least: float, most: float, name: str
+) -> Bounds | None:
     """Part of an interval on which a continuous monotone function is in [least, most].
+
+    Parameters
+    ----------
+    g : callable
+        Element-wise on arrays (n,).
+    lower, upper : ndarray, shape (1,)
+    least, most : float
+    name : str
+        Name of the function, for messages.
 
     Returns
     -------
-    lower, upper : float, or None
-        Bounds rounded outwards; None if there is no such part.
+    lower, upper : ndarray, shape (1,), or None
+        Rounded outwards; None if there is no such part.
 
     Raises
     ------
@@ -103,74 +119,75 @@ def monotone_restriction(
         return None
     if values[-1] < values[0]:
         return monotone_restriction(lambda x: -g(x), lower, upper, -most, -least, name)
-    new_lower = lower if values[0] >= least else _crossing(g, lower, upper, least)[0]
-    new_upper = upper if values[-1] <= most else -_crossing(lambda x: -g(-x), -upper, -lower, -most)[0]
-    return new_lower, new_upper
+    new_lower = lower if values[0] >= least else _below(g, lower[0], upper[0], least)
+    if values[-1] <= most:
+        return new_lower, upper
+    return new_lower, -_below(lambda x: -g(-x), -upper[0], -lower[0], -most)
 
 
-def _crossing(
-    g: Callable[[FloatArray], FloatArray], low: float, high: float, level: float
-) -> tuple[float, float]:
-    """Neighbouring numbers with g(low) < level <= g(high), by bisection."""
-    while True:
-        middle = 0.5 * low + 0.5 * high
-        if not low < middle < high:
-            return low, high
+def _below(g: Function, low: float, high: float, level: float) -> FloatArray:
+    """Largest number (1,) below which an increasing function is below ``level``, by bisection."""
+    while low < (middle := 0.5 * low + 0.5 * high) < high:
         if g(np.array([middle]))[0] < level:
             low = middle
         else:
             high = middle
+    return np.array([low])
 
 
-def _expansion(center: float, width: float) -> FloatArray:
-    """Points from ``center`` outwards to both ends of the real line."""
-    steps = max(width, abs(center), 1e-300) * 2.0 ** np.arange(-10.0, 1000.0)
+def _expansion(lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Points from an interval outwards to both ends of the real line."""
+    center, width = 0.5 * (lower[0] + upper[0]), upper[0] - lower[0]
+    unit = max(width, abs(center), 1e-3)
+    with np.errstate(over="ignore"):
+        steps = unit * 2.0 ** np.arange(-10.0, 980.0)
     steps = steps[steps < 1e300]
     return np.concatenate([center - steps[::-1], [center], center + steps])
 
 
-def monotone_range(
-    g: Callable[[FloatArray], FloatArray], lower: float, upper: float
-) -> tuple[float, float]:
+def monotone_range(g: Function, lower: FloatArray, upper: FloatArray) -> tuple[float, float]:
     """Least and largest value of a monotone function on the real line (where it is a number)."""
     with np.errstate(all="ignore"):
-        values = g(_expansion(0.5 * (lower + upper), upper - lower))
+        values = g(_expansion(lower, upper))
     values = values[~np.isnan(values)]
     return float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
 
 
-def monotone_preimage(
-    g: Callable[[FloatArray], FloatArray], lower: float, upper: float, least: float, most: float
-) -> tuple[float, float]:
+def monotone_preimage(g: Function, lower: FloatArray, upper: FloatArray, least: float, most: float) -> Bounds:
     """All x with g(x) in [least, most]; infinite on a side on which g never leaves it.
 
     Parameters
     ----------
     g : callable
-        Monotone on the real line, or where it is a number.
-    lower, upper : float
+        Monotone on the real line, or where it is a number; element-wise.
+    lower, upper : ndarray, shape (1,)
         An interval of the usual size of x, from which the search starts.
+    least, most : float
+
+    Returns
+    -------
+    lower, upper : ndarray, shape (1,)
+        Rounded outwards.
     """
-    points = _expansion(0.5 * (lower + upper), upper - lower)
+    points = _expansion(lower, upper)
     with np.errstate(all="ignore"):
         values = g(points)
         points, values = points[~np.isnan(values)], values[~np.isnan(values)]
         if values[-1] < values[0]:
-            flipped = monotone_preimage(lambda x: g(-x), -upper, -lower, least, most)
-            return -flipped[1], -flipped[0]
+            high, low = monotone_preimage(lambda x: g(-x), -upper, -lower, least, most)
+            return -low, -high
         below, above = np.flatnonzero(values < least), np.flatnonzero(values > most)
-        bounds = -np.inf, np.inf
-        if below.size and below[-1] + 1 < points.size:
-            bounds = _crossing(g, points[below[-1]], points[below[-1] + 1], least)[0], bounds[1]
-        if above.size and above[0] > 0:
-            right, left = -points[above[0]], -points[above[0] - 1]
-            bounds = bounds[0], -_crossing(lambda x: -g(-x), right, left, -most)[0]
-    return bounds
+        lower, upper = np.array([-np.inf]), np.array([np.inf])
+        if below.size:
+            k = int(below[-1])
+            lower = _below(g, points[k], points[k + 1], least) if k + 1 < points.size else upper
+        if above.size:
+            k = int(above[0])
+            upper = -_below(lambda x: -g(-x), -points[k], -points[k - 1], -most) if k else -upper
+    return lower, upper
 
 
-def linear_image(
-    A: FloatArray, lower: FloatArray, upper: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def linear_image(A: FloatArray, lower: FloatArray, upper: FloatArray) -> Bounds:
     """Smallest box around the image of a box under x -> A x.
 
     Bounds are widened by the rounding error of the sums, unless there is none: rows
@@ -189,7 +206,7 @@ def linear_image(
 
 def contract(
     A: FloatArray, lower: FloatArray, upper: FloatArray, least: FloatArray, most: FloatArray
-) -> tuple[FloatArray, FloatArray] | None:
+) -> Bounds | None:
     """Box around the points of a box with least <= A x <= most.
 
     Each row bounds each component, given the bounds of the others; this is repeated
@@ -203,7 +220,7 @@ def contract(
         None if there is certainly no such point.
     """
     if A.shape[0] > 1:
-        inverse = np.linalg.pinv(A)
+        inverse = np.asarray(np.linalg.pinv(A))
         low, high = linear_image(inverse, least, most)
         A = np.vstack([A, inverse @ A])
         least, most = np.concatenate([least, low]), np.concatenate([most, high])
@@ -229,12 +246,12 @@ def contract(
 
 
 def shave(
-    g: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
+    g: Callable[[FloatArray, FloatArray], Bounds],
     lower: FloatArray,
     upper: FloatArray,
     least: FloatArray,
     most: FloatArray,
-) -> tuple[FloatArray, FloatArray] | None:
+) -> Bounds | None:
     """Box around the points of a box that a function with an interval extension maps into another.
 
     Slices are cut off the sides as long as the extension proves that none of their
@@ -282,25 +299,4 @@ def shave(
             return None
         if (upper - lower >= 0.99 * before).all():
             break
-    return lower, upper
-
-
-def check_bounds(
-    name: str, bounds: object, dim: int
-) -> tuple[FloatArray, FloatArray]:
-    """Check what a user's interval extension returned.
-
-    Raises
-    ------
-    ShapeError, ParameterError
-        Not two vectors (dim,); NaN, or lower > upper.
-    """
-    try:
-        lower, upper = (np.asarray(b, dtype=np.float64).reshape(-1) for b in bounds)  # type: ignore[attr-defined]
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"{name}: returned {bounds!r}, expected bounds (lower, upper)") from error
-    if lower.shape != (dim,) or upper.shape != (dim,):
-        raise ShapeError(f"{name}: returned shapes {lower.shape}, {upper.shape}, expected ({dim},) twice")
-    if not (lower <= upper).all():
-        raise ParameterError(f"{name}: returned [{lower.tolist()}, {upper.tolist()}], expected lower <= upper")
     return lower, upper

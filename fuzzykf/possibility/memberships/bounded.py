@@ -66,8 +66,7 @@ class TriangularMembership(Membership):
         with np.errstate(divide="ignore", invalid="ignore"):
             below = np.where(x < self._peak, (x - self.left) / rise, 1.0)
             above = np.where(x > self._peak, (self.right - x) / fall, 1.0)
-        value: FloatArray = np.clip(np.minimum(below, above), 0.0, 1.0).min(axis=-1)
-        return value
+        return np.asarray(np.clip(np.minimum(below, above), 0.0, 1.0).min(axis=-1))
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
@@ -131,11 +130,12 @@ class IntervalMembership(Membership):
     @property
     def peak(self) -> FloatArray:
         """The center (dim,)."""
-        return np.asarray(0.5 * (self.lower + self.upper))
+        center: FloatArray = 0.5 * (self.lower + self.upper)
+        return center
 
     def _evaluate(self, x: FloatArray) -> FloatArray:
-        inside: FloatArray = ((x >= self.lower) & (x <= self.upper)).all(axis=-1).astype(np.float64)
-        return inside
+        inside = np.asarray((x >= self.lower) & (x <= self.upper)).all(axis=-1)
+        return np.asarray(inside, dtype=np.float64)
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Return the bounds, whatever the level."""

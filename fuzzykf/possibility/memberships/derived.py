@@ -166,7 +166,7 @@ class JointMembership(Membership):
 
     def cost(self, x: FloatArray, t_norm: TNorm) -> FloatArray:
         """Costs; combined without a detour over memberships where the t-norm is the same."""
-        if t_norm is not self.t_norm:
+        if t_norm != self.t_norm:
             return super().cost(x, t_norm)
         costs = (c.cost(x[..., k : k + 1], t_norm) for k, c in enumerate(self.components))
         return reduce(t_norm.combine, costs)

@@ -244,7 +244,7 @@ class ParabolicMembership(_ScaledMembership):
         There a cost above one means impossible as much as one does, but quadratic
         costs can be interpolated across the edge of the support without error.
         """
-        return self.quadratic(x) if t_norm is LUKASIEWICZ else super().cost(x, t_norm)
+        return self.quadratic(x) if t_norm == LUKASIEWICZ else super().cost(x, t_norm)
 
     def _quadratic_at(self, level: FloatArray) -> FloatArray:
         return 1.0 - level

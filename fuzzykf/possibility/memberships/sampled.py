@@ -62,7 +62,7 @@ class GridMembership(Membership):
     ) -> None:
         array = np.array(values, dtype=np.float64)
         self.dim = array.ndim
-        single = array.ndim == 1 and np.ndim(axes[0]) == 0 if isinstance(axes, Sequence) else array.ndim == 1
+        single = array.ndim == 1 and not isinstance(axes, tuple) and np.ndim(axes[0]) == 0  # type: ignore[index]
         coordinates: list[ArrayLike] = [axes] if single else list(axes)  # type: ignore[list-item, arg-type]
         if array.ndim == 0 or len(coordinates) != array.ndim:
             raise ShapeError(

@@ -1,0 +1,400 @@
+"""The fuzzy dynamic model state estimator of Layne and Passino, as a filter."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from fuzzykf.base import as_observation
+from fuzzykf.errors import (
+    EmptyIntersectionError,
+    ParameterError,
+    SupportWarning,
+    UnreachableMeasurementError,
+)
+from fuzzykf.gaussian import as_array
+from fuzzykf.possibility.attributes import EstimatorState, as_map
+from fuzzykf.possibility.choice import choose, universe_of
+from fuzzykf.possibility.mapping import Mapping
+from fuzzykf.possibility.norms import as_t_conorm, as_t_norm
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.possibility.beliefs import Belief, Outcome
+    from fuzzykf.possibility.memberships import Membership
+    from fuzzykf.possibility.norms import TConorm, TNorm
+
+__all__ = ["FuzzyRelationEstimator"]
+
+
+class FuzzyRelationEstimator(EstimatorState):
+    """Recursive state estimation with membership functions in place of densities.
+
+    The membership mu of the state x is propagated by the extension principle and
+    updated by conditioning on the measurement z:
+
+    - predict: mu'(x') = sup of T(mu(x), mu_W(w)) over all x, w with x' = f(x) + w;
+    - update: mu+(x) = T(mu(x), mu_V(z - h(x))), divided by its peak.
+
+    With Gaussian memberships and the product it is the Kalman filter, with intervals
+    a guaranteed bound, with anything else a function on a grid.
+
+    Parameters
+    ----------
+    dim_x, dim_z : int
+        Number of components of the state and of a measurement.
+    dim_u : int
+        Number of components of the control u, as in filterpy; not needed.
+    fx, hx : callable, optional
+        Dynamics f and measurement h: take arrays (..., dim_x), return (..., dim_x) and
+        (..., dim_z).  Keyword arguments of `predict` reach fx (and fx_inverse,
+        fx_interval) only, those of `update` hx (and hx_interval) only.  By default
+        the model is linear, with the matrices ``F`` and ``H``.
+    fx_inverse : callable, optional
+        Inverse of fx on arrays (..., dim_x); NaN where there is no pre-image.  Grids
+        work without it, but slower.
+    fx_interval, hx_interval : callable, optional
+        Interval extensions: map vectors (lower, upper) to bounds of the image of that box.
+    state : Membership or sequence of scalar Membership, optional
+        Of the state at the start.
+    process_noise, measurement_noise : Membership, or sequence of (Membership or None), optional
+        One membership of dimension dim_x or dim_z, or one scalar membership, or None
+        for no noise, per component.  Without process_noise there is none.  Linear
+        models of the closed forms below may leave out any membership: as in filterpy,
+        it is then the one of center zero and unit matrix.
+    t_norm : {"product", "min", "lukasiewicz", "hamacher"} or TNorm
+        Combines memberships.
+    t_conorm : {"max"}
+        Joins alternatives; other conorms have no limit on a continuum and are refused.
+    on_empty : {"raise", "keep", "reset"}
+        If prediction and measurement exclude each other: raise
+        `EmptyIntersectionError`; keep the prediction; or restart from the measurement
+        alone.  The possibility of the measurement is then 0.
+    points : int or sequence of int, optional
+        Nodes of the grid per axis, by default 401, 101 or 41 in 1, 2 or 3 dimensions.
+    domain : sequence of (lo, hi), optional
+        A fixed universe.  By default the grid moves and refines with the live region.
+    floor : float, optional
+        States of a smaller membership are left out by a moving grid.  By default
+        exp(-18), six standard deviations of a Gaussian, or 0.01, ten times the scale,
+        if state or process noise is an uncut Cauchy membership.
+
+    Attributes
+    ----------
+    representation : str
+        Chosen at construction, by the first rule that applies:
+
+        1. "grid" if ``points`` or ``domain`` is given;
+        2. "interval" if all memberships are crisp (intervals, boxes, points) and the
+           functions are linear, monotone in one dimension, or have an interval extension;
+        3. "gaussian", "cauchy" or "parabolic" if the model is linear and all
+           memberships are of that shape (or points), and the t-norm is the product,
+           the Hamacher product or Łukasiewicz's;
+        4. "grid" otherwise.
+    x, P : ndarray, shapes (dim_x, 1) and (dim_x, dim_x)
+        Centroid and spread: second central moments of the membership, for the closed
+        forms its matrix.  Assignable in the closed forms.
+    x_prior, P_prior, x_post, P_post : ndarray
+        Copies from before and after the latest update.
+    F, H, B : ndarray or None
+        Matrices of a linear model.
+    Q, R : ndarray or None
+        Matrices of the noise in the closed forms.
+    y, S, SI, K : ndarray
+        Residual, its matrix and inverse, gain (closed forms).
+    log_likelihood, likelihood, mahalanobis : float
+        Of the latest z; only for "gaussian".
+    possibility : float
+        Possibility of the latest z, in [0, 1]: one minus the surprise.
+    z : ndarray
+        The latest measurement, as a column.
+
+    Raises
+    ------
+    ParameterError, ShapeError
+        Whatever is inadmissible is named.
+
+    Warns
+    -----
+    SupportWarning
+        If possible states leave a grid at an edge, or a grid is too coarse.
+
+    Notes
+    -----
+    Layne and Passino, Fuzzy Sets and Systems 122 (2001) 45-72: equations (24) and (28),
+    the latter with the joint relation of x and z instead of a Cartesian product.
+    For all t-norms but the product and the minimum, the result depends on the order of
+    several measurements of one instant.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import FuzzyRelationEstimator, GaussianMembership, IntervalMembership
+    >>> est = FuzzyRelationEstimator(2, 1)
+    >>> est.F, est.H = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]])
+    >>> est.step(1.5).round(3).tolist(), est.representation
+    ([[1.125], [0.375]], 'gaussian')
+
+    >>> walk = FuzzyRelationEstimator(
+    ...     1, 1, state=IntervalMembership(0.0, 0.0), process_noise=IntervalMembership(-3.0, 3.0),
+    ...     measurement_noise=IntervalMembership(-0.5, 0.5), hx=lambda x: 0.0005 * x**3,
+    ... )
+    >>> _ = walk.step(0.1)
+    >>> walk.membership
+    IntervalMembership(lower=[-3.], upper=[3.])
+
+    >>> curve = FuzzyRelationEstimator(
+    ...     1, 1, fx=lambda x: x + 0.5 * np.sin(x), hx=lambda x: x**2 / 4,
+    ...     state=GaussianMembership(0.5, 1.0), process_noise=GaussianMembership(0.0, 0.05),
+    ...     measurement_noise=GaussianMembership(0.0, 0.09),
+    ... )
+    >>> curve.step(0.5).round(2).tolist(), curve.representation
+    ([[0.45]], 'grid')
+    """
+
+    def __init__(
+        self,
+        dim_x: int,
+        dim_z: int,
+        dim_u: int = 0,
+        *,
+        fx: Callable[..., Any] | None = None,
+        hx: Callable[..., Any] | None = None,
+        fx_inverse: Callable[..., Any] | None = None,
+        fx_interval: Callable[..., Any] | None = None,
+        hx_interval: Callable[..., Any] | None = None,
+        state: Membership | Sequence[Membership | None] | None = None,
+        process_noise: Membership | Sequence[Membership | None] | None = None,
+        measurement_noise: Membership | Sequence[Membership | None] | None = None,
+        t_norm: str | TNorm = "product",
+        t_conorm: str | TConorm = "max",
+        on_empty: Literal["raise", "keep", "reset"] = "raise",
+        points: int | Sequence[int] | None = None,
+        domain: Sequence[Sequence[float]] | None = None,
+        floor: float | None = None,
+    ) -> None:
+        for name, value in (("dim_x", dim_x), ("dim_z", dim_z)):
+            if value < 1:
+                raise ParameterError(f"{name}: got {value}, expected a whole number of at least 1")
+        if on_empty not in {"raise", "keep", "reset"}:
+            raise ParameterError(f"on_empty: got {on_empty!r}, expected 'raise', 'keep' or 'reset'")
+        if fx is None and (fx_inverse is not None or fx_interval is not None):
+            raise ParameterError(
+                "fx: got None, expected the function that belongs to fx_inverse or fx_interval"
+            )
+        self.dim_x, self.dim_z, self.dim_u = dim_x, dim_z, dim_u
+        self.fx, self.hx, self.fx_inverse = fx, hx, fx_inverse
+        self.fx_interval, self.hx_interval = fx_interval, hx_interval
+        self.t_norm, self.t_conorm = as_t_norm(t_norm), as_t_conorm(t_conorm, continuum=True)
+        self.on_empty = on_empty
+        choice = choose(
+            dim_x,
+            dim_z,
+            self.t_norm,
+            state=state,
+            process_noise=process_noise,
+            measurement_noise=measurement_noise,
+            nonlinear=fx is not None or hx is not None,
+            enclosed=dim_x == 1
+            or ((fx is None or fx_interval is not None) and (hx is None or hx_interval is not None)),
+            grid=points is not None or domain is not None,
+        )
+        self.representation = choice.representation
+        self.F = np.eye(dim_x) if fx is None else None
+        self.H = np.zeros((dim_z, dim_x)) if hx is None else None
+        self.B = None
+        self._process_noise = self._as_used("process_noise", choice.process_noise)
+        self._measurement_noise = self._as_used("measurement_noise", choice.measurement_noise)
+        self._bounded = choice.state.is_bounded and choice.process_noise.is_bounded
+        self._universe = None
+        if self.representation == "grid":
+            self._universe = universe_of(choice, self.t_norm, points, domain, floor)
+        self._belief = self._believe("state", choice.state)
+        self.possibility = 1.0
+        self.z: Any = np.full((dim_z, 1), None, dtype=object)
+        self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
+        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+        if self.is_closed_form:
+            self.y = np.zeros((dim_z, 1))
+            self.S, self.SI = np.zeros((dim_z, dim_z)), np.zeros((dim_z, dim_z))
+            self.K = np.zeros((dim_x, dim_z))
+        if self.representation == "gaussian":
+            self._set_likelihood(float(np.log(sys.float_info.min)), 0.0)
+
+    # ------------------------------------------------------------------ the verbs
+
+    def predict(
+        self,
+        u: ArrayLike | None = None,
+        B: ArrayLike | None = None,
+        F: ArrayLike | None = None,
+        Q: ArrayLike | None = None,
+        **fx_arguments: Any,
+    ) -> None:
+        """Move the membership to the time of the next measurement.
+
+        Parameters
+        ----------
+        u, B : array_like, optional
+            Linear models: control vector and its matrix (by default ``B``).
+        F, Q : array_like, optional
+            Linear models: matrices for this step only; Q in the closed forms.
+        **fx_arguments
+            With fx, everything that is given reaches fx as a keyword argument.
+
+        Raises
+        ------
+        ParameterError, ShapeError
+            fx returned a wrong shape, or NaN at a possible state; bad matrices.
+        SupportLostError
+            All states have left the domain.
+        """
+        given = {k: v for k, v in (("u", u), ("B", B), ("F", F), ("Q", Q)) if v is not None}
+        noise = self._process_noise
+        if self.fx is None:
+            _refuse_arguments("predict", fx_arguments, "fx")
+            matrix = as_map("F", self.F if F is None else F, (self.dim_x, self.dim_x))
+            move = Mapping("F", self.dim_x, self.dim_x, matrix=matrix, shift=self._control(u, B))
+            if Q is not None:
+                self._require_closed_form("Q", "process_noise")
+                noise = self._with_matrix("Q", noise, Q)
+        else:
+            move = Mapping(
+                "fx",
+                self.dim_x,
+                self.dim_x,
+                function=self.fx,
+                inverse=self.fx_inverse,
+                interval=self.fx_interval,
+                arguments={**given, **fx_arguments},
+            )
+        outcome = self._belief.predict(move, noise)
+        _warn(outcome)
+        self._remember()
+        assert outcome.belief is not None
+        self._belief = outcome.belief
+        self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
+
+    def update(
+        self,
+        z: ArrayLike | None,
+        R: ArrayLike | None = None,
+        H: ArrayLike | None = None,
+        **hx_arguments: Any,
+    ) -> None:
+        """Take a measurement into account.
+
+        Parameters
+        ----------
+        z : array_like or None
+            None or NaN where missing, also in part.
+        R, H : array_like, optional
+            Linear models: matrices for this measurement only; R in the closed forms.
+        **hx_arguments
+            With hx, everything that is given reaches hx as a keyword argument.
+
+        Raises
+        ------
+        EmptyIntersectionError
+            No state is both possible and consistent with z (see ``on_empty``);
+            `UnreachableMeasurementError` if no state whatever is consistent with it.
+        ParameterError, ShapeError
+            z or what hx returned is inadmissible; bad matrices.
+        """
+        value = as_observation(z, self.dim_z)
+        if value is None:
+            self._skip()
+            return
+        seen = np.flatnonzero(~np.isnan(value))
+        noise, S = self._measurement_noise, np.zeros((self.dim_z, self.dim_z))
+        if self.hx is None:
+            _refuse_arguments("update", hx_arguments, "hx")
+            matrix = as_map("H", self.H if H is None else H, (self.dim_z, self.dim_x))
+            measure = Mapping("H", self.dim_x, self.dim_z, matrix=matrix, components=seen)
+            if R is not None:
+                self._require_closed_form("R", "measurement_noise")
+                noise = self._with_matrix("R", noise, R)
+            if self.is_closed_form:
+                S = matrix @ self.P @ matrix.T + self._quadratic("R", noise)[1]
+        else:
+            given = {k: v for k, v in (("R", R), ("H", H)) if v is not None}
+            measure = Mapping(
+                "hx",
+                self.dim_x,
+                self.dim_z,
+                function=self.hx,
+                interval=self.hx_interval,
+                arguments={**given, **hx_arguments},
+                components=seen,
+            )
+        observed = noise if seen.size == self.dim_z else noise.project(seen.tolist())
+        outcome = self._belief.update(measure, observed, value[seen])
+        belief = outcome.belief or self._resolve(outcome, measure, observed, value[seen])
+        _warn(outcome)
+        self._remember()
+        self._belief, self.possibility = belief, outcome.possibility
+        self.z = value.reshape(-1, 1)
+        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+        if self.is_closed_form:
+            self._set_gain(outcome.posterior, seen, S)
+
+    def _skip(self) -> None:
+        """Let a missing measurement pass: nothing is learned from it."""
+        self._remember()
+        self.possibility = 1.0
+        self.z = np.full((self.dim_z, 1), None, dtype=object)
+        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+        if self.is_closed_form:
+            self._set_gain(None, np.zeros(0, dtype=np.intp), np.zeros((self.dim_z, self.dim_z)))
+
+    def _resolve(self, outcome: Outcome, measure: Mapping, noise: Membership, z: FloatArray) -> Belief:
+        """Do what `on_empty` says when nothing is left."""
+        if self.on_empty == "keep":
+            return self._belief
+        if self.on_empty == "reset":
+            restarted = self._belief.restart(measure, noise, z)
+            if restarted is not None:
+                return restarted
+            note = "; nor does it bound the state, so that there is nothing to restart from"
+        else:
+            note = ""
+        if not outcome.reachable:
+            raise UnreachableMeasurementError(
+                f"z: got {z.tolist()}, which {measure.name} does not reach from any state, whatever the "
+                f"admissible noise{note}"
+            )
+        lower, upper = self._belief.bounds()
+        raise EmptyIntersectionError(
+            f"z: got {z.tolist()}, which no possible state explains; these are within {lower.tolist()} and "
+            f"{upper.tolist()}{note}"
+        )
+
+    def _control(self, u: ArrayLike | None, B: ArrayLike | None) -> FloatArray:
+        """Return B u, or zero without one of them, as in filterpy."""
+        matrix = self.B if B is None else B
+        if u is None or matrix is None:
+            return np.zeros(self.dim_x)
+        control = np.asarray(u, dtype=np.float64).ravel()
+        array = np.asarray(matrix, dtype=np.float64)
+        array = array * np.eye(self.dim_x) if array.ndim == 0 else array
+        return as_array("B", array, (self.dim_x, control.size)) @ as_array("u", control, (None,))
+
+
+def _refuse_arguments(verb: str, arguments: dict[str, Any], function: str) -> None:
+    if arguments:
+        raise TypeError(
+            f"{verb}() got an unexpected keyword argument {next(iter(arguments))!r}; "
+            f"only {function} could use it"
+        )
+
+
+def _warn(outcome: Outcome) -> None:
+    for note in outcome.notes:
+        warnings.warn(note, SupportWarning, stacklevel=3)

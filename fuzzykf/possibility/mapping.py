@@ -1,0 +1,204 @@
+"""The dynamics and measurement functions of a model: a matrix or a user's function, checked."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError, ShapeError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.base import FloatArray
+
+__all__ = ["Mapping", "matrix_of"]
+
+
+class Mapping:
+    """A map of points (..., dim_in) to points (..., dim_out).
+
+    Parameters
+    ----------
+    name : str
+        "fx" or "hx", for messages.
+    dim_in, dim_out : int
+    function : callable, optional
+        The user's function of points, with keyword arguments.
+    inverse : callable, optional
+        Its inverse, with the same keyword arguments; NaN where there is none.
+    arguments : dict, optional
+        The keyword arguments.
+    matrix : ndarray, shape (dim_out, dim_in), optional
+        In place of the function: the map is linear, x -> matrix x + shift.
+    shift : ndarray, shape (dim_out,), optional
+        Added to the value.
+    interval : callable, optional
+        Interval extension: maps bounds (lower, upper) to bounds of the image.
+    components : sequence of int, optional
+        The components of the value that count; by default all of them.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        dim_in: int,
+        dim_out: int,
+        *,
+        function: Callable[..., Any] | None = None,
+        inverse: Callable[..., Any] | None = None,
+        arguments: dict[str, Any] | None = None,
+        matrix: FloatArray | None = None,
+        shift: FloatArray | None = None,
+        interval: Callable[..., Any] | None = None,
+        components: ArrayLike | None = None,
+    ) -> None:
+        self.name = name
+        self.dim_in = dim_in
+        self.dim_out = dim_out
+        self.components = np.arange(dim_out) if components is None else np.array(components, dtype=np.intp)
+        self.matrix = None if matrix is None else matrix[self.components]
+        self.shift = (np.zeros(dim_out) if shift is None else shift)[self.components]
+        self._function = function
+        self._inverse = inverse
+        self._interval = interval
+        self._arguments = arguments or {}
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Map points; the user's function may return NaN, which callers judge."""
+        if self.matrix is not None:
+            return x @ self.matrix.T + self.shift
+        if self._function is None:
+            raise ParameterError(f"{self.name}: neither a function nor a matrix")
+        value = self._checked(self.name, self._function(x, **self._arguments), x, self.dim_out)
+        return value[..., self.components] + self.shift
+
+    def _checked(self, name: str, value: Any, x: FloatArray, dim: int) -> FloatArray:
+        try:
+            array = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ShapeError(f"{name}: returned {value!r}, expected an array of numbers") from error
+        expected = (*x.shape[:-1], dim)
+        if array.shape != expected:
+            raise ShapeError(
+                f"{name}: returned shape {array.shape} for points of shape {x.shape}, expected {expected}"
+            )
+        return array
+
+    def require_finite(self, x: FloatArray, value: FloatArray, where: np.ndarray) -> None:
+        """Refuse NaN and infinite values at the points that matter.
+
+        Raises
+        ------
+        ParameterError
+            Names the function, the first such point and the value.
+        """
+        bad = where & ~np.isfinite(value).all(axis=-1)
+        if bad.any():
+            first = tuple(np.argwhere(bad)[0])
+            raise ParameterError(
+                f"{self.name}: returned {value[first].tolist()} at x = {x[first].tolist()}, "
+                "which is possible; expected finite numbers"
+            )
+
+    @property
+    def has_interval(self) -> bool:
+        """Whether `interval` can be called."""
+        return self._interval is not None
+
+    def interval(self, lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bounds (dim_out,) of the image of a box, by the interval extension.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If the extension returns anything but two vectors, lower <= upper.
+        """
+        name = f"{self.name}_interval"
+        if self._interval is None:
+            raise ParameterError(f"{name}: is not given")
+        bounds = self._interval(lower, upper, **self._arguments)
+        try:
+            low, high = (np.asarray(b, dtype=np.float64).reshape(-1) for b in bounds)
+        except (TypeError, ValueError) as error:
+            raise ShapeError(f"{name}: returned {bounds!r}, expected bounds (lower, upper)") from error
+        if low.shape != (self.dim_out,) or high.shape != (self.dim_out,):
+            raise ShapeError(
+                f"{name}: returned shapes {low.shape} and {high.shape}, expected ({self.dim_out},) twice"
+            )
+        if not (low <= high).all():
+            raise ParameterError(
+                f"{name}: returned {low.tolist()} and {high.tolist()}, expected lower <= upper"
+            )
+        return low[self.components] + self.shift, high[self.components] + self.shift
+
+    @property
+    def is_invertible(self) -> bool:
+        """Whether `inverse` can be called."""
+        if self.matrix is None:
+            return self._inverse is not None
+        return bool(self.dim_in == self.dim_out and np.linalg.cond(self.matrix) < 1e12)
+
+    def inverse(self, x: FloatArray) -> FloatArray:
+        """Pre-images of points (..., dim_out); NaN where there is none."""
+        if self.matrix is not None:
+            solved: FloatArray = (x - self.shift) @ np.linalg.inv(self.matrix).T
+            return solved
+        if self._inverse is None:
+            raise ParameterError(f"{self.name}_inverse: is not given")
+        value = self._inverse(x - self.shift, **self._arguments)
+        return self._checked(f"{self.name}_inverse", value, x, self.dim_in)
+
+    def require_inverse(self, x: FloatArray, tolerance: FloatArray) -> None:
+        """Check that the inverse given by the user leads back to the points ``x``.
+
+        Raises
+        ------
+        ParameterError
+            Names the first point that it does not lead back to.
+        """
+        if self.matrix is None:
+            back = self.inverse(self(x))
+            bad = ~(np.abs(back - x) <= tolerance).all(axis=-1)
+            if bad.any():
+                k = int(np.argmax(bad))
+                raise ParameterError(
+                    f"{self.name}_inverse: leads from {self.name}({x[k].tolist()}) to {back[k].tolist()}, "
+                    f"expected {x[k].tolist()}"
+                )
+
+    def then(self, matrix: FloatArray, shift: FloatArray) -> Mapping:
+        """Return the map x -> matrix (self(x) + shift), for an invertible matrix."""
+        if self.matrix is not None:
+            return Mapping(
+                self.name,
+                self.dim_in,
+                self.dim_out,
+                matrix=matrix @ self.matrix,
+                shift=matrix @ (self.shift + shift),
+            )
+        back = np.linalg.inv(matrix)
+        inverse = None if self._inverse is None else lambda x: self.inverse(x @ back.T - shift)
+        return Mapping(
+            self.name,
+            self.dim_in,
+            self.dim_out,
+            function=lambda x: (self(x) + shift) @ matrix.T,
+            inverse=inverse,
+        )
+
+
+def matrix_of(mapping: Mapping) -> FloatArray:
+    """Return the matrix of a linear map.
+
+    Raises
+    ------
+    ParameterError
+        If the map is not linear.
+    """
+    if mapping.matrix is None:
+        raise ParameterError(f"{mapping.name}: expected a linear map, got a function")
+    return mapping.matrix

@@ -1,0 +1,295 @@
+"""The image of a membership under a map, on a lattice.
+
+With an inverse, each node of the new lattice looks up its pre-image.  Without one, the
+cells of the old lattice are mapped forward and drawn with interpolation, the largest
+membership winning where images overlap, so that maps that fold (x^2) work too.
+
+What is known exactly stays so.  A component that is the same for all possible states
+remains an axis of length one.  Where the possible states form a set of lower dimension
+(at first only the noise of a known state spreads), axes of the noise join the source,
+so that their common image has the full dimension and is drawn without loss.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import binary_dilation
+
+from fuzzykf.engine.grid import interpolate
+from fuzzykf.engine.raster import cover, flat_cells, samples
+from fuzzykf.errors import SupportLostError
+from fuzzykf.possibility.lattice import Lattice, grid_points
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.possibility.mapping import Mapping
+    from fuzzykf.possibility.noise import Kernel
+    from fuzzykf.possibility.propagation import Universe
+
+__all__ = ["Image", "warp"]
+
+#: A spread of images below this part of their size is none.
+CONSTANT = 1e-13
+
+#: Live nodes at which a user's inverse is tried.
+TRIALS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """A warped membership, before the convolution with the noise.
+
+    Attributes
+    ----------
+    axes : tuple of ndarray
+        Of length one where all images agree.
+    cost : ndarray
+    reached : list of (float, float)
+        Bounds per axis of what the noise will reach.
+    convolved : set of int
+        Axes the noise of which is in the image already.
+    lost : float
+        Least cost of a state mapped out of the domain.
+    """
+
+    axes: tuple[FloatArray, ...]
+    cost: FloatArray
+    reached: list[tuple[float, float]]
+    convolved: set[int]
+    lost: float
+
+
+def warp(
+    source: Lattice,
+    move: Mapping,
+    kernels: Sequence[Kernel | None],
+    universe: Universe,
+    *,
+    in_place: bool = False,
+) -> Image:
+    """Map a membership forward.
+
+    Parameters
+    ----------
+    source : Lattice
+    move : Mapping
+    kernels : sequence of (Kernel or None)
+        The noise of each axis that will be added.
+    universe : Universe
+    in_place : bool
+        Use the axes of the result after the noise at once.
+
+    Raises
+    ------
+    ParameterError
+        If the map returns something inadmissible at a possible state.
+    SupportLostError
+        If the whole image lies outside the domain.
+    """
+    nodes, limit = source.points, universe.limit if universe.domain is None else np.inf
+    with np.errstate(all="ignore"):
+        image = move(nodes)
+    live = source.live(limit)
+    move.require_finite(nodes, image, live)
+    low, high = _span(image, live)
+    d = low.size
+    reached = [
+        _reached(source, image[..., k], live, kernels[k], float(low[k]), float(high[k]), limit)
+        for k in range(d)
+    ]
+    moving = [k for k in range(d) if high[k] - low[k] > CONSTANT * max(abs(low[k]), abs(high[k]))]
+    extra = {} if in_place else _extra_axes(len(source.free), moving, kernels, high - low, reached)
+    axes: list[FloatArray] = [np.array([0.5 * (low[k] + high[k])]) for k in range(d)]
+    for k in moving:
+        # Noise still to come starts from the image alone, at the best resolution.
+        axes[k] = universe.axis(k, *(reached[k] if in_place or k in extra else (low[k], high[k])))
+    shape = tuple(axis.size for axis in axes)
+    if not moving:
+        cost = np.full(shape, float(source.cost[live].min()))
+    elif len(moving) == len(source.free) == d and move.is_invertible:
+        cost = _pull_back(source, move, nodes[live], tuple(axes)).reshape(shape)
+    else:
+        cost = _Drawing(source, move, image, universe, extra).draw(moving, axes)
+        cost = cost.reshape(shape)
+    lost = _lost(source, image, live, universe)
+    if universe.domain is not None and lost <= source.cost.min():
+        # A component known exactly keeps its value, wherever that is.
+        outside = [axes[k][0] < a or axes[k][-1] > b for k, (a, b) in enumerate(universe.domain)]
+        cost = np.full(shape, np.inf) if any(outside) else cost
+    if not (cost < source.t_norm.impossible).any():
+        if universe.domain is None:
+            raise SupportLostError("points: the possible states fall between the nodes; ask for more points")
+        where = ", ".join(f"[{a:.6g}, {b:.6g}]" for a, b in zip(low, high, strict=True))
+        raise SupportLostError(
+            f"domain: all possible states have left {universe.domain.tolist()}, they are within {where}"
+        )
+    return Image(tuple(axes), cost, reached, set(extra), lost)
+
+
+def _extra_axes(
+    free: int,
+    moving: list[int],
+    kernels: Sequence[Kernel | None],
+    span: FloatArray,
+    reached: list[tuple[float, float]],
+) -> dict[int, Kernel]:
+    """Noisy axes that have to join the source for the image to have full dimension.
+
+    Those come first along which the image is thin compared with what the noise adds.
+    """
+    noisy = {k: kernel for k in moving if (kernel := kernels[k]) is not None}
+    order = sorted(noisy, key=lambda k: float(span[k] / max(reached[k][1] - reached[k][0], float(span[k]))))
+    return {k: noisy[k] for k in order[: max(0, len(moving) - free)]}
+
+
+def _span(image: FloatArray, live: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    """Bounds of the images of live nodes and of their neighbours, up to which cells reach."""
+    wide = binary_dilation(live, np.ones((3,) * live.ndim)) & np.isfinite(image).all(axis=-1)
+    return image[wide].min(axis=0), image[wide].max(axis=0)
+
+
+def _reached(
+    source: Lattice,
+    image: FloatArray,
+    live: np.ndarray,
+    kernel: Kernel | None,
+    low: float,
+    high: float,
+    limit: float,
+) -> tuple[float, float]:
+    """Bounds of what the noise reaches along one axis, state and noise judged together."""
+    if kernel is None or np.isinf(limit):
+        return low, high
+    t_norm = source.t_norm
+    cost = source.cost[live]
+    left = limit - cost if t_norm.additive else np.full(cost.shape, limit)
+    below, above = kernel.reach(np.clip(t_norm.membership(left), np.finfo(float).tiny, 1.0))
+    return min(low, float((image[live] + below).min())), max(high, float((image[live] + above).max()))
+
+
+def _lost(source: Lattice, image: FloatArray, live: np.ndarray, universe: Universe) -> float:
+    """Least cost of a live node mapped out of the domain."""
+    if universe.domain is None:
+        return np.inf
+    slack = 1e-9 * (universe.domain[:, 1] - universe.domain[:, 0])
+    with np.errstate(invalid="ignore"):
+        outside = ((image < universe.domain[:, 0] - slack) | (image > universe.domain[:, 1] + slack)).any(
+            axis=-1
+        )
+    return float(source.cost[outside & live].min(initial=np.inf))
+
+
+def _pull_back(source: Lattice, move: Mapping, live: FloatArray, axes: tuple[FloatArray, ...]) -> FloatArray:
+    """Costs (n,) of the new nodes at their pre-images."""
+    trial = live[:: max(1, live.shape[0] // TRIALS)]
+    move.require_inverse(trial, 1e-3 * source.step)
+    with np.errstate(all="ignore"):
+        points = move.inverse(grid_points(axes).reshape(-1, len(axes)))
+    return source.at(np.where(np.isfinite(points), points, np.nan))
+
+
+class _Drawing:
+    """A source lattice, with axes of noise where these are needed, and its forward image."""
+
+    def __init__(
+        self,
+        source: Lattice,
+        move: Mapping,
+        image: FloatArray,
+        universe: Universe,
+        extra: dict[int, Kernel],
+    ) -> None:
+        self.move = move
+        self.t_norm = source.t_norm
+        self.free, self.extra = source.free, list(extra)
+        self.fixed = np.array([axis[0] for axis in source.axes])
+        shape = tuple(source.axes[k].size for k in self.free)
+        self.axes = [source.axes[k] for k in self.free]
+        cost, values = source.cost.reshape(shape), image.reshape(*shape, -1)
+        limit = universe.limit
+        for k, kernel in extra.items():
+            offset = _offsets(kernel, k, values, universe)
+            self.axes.append(offset)
+            cost = self.t_norm.combine(cost[..., None], kernel.cost(offset))
+            values = np.repeat(values[..., None, :], offset.size, axis=-2)
+            values[..., k] += offset
+        self.cost, self.image = cost, values
+        self.live = (cost < self.t_norm.impossible) & (cost <= (limit if universe.domain is None else np.inf))
+
+    def _map(self, position: FloatArray) -> FloatArray:
+        """Images (p, d) of positions (p, s) in steps of the source axes."""
+        x = np.tile(self.fixed, (position.shape[0], 1))
+        place = [
+            axis[0] + position[:, m] * (axis[-1] - axis[0]) / (axis.size - 1)
+            for m, axis in enumerate(self.axes)
+        ]
+        for m, k in enumerate(self.free):
+            x[:, k] = place[m]
+        with np.errstate(all="ignore"):
+            value = self.move(x)
+        for m, k in enumerate(self.extra, start=len(self.free)):
+            value[:, k] += place[m]
+        return value
+
+    def draw(self, moving: list[int], axes: list[FloatArray]) -> FloatArray:
+        """Costs (n,) of the nodes of the axes ``moving``: the least over their pre-images."""
+        origin = np.array([axes[k][0] for k in moving])
+        step = np.array([axes[k][1] - axes[k][0] for k in moving])
+        shape = tuple(axes[k].size for k in moving)
+        image = (self.image[..., moving] - origin) / step
+        out = np.full(int(np.prod(shape)), np.inf)
+        if len(self.axes) >= len(moving):
+            for part in cover(image, self.live, shape):
+                position = part.position
+                if self.move.matrix is None and position.size:
+                    node = np.stack(np.unravel_index(part.node, shape), axis=1)
+                    miss = node - (self._map(position)[:, moving] - origin) / step
+                    position = self._corrected(
+                        position, np.einsum("pij,pj->pi", part.inverse, miss), part.axes
+                    )
+                np.minimum.at(out, part.node, interpolate(self.cost, position, self.t_norm.scale))
+        flat = flat_cells(image, self.live)
+        if flat.size:
+            self._draw_flat(image, flat, shape, out)
+        return out
+
+    def _corrected(self, position: FloatArray, change: FloatArray, axes: tuple[int, ...]) -> FloatArray:
+        """One Newton step towards the exact pre-image, where it is as small as it should be."""
+        last = np.array(self.cost.shape) - 1.0
+        moved = position.copy()
+        moved[:, list(axes)] += change
+        with np.errstate(invalid="ignore"):
+            inside = np.asarray((moved >= 0.0) & (moved <= last))
+            good = (np.abs(change) <= 0.5).all(axis=1) & inside.all(axis=1)
+        return np.where(good[:, None], moved, position)
+
+    def _draw_flat(
+        self, image: FloatArray, flat: np.ndarray, shape: tuple[int, ...], out: FloatArray
+    ) -> None:
+        """Draw cells whose image has no volume on all nodes around it: one step thick."""
+        points, position = samples(image, flat)
+        there = np.isfinite(points).all(axis=1)
+        points, value = points[there], interpolate(self.cost, position[there], self.t_norm.scale)
+        base = np.floor(points + 1e-9)
+        for corner in np.ndindex(*(2,) * len(shape)):
+            node = base + np.array(corner) * (points - base > 1e-9)
+            inside = np.asarray((node >= 0) & (node < np.array(shape))).all(axis=1)
+            index = np.ravel_multi_index(tuple(node[inside].astype(np.intp).T), shape)
+            np.minimum.at(out, index, value[inside])
+
+
+def _offsets(kernel: Kernel, k: int, image: FloatArray, universe: Universe) -> FloatArray:
+    """Nodes along an axis of noise: all that is possible at all, or within the domain."""
+    if universe.domain is None:
+        floor = np.clip(kernel.t_norm.membership(universe.limit), np.finfo(float).tiny, 1.0)
+        below, above = kernel.reach(np.atleast_1d(floor))
+        low, high = float(below[0]), float(above[0])
+    else:
+        low = max(kernel.lower, universe.domain[k, 0] - float(np.nanmax(image[..., k])))
+        high = min(kernel.upper, universe.domain[k, 1] - float(np.nanmin(image[..., k])))
+    return np.linspace(low, high, universe.points[k])
