@@ -6,6 +6,7 @@ the vector and the matrix.
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +27,7 @@ __all__ = [
     "check_definite",
     "cholesky",
     "condition",
+    "is_whole",
     "log_density",
     "logsumexp",
     "mixture_moments",
@@ -77,6 +79,13 @@ def as_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Floa
     return array
 
 
+def is_whole(value: object) -> bool:
+    """Whether a value is a whole number, of whatever numeric type."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    return float(value) % 1.0 == 0.0
+
+
 def _show(shape: tuple[int | None, ...]) -> str:
     return (
         "(" + ", ".join("n" if k is None else str(k) for k in shape) + ("," if len(shape) == 1 else "") + ")"
@@ -95,6 +104,7 @@ def check_definite(
     *,
     strict: bool = False,
     where: np.ndarray | None = None,
+    scale: FloatArray | None = None,
 ) -> None:
     """Prove that the symmetric matrices ``P`` are positive semi-definite.
 
@@ -107,6 +117,10 @@ def check_definite(
         Ask for positive definiteness.
     where : ndarray of bool, shape (...), optional
         Which matrices count.
+    scale : ndarray, shape (..., d), optional
+        Standard deviation of each component to which rounding errors are relative, so
+        that the verdict does not depend on units.  By default eigenvalues are compared
+        with the largest one; for definite matrices, after scaling to a unit diagonal.
 
     Raises
     ------
@@ -115,13 +129,18 @@ def check_definite(
     """
     if P.shape[-1] == 0 or P.size == 0:
         return
-    eigenvalues = np.linalg.eigvalsh(P)
-    smallest, largest = eigenvalues[..., 0], np.abs(eigenvalues).max(axis=-1)
-    bound = EIGENVALUE_TOLERANCE * largest
-    bad = (smallest <= bound * 1e-4) if strict else (smallest < -bound)
+    size = 0.0 if scale is None else 1.0
+    if scale is None:
+        diagonal = np.diagonal(P, axis1=-2, axis2=-1)
+        scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)) if strict else np.ones(P.shape[-1])
+    scaled = np.linalg.eigvalsh(P / (scale[..., :, None] * scale[..., None, :]))
+    bound = EIGENVALUE_TOLERANCE * np.maximum(np.abs(scaled).max(axis=-1), size)
+    bad = (scaled[..., 0] <= bound * 1e-4) if strict else (scaled[..., 0] < -bound)
     if where is not None:
         bad = bad & where
     if bad.any():
+        eigenvalues = np.linalg.eigvalsh(P)
+        smallest, largest = eigenvalues[..., 0], np.abs(eigenvalues).max(axis=-1)
         worst = np.unravel_index(np.argmin(np.where(bad, smallest, np.inf)), smallest.shape)
         index = tuple(int(k) for k in worst)
         kind = "positive definite" if strict else "positive semi-definite"
@@ -183,7 +202,7 @@ def cholesky(P: FloatArray, describe: Callable[[tuple[int, ...]], str]) -> Float
         Names the worst matrix through ``describe`` and its smallest eigenvalue.
     """
     try:
-        factor: FloatArray = np.linalg.cholesky(P)
+        factor = np.linalg.cholesky(P).astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
         check_definite(P, describe, strict=True)
         raise

@@ -24,10 +24,13 @@ import numpy as np
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
 
-__all__ = ["LOG_ZERO", "Kernel", "first_step", "log_pairs", "pack", "run", "step"]
+__all__ = ["DEAD", "LOG_ZERO", "Kernel", "first_step", "log_pairs", "pack", "run", "step"]
 
 #: Stand-in for log 0: sums of a few stay finite, and exp of it is zero.
 LOG_ZERO = -1e300
+
+#: Below this a logarithm stands for a probability of zero, not for a small one.
+DEAD = 0.5 * LOG_ZERO
 
 _ONE = np.ones(1)
 _HALF_LOG_2PI = 0.5 * log(2.0 * np.pi)
@@ -249,8 +252,15 @@ def _collapse_few(
     log_p = np.log(column, table[0])
     if top is None:
         return table, log(total)
+    _bury(table, top)
     log_p += top
     return table, _log_sum(log_p, None)
+
+
+def _bury(table: FloatArray, top: FloatArray) -> None:
+    """Set the moments of nodes that no path reaches to zero, or they might grow without bound."""
+    if float(top.min()) < DEAD:
+        table[1:, top < DEAD] = 0.0
 
 
 def _log_sum(log_p: FloatArray, sign: FloatArray | None) -> float:
@@ -295,7 +305,9 @@ def _collapse(
     log_p = np.log(column if sign is None else np.abs(column)) + top
     log_likelihood = _log_sum(log_p, sign)
     log_p -= log_likelihood
-    return np.concatenate([log_p[None], mean.T, P_node.reshape(M2, m * m).T]), sign, log_likelihood
+    table = np.concatenate([log_p[None], mean.T, P_node.reshape(M2, m * m).T])
+    _bury(table, top)
+    return table, sign, log_likelihood
 
 
 def log_pairs(kernel: Kernel, U: FloatArray) -> FloatArray:

@@ -14,9 +14,23 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_array, check_covariance, check_definite, semidefinite_root, symmetrize
+from fuzzykf.gaussian import (
+    as_array,
+    check_covariance,
+    semidefinite_root,
+    symmetrize,
+)
+from fuzzykf.switching.form_checks import (
+    CONSISTENCY_TOLERANCE,
+    checked_classes,
+    consistent_blocks,
+    dimensions,
+    prove_observable,
+    symmetric,
+)
 from fuzzykf.switching.interpolation import LogCovariance
 from fuzzykf.switching.tables import PairCoefficients, regress
+from fuzzykf.switching.values import Immutable
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -25,9 +39,6 @@ if TYPE_CHECKING:
     from fuzzykf.switching.tables import Describe
 
 __all__ = ["CovarianceForm", "GaussianForm", "RegressionForm", "TransitionForm"]
-
-#: Blocks of the same covariance given twice may differ by this much, relatively.
-CONSISTENCY_TOLERANCE = 1e-8
 
 
 def bilinear(values: FloatArray, u1: FloatArray, u2: FloatArray) -> FloatArray:
@@ -44,7 +55,7 @@ def linear(values: FloatArray, u: FloatArray) -> FloatArray:
     return (u @ values.reshape(len(values), -1)).reshape(*u.shape[:-1], *values.shape[1:])
 
 
-class GaussianForm(ABC):
+class GaussianForm(Immutable, ABC):
     """Parameters of K hard regimes and their interpolation.
 
     Attributes
@@ -122,10 +133,10 @@ class CovarianceForm(_MeanAndCovariance):
             raise ParameterError(f"constraint: got {constraint!r}, expected 'project' or 'check'")
         self.means = as_array("means", means, (None, None))
         K, d = self.means.shape
-        self.n_classes = K
-        self.dim_x, self.dim_z = _dimensions(dim_x, d)
-        gamma = _symmetric("covariances", as_array("covariances", covariances, (K, K, 2 * d, 2 * d)))
-        self.stationary = _consistent_blocks(gamma, d)
+        self.n_classes = checked_classes(K)
+        self.dim_x, self.dim_z = dimensions(dim_x, d)
+        gamma = symmetric("covariances", as_array("covariances", covariances, (K, K, 2 * d, 2 * d)))
+        self.stationary = consistent_blocks(gamma, d)
         self.covariances = gamma
         self.constraint = constraint
         if constraint == "check":
@@ -137,9 +148,11 @@ class CovarianceForm(_MeanAndCovariance):
         S = self.stationary[:, None]
         c = self.covariances[:, :, d + m :, m:d]
         needed = c @ np.linalg.solve(S[..., m:, m:], S[..., m:, :m])
+        sd = np.sqrt(np.diagonal(self.stationary, axis1=-2, axis2=-1))
         error = np.abs(given - needed)
-        if (error > CONSISTENCY_TOLERANCE * np.maximum(1.0, np.abs(needed))).any():
-            i, j, k, el = (int(v) for v in np.unravel_index(np.argmax(error), error.shape))
+        relative = error / (sd[None, :, m:, None] * sd[:, None, None, :m])  # whatever the units
+        if (relative > CONSISTENCY_TOLERANCE).any():
+            i, j, k, el = (int(v) for v in np.unravel_index(np.argmax(relative), error.shape))
             raise ParameterError(
                 f"covariances[{i}, {j}]: Cov(Y2[{k}], X1[{el}]) (row {d + m + k}, column {el}) is "
                 f"{given[i, j, k, el]:.6g}, but the model needs c Syy^-1 Syx = {needed[i, j, k, el]:.6g}, "
@@ -165,7 +178,9 @@ class CovarianceForm(_MeanAndCovariance):
     ) -> PairCoefficients:
         """Regressions of a step given the shares of r_n and r_{n+1}."""
         A, Q = self.transition(u1, u2)
-        return regress(A, self._offset(A, u1, u2), Q, self.dim_x, describe, where)
+        scale = np.sqrt(np.diagonal(linear(self.stationary, u2), axis1=-2, axis2=-1))
+        scale = np.broadcast_to(scale, Q.shape[:-1])
+        return regress(A, self._offset(A, u1, u2), Q, self.dim_x, describe, where, scale)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the parameters as plain lists."""
@@ -199,8 +214,8 @@ class TransitionForm(_MeanAndCovariance):
     ) -> None:
         self.means = as_array("means", means, (None, None))
         K, d = self.means.shape
-        self.n_classes = K
-        self.dim_x, self.dim_z = _dimensions(dim_x, d)
+        self.n_classes = checked_classes(K)
+        self.dim_x, self.dim_z = dimensions(dim_x, d)
         self.A = as_array("A", A, (K, K, d, d))
         lower = self.A[..., self.dim_x :, : self.dim_x]
         if (lower != 0.0).any():
@@ -212,6 +227,7 @@ class TransitionForm(_MeanAndCovariance):
         self.Q = check_covariance("Q", Q, (K, K, d, d))
         self.root = semidefinite_root(self.Q)
         self.stationary = check_covariance("stationary", stationary, (K, d, d))
+        prove_observable("stationary", self.stationary, self.dim_x)
 
     def pairs(
         self, u1: FloatArray, u2: FloatArray, describe: Describe, where: np.ndarray | None = None
@@ -268,7 +284,7 @@ class RegressionForm(GaussianForm):
         state = as_array("Axx", state, (K, K, m, m))
         gain = as_array("G", G, (K, K, m, None))
         q = gain.shape[-1]
-        self.n_classes, self.dim_x, self.dim_z = K, m, q
+        self.n_classes, self.dim_x, self.dim_z = checked_classes(K), m, q
         self.table = PairCoefficients(
             Axx=state,
             H=as_array("H", H, (K, K, m, q)),
@@ -281,6 +297,7 @@ class RegressionForm(GaussianForm):
         )
         self.means = as_array("means", means, (K, m + q))
         self.covariances = check_covariance("covariances", covariances, (K, m + q, m + q))
+        prove_observable("covariances", self.covariances, m)
         self._noise_x = LogCovariance("C", self.table.C.reshape(K * K, m, m))
         self._noise_y = LogCovariance("Qyy", self.table.Qyy.reshape(K * K, q, q))
         self._initial = LogCovariance("covariances", self.covariances)
@@ -298,52 +315,18 @@ class RegressionForm(GaussianForm):
         mixed = {
             name: bilinear(getattr(self.table, name), u1, u2) for name in ("Axx", "H", "G", "c", "Ayy", "Ny")
         }
-        return PairCoefficients(C=self._noise_x(shares), Qyy=self._noise_y(shares), **mixed)
+        reached = np.ones(shares.shape[:-1], dtype=bool) if where is None else where
+        noise = {"C": self._noise_x, "Qyy": self._noise_y}
+        for name, interpolate in noise.items():  # harmless at pairs that do not occur
+            d = interpolate.values.shape[-1]
+            mixed[name] = np.broadcast_to(np.eye(d), (*reached.shape, d, d)).copy()
+            mixed[name][reached] = interpolate(shares[reached])
+        return PairCoefficients(**mixed)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the parameters as plain lists."""
         parameters = {name: value.tolist() for name, value in self.table._asdict().items()}
         return parameters | {"means": self.means.tolist(), "covariances": self.covariances.tolist()}
-
-
-def _dimensions(dim_x: int, d: int) -> tuple[int, int]:
-    if int(dim_x) != dim_x or not 1 <= dim_x < d:
-        raise ParameterError(
-            f"dim_x: got {dim_x!r}, expected a whole number from 1 to {d - 1}, since means has {d} columns "
-            "(state and observation)"
-        )
-    return int(dim_x), d - int(dim_x)
-
-
-def _symmetric(name: str, matrices: FloatArray) -> FloatArray:
-    error = np.abs(matrices - np.swapaxes(matrices, -1, -2))
-    if error.size and (error > CONSISTENCY_TOLERANCE * np.abs(matrices).max()).any():
-        where = tuple(int(k) for k in np.unravel_index(np.argmax(error), error.shape))
-        mirrored = (*where[:-2], where[-1], where[-2])
-        raise ParameterError(
-            f"{name}: expected symmetric matrices, got {matrices[where]:.6g} at {where} but "
-            f"{matrices[mirrored]:.6g} at {mirrored}"
-        )
-    return symmetrize(matrices)
-
-
-def _consistent_blocks(gamma: FloatArray, d: int) -> FloatArray:
-    """Covariances of Z given each regime, after checking that the pairs agree on them."""
-    K = gamma.shape[0]
-    sigma = np.stack([gamma[i, i, :d, :d] for i in range(K)])
-    for i in range(K):
-        for j in range(K):
-            for name, block, k in (("first", gamma[i, j, :d, :d], i), ("second", gamma[i, j, d:, d:], j)):
-                error = np.abs(block - sigma[k])
-                if (error > CONSISTENCY_TOLERANCE * np.abs(sigma[k]).max()).any():
-                    row, column = (int(v) for v in np.unravel_index(np.argmax(error), error.shape))
-                    raise ParameterError(
-                        f"covariances[{i}, {j}]: the {name} diagonal block is the covariance of Z in regime "
-                        f"{k} and has to equal that of covariances[{k}, {k}]; entry ({row}, {column}) is "
-                        f"{block[row, column]:.6g} instead of {sigma[k][row, column]:.6g}"
-                    )
-    check_definite(sigma, lambda k: f"covariance of Z in the regime {k[0]}", strict=True)
-    return sigma
 
 
 def _right_divide(B: FloatArray, S: FloatArray) -> FloatArray:

@@ -53,7 +53,7 @@ class FMC1(FuzzyMarkovLaw):
             alpha, bound, f"beta (eq. 24) is not negative for delta = {delta:.6g} and eta = {eta:.6g}"
         )
         self.alpha, self.delta, self.eta = alpha, delta, eta
-        self.corners = _frozen(np.array([[alpha, beta], [beta, alpha]]))
+        self.corners = np.array([[alpha, beta], [beta, alpha]])
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -132,7 +132,7 @@ class FMC2(FuzzyMarkovLaw):
             ),
         )
         self.alpha, self.gamma, self.delta = alpha, gamma, delta
-        self.corners = _frozen(np.array([[alpha, beta], [beta, alpha]]))
+        self.corners = np.array([[alpha, beta], [beta, alpha]])
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -186,7 +186,7 @@ class DensityLaw(FuzzyMarkovLaw):
         shifts = as_array("kinks", list(kinks), (None,))
         if (np.abs(shifts) > 1.0).any():
             raise ParameterError(f"kinks: got {shifts.tolist()}, expected differences r2 - r1 in [-1, 1]")
-        self.corners = _frozen(masses)
+        self.corners = masses
         self._edges = _edge_functions(edges)
         self._inside = _as_function("interior", interior)
         self._lines = Lines(
@@ -242,11 +242,6 @@ def _beta(alpha: float, bound: float, purpose: str) -> float:
     return max(beta, 0.0)
 
 
-def _frozen(array: FloatArray) -> FloatArray:
-    array.flags.writeable = False
-    return array
-
-
 def _as_function(name: str, density: Density | float) -> Density:
     if callable(density):
         return density
@@ -264,10 +259,10 @@ def _edge_functions(edges: Edges) -> tuple[Density, Density]:
         if _n_arguments(both) == 1:
             return both, both
         return (lambda r: both(np.zeros_like(r), r)), (lambda r: both(np.ones_like(r), r))
-    if isinstance(edges, (int, float)):
-        constant = _as_function("edges", edges)
+    if np.ndim(edges) == 0:  # type: ignore[arg-type]
+        constant = _as_function("edges", edges)  # type: ignore[arg-type]
         return constant, constant
-    pair = list(edges)
+    pair = list(edges)  # type: ignore[arg-type]
     if len(pair) != 2:
         raise ParameterError(f"edges: got {len(pair)} parts, expected the two densities p(0, r) and p(1, r)")
     return _as_function("edges", pair[0]), _as_function("edges", pair[1])
@@ -292,4 +287,4 @@ def _evaluate(name: str, density: Density, *r: FloatArray) -> FloatArray:
     if not np.isfinite(value).all() or (value < -ROUNDING).any():
         worst = value.min() if np.isfinite(value).all() else float("nan")
         raise ParameterError(f"{name}: returned {worst}, expected finite densities that are not negative")
-    return value
+    return np.maximum(value, 0.0)

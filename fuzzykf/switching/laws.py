@@ -9,12 +9,13 @@ edges, a density inside.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, Self, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.integration import Lines, cell_masses, integrate_line, invert_line
+from fuzzykf.switching.values import Immutable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["FuzzyMarkovLaw"]
 
 
-class FuzzyMarkovLaw(ABC):
+class FuzzyMarkovLaw(Immutable, ABC):
     """Symmetric law of two consecutive values of a fuzzy switch.
 
     Laws are made by `fmc1`, `fmc2` and `from_density`, and never change.
@@ -375,12 +376,6 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
     def __repr__(self) -> str:
         arguments = ", ".join(f"{name}={value:.6g}" for name, value in self.parameters.items())
         return f"FuzzyMarkovLaw.{self.kind}({arguments})"
-
-    def __copy__(self) -> Self:
-        return self
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self
 
 
 def checked_switch(name: str, r: ArrayLike) -> FloatArray:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fuzzykf.engine.switching import LOG_ZERO
+from fuzzykf.engine.switching import DEAD, LOG_ZERO
 from fuzzykf.gaussian import cholesky, log_density, logsumexp, symmetrize
 from fuzzykf.switching.recursion import NodeState, node_moments, node_probabilities
 
@@ -165,6 +165,9 @@ def _condition(
     node_covariance = np.einsum("ij,ijkl->jkl", o, covariance) + np.einsum(
         "ij,ijk,ijl->jkl", o, off, off, optimize=True
     )
+    dead = log_p < DEAD  # no path reaches these nodes: their moments must not grow without bound
+    node_mean[np.ix_(dead, np.concatenate([np.ones(m, dtype=bool), ~there, ~known]))] = 0.0
+    node_covariance[dead] = 0.0
     total = log_p.max()
     masses = np.exp(log_p - total) if sign is None else sign * np.exp(log_p - total)
     log_total = float(total + np.log(masses.sum()))

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import is_whole
 from fuzzykf.switching.chain import SwitchChain
 from fuzzykf.switching.integration import cell_masses, gauss_nodes
 
@@ -38,7 +39,7 @@ def discretize(law: FuzzyMarkovLaw, n_nodes: int, rule: str) -> SwitchChain:
     """Approximate a law by a Markov chain; see `FuzzyMarkovLaw.discretize`."""
     if rule not in RULES:
         raise ParameterError(f"rule: got {rule!r}, expected one of {', '.join(map(repr, RULES))}")
-    if isinstance(n_nodes, bool) or int(n_nodes) != n_nodes or n_nodes < 0:
+    if not is_whole(n_nodes) or n_nodes < 0:
         raise ParameterError(f"n_nodes: got {n_nodes!r}, expected a whole number of at least 0")
     F = int(n_nodes)
     if rule == "product" and F:

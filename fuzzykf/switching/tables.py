@@ -63,6 +63,7 @@ def regress(
     dim_x: int,
     describe: Describe,
     where: np.ndarray | None = None,
+    scale: FloatArray | None = None,
 ) -> PairCoefficients:
     """Turn Z' = A Z + N + N(0, Q) into the regressions of Y' on Y and of X' on (X, Y, Y').
 
@@ -77,6 +78,8 @@ def regress(
         Maps the index of a pair to its name in error messages.
     where : ndarray of bool, shape (...), optional
         Which pairs can occur; the others are not checked and get a harmless noise.
+    scale : ndarray, shape (..., d), optional
+        Standard deviations of Z', to which the rounding errors of Q are relative.
 
     Raises
     ------
@@ -86,9 +89,14 @@ def regress(
     m = dim_x
     if where is not None:
         Q = np.where(where[..., None, None], Q, np.eye(Q.shape[-1]))
-    check_definite(Q, lambda k: f"noise covariance of the {describe(k)}")
+    check_definite(Q, lambda k: f"noise covariance of the {describe(k)}", scale=scale)
     Qyy, Qxy = Q[..., m:, m:], Q[..., :m, m:]
-    check_definite(Qyy, lambda k: f"noise covariance of the observation for the {describe(k)}", strict=True)
+    check_definite(
+        Qyy,
+        lambda k: f"noise covariance of the observation for the {describe(k)}",
+        strict=True,
+        scale=None if scale is None else scale[..., m:],
+    )
     G = np.swapaxes(np.linalg.solve(Qyy, np.swapaxes(Qxy, -1, -2)), -1, -2)
     Ayy, Ny = A[..., m:, m:], N[..., m:]
     H = A[..., :m, m:] - G @ Ayy
@@ -104,10 +112,13 @@ def drop_rounding(C: FloatArray) -> FloatArray:
     """
     if C.shape[-1] == 1:
         return np.maximum(C, 0.0)
-    eigenvalues, vectors = np.linalg.eigh(C)
+    variances = np.diagonal(C, axis1=-2, axis2=-1)
+    scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))  # whatever the units
+    scale = scale[..., :, None] * scale[..., None, :]
+    eigenvalues, vectors = np.linalg.eigh(C / scale)
     if eigenvalues.size == 0 or eigenvalues.min() >= 0.0:
         return C
-    repaired = (vectors * np.maximum(eigenvalues, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    repaired = (vectors * np.maximum(eigenvalues, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2) * scale
     return np.where((eigenvalues[..., 0] < 0.0)[..., None, None], symmetrize(repaired), C)
 
 
