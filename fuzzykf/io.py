@@ -135,24 +135,33 @@ def model_to_dict(model: Any) -> dict[str, Any]:
     if hasattr(model, "law"):
         if model.law.kind == "from_density":
             raise ParameterError("law: a law given by functions cannot be written to a file")
-        return {"law": {"kind": model.law.kind} | model.law.parameters, "form": form}
+        law = {"kind": model.law.kind} | model.law.parameters
+        if model.law.kind == "free":
+            law["joint"] = model.law.masses.tolist()
+        return {"law": law, "form": form}
     return {"transition": model.transition.tolist(), "initial": model.initial.tolist(), "form": form}
 
 
 def model_from_dict(kind: str, values: dict[str, Any]) -> Any:
     """Build a model from what `model_to_dict` returned."""
     from fuzzykf.switching import forms
+    from fuzzykf.switching.converted import ConvertedSystem
     from fuzzykf.switching.fuzzy_model import CGOFMSModel
     from fuzzykf.switching.hard_model import CGOMSModel
+    from fuzzykf.switching.law_cells import CellLaw
     from fuzzykf.switching.laws import FuzzyMarkovLaw
 
-    known = {c.kind: c for c in (forms.CovarianceForm, forms.TransitionForm, forms.RegressionForm)}
     parameters = dict(values["form"])
+    if parameters["kind"] == ConvertedSystem.kind:
+        del parameters["kind"]
+        return CGOMSModel._from_system(ConvertedSystem.from_dict(parameters))
+    known = {c.kind: c for c in (forms.CovarianceForm, forms.TransitionForm, forms.RegressionForm)}
     make_form: Any = known[parameters.pop("kind")]
     form = make_form(**parameters)
     if kind == "CGOFMSModel":
         law = dict(values["law"])
-        make_law: Any = {"fmc1": FuzzyMarkovLaw.fmc1, "fmc2": FuzzyMarkovLaw.fmc2}[law.pop("kind")]
+        laws = {"fmc1": FuzzyMarkovLaw.fmc1, "fmc2": FuzzyMarkovLaw.fmc2, "free": CellLaw}
+        make_law: Any = laws[law.pop("kind")]
         return CGOFMSModel._from_form(make_law(**law), form)
     return CGOMSModel._from_form(values["transition"], form, values["initial"])
 

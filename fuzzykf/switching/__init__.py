@@ -1,5 +1,6 @@
 """Exact filters for Gaussian systems whose regime switches abruptly or gradually."""
 
+from fuzzykf.switching.cglssm import CGLSSM
 from fuzzykf.switching.chain import SwitchChain
 from fuzzykf.switching.filter_base import SwitchingFilter
 from fuzzykf.switching.filters import CGOMSMFilter, KnownSwitchFilter, OFSRFilter
@@ -10,6 +11,7 @@ from fuzzykf.switching.simulation import Simulation
 from fuzzykf.switching.systems import StationarySystem
 
 __all__ = [
+    "CGLSSM",
     "CGOFMSModel",
     "CGOMSMFilter",
     "CGOMSModel",

@@ -48,7 +48,7 @@ def begin(law: InitialLaw, y: FloatArray) -> tuple[Belief, float]:
     -------
     belief, log_likelihood
     """
-    if not np.isnan(y).any():
+    if _complete(y):
         state, log_likelihood = recursion.first_observation(law, y)
         return Belief(state, y), log_likelihood
     gap, log_likelihood = missing.start_gap(law, log_probability(law.probability), y)
@@ -71,12 +71,19 @@ def proceed(tables: PairTables, belief: Belief, y: FloatArray, width: int) -> tu
     belief, log_likelihood
     """
     state, window = belief
-    if isinstance(state, NodeState) and not np.isnan(y).any():
+    if isinstance(state, NodeState) and _complete(y):
         new, log_likelihood = recursion.advance(tables, state, window, y)
         return Belief(new, y if width == y.size else np.concatenate([y, window])[:width]), log_likelihood
     m = tables.pairs.dim_x
     gap, log_likelihood = missing.advance_gap(tables, missing.open_gap(state, window, m), y, width)
     return Belief(*missing.close_gap(gap, m)), log_likelihood
+
+
+def _complete(y: FloatArray) -> bool:
+    if y.size == 1:  # asked at every step of a scalar filter, so asked quickly
+        value = y.item()
+        return bool(value == value)
+    return not np.isnan(y).any()
 
 
 def node_state(belief: Belief, m: int) -> NodeState:

@@ -15,7 +15,6 @@ from fuzzykf.switching.filter_base import SwitchingFilter, index_of, summarise
 from fuzzykf.switching.fuzzy_model import CGOFMSModel
 from fuzzykf.switching.hard_model import CGOMSModel
 from fuzzykf.switching.series import Trajectory, run_series
-from fuzzykf.switching.systems import KnownPath
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -24,6 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.base import FloatArray
+    from fuzzykf.switching.converted import ConvertedPath
+    from fuzzykf.switching.systems import KnownPath
     from fuzzykf.switching.tables import InitialLaw, PairTables
 
 __all__ = ["CGOMSMFilter", "KnownSwitchFilter", "OFSRFilter"]
@@ -204,7 +205,7 @@ class KnownSwitchFilter(SwitchingFilter):
         if not isinstance(model, (CGOFMSModel, CGOMSModel)):
             raise ParameterError(f"model: got {type(model).__name__}, expected a CGOFMSModel or CGOMSModel")
         self.model = model
-        super().__init__(KnownPath(model.form, np.empty((0, model.n_classes)), np.empty(0)))
+        super().__init__(model.along(np.empty(0)))
 
     def _start(self) -> None:
         super()._start()
@@ -214,16 +215,14 @@ class KnownSwitchFilter(SwitchingFilter):
 
     # ------------------------------------------------------------------ tables
 
-    def _path(self, *r: float) -> KnownPath:
-        return KnownPath(self.model.form, self.model.class_weights(np.array(r)), np.array(r))
-
     def _initial_law(self) -> InitialLaw:
-        return self._path(self._r if self._r_next is None else self._r_next).initial()
+        r = self._r if self._r_next is None else self._r_next
+        return self.model.along(np.array([r])).initial()
 
     def _next_tables(self) -> PairTables:
         if self._r_next is None:
             raise ParameterError("r: the value of the switch at the next observation is not known yet")
-        return self._path(self._r, self._r_next).pair_tables(0)
+        return self.model.along(np.array([self._r, self._r_next]), start=self._n - 1).pair_tables(0)
 
     def _prior_is_known(self) -> bool:
         return self._told_at_predict
@@ -374,14 +373,16 @@ class KnownSwitchFilter(SwitchingFilter):
             "or forecast with an OFSRFilter or a CGOMSMFilter"
         )
 
-    def _read(self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike) -> tuple[FloatArray, KnownPath]:
+    def _read(
+        self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike
+    ) -> tuple[FloatArray, KnownPath | ConvertedPath]:
         ys = as_observations(zs, self.dim_z)
         switches = np.array(r, dtype=np.float64).reshape(-1)
         if switches.shape != (len(ys),):
             raise ShapeError(f"r: got {switches.size} values, expected {len(ys)}, one per observation")
-        return ys, KnownPath(self.model.form, self.model.class_weights(switches), switches)
+        return ys, self.model.along(switches)
 
-    def _adopt_path(self, trajectory: Trajectory, ys: FloatArray, path: KnownPath) -> None:
+    def _adopt_path(self, trajectory: Trajectory, ys: FloatArray, path: KnownPath | ConvertedPath) -> None:
         self._adopt(trajectory, ys)
         if len(ys):
             self._r, self._told_at_predict = float(path.r[-1]), True

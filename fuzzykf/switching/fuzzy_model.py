@@ -88,6 +88,8 @@ class CGOFMSModel(SwitchingModel):
     (100, 1)
     """
 
+    form: GaussianForm
+
     def __init__(
         self,
         law: FuzzyMarkovLaw,
@@ -166,10 +168,14 @@ class CGOFMSModel(SwitchingModel):
         y: ArrayLike | Sequence[ArrayLike],
         r: ArrayLike | Sequence[ArrayLike] | None = None,
         *,
-        law: Literal["fmc1", "fmc2"] = "fmc1",
-        form: Literal["regression"] = "regression",
+        law: Literal["fmc1", "fmc2", "free"] = "fmc1",
+        form: Literal["regression", "covariance"] = "regression",
         n_nodes: int = 5,
-        rule: str = "cell",
+        n_starts: int = 4,
+        max_iter: int = 200,
+        tolerance: float = 1e-6,
+        rng: np.random.Generator | None = None,
+        progress: bool = False,
     ) -> FitResult[CGOFMSModel]:
         """Learn a model from data in which the state was measured as well.
 
@@ -178,25 +184,47 @@ class CGOFMSModel(SwitchingModel):
         x, y : array_like, or list of these
             States (n, m) and observations (n, q), or (n,); NaN where missing.  Several
             series are given as lists.
-        r : array_like, shape (n,), or list of these
-            Values of the switch in [0, 1].
-        law : {"fmc1", "fmc2"}
-            Family of the law of the switch.
-        form : {"regression"}
-            Form of the Gaussian part, see `from_regressions`.
+        r : array_like, shape (n,), or list of these, optional
+            Values of the switch in [0, 1].  If it is hidden, it is learned too.
+        law : {"fmc1", "fmc2", "free"}
+            Family of the law of the switch; "free" is any Markov chain on the nodes
+            (with a hidden switch only).
+        form : {"regression", "covariance"}
+            Form of the Gaussian part.  "regression" assumes nothing stationary and is the
+            safer choice on real data; "covariance" is that of the paper, with fewer
+            parameters, for one state and one observation.
         n_nodes : int
-            Nodes on which the log-likelihood is computed.
-        rule : str
-            Rule of the discretisation, see `FuzzyMarkovLaw.discretize`.
+            Nodes between 0 and 1 on which a hidden switch is learned; the cost of an
+            iteration grows as (n_nodes + 2)^2.
+        n_starts : int
+            Guesses of a hidden switch to begin from; the best ones go on to convergence.
+            More than 4 are drawn at random.
+        max_iter : int
+            Largest number of iterations.
+        tolerance : float
+            Gain in log-likelihood per observation and iteration at which to stop.
+        rng : numpy.random.Generator, optional
+            For more than 4 starts.
+        progress : bool
+            Show a progress bar (needs rich).
 
         Returns
         -------
         FitResult
-            With ``.model``, ``.log_likelihood`` and ``.warnings``.
+            With ``.model``, ``.log_likelihood``, ``.trace``, ``.warnings``, ...
+
+        Raises
+        ------
+        ParameterError
+            If ``x`` is missing (the parameters of the state are not identifiable from y
+            alone), or a parameter or the data are inadmissible.
 
         Notes
         -----
-        Complete-data maximum likelihood on all transitions, hard and fuzzy.
+        With ``r``: complete-data maximum likelihood on all transitions, hard and fuzzy.
+        Without: expectation-maximisation on the nodes, where (R, Z) is a hidden Markov
+        chain and the likelihood is exact.  Data are standardised inside.  A larger
+        likelihood need not mean a smaller filter error: compare models on held-out data.
 
         Examples
         --------
@@ -217,7 +245,19 @@ class CGOFMSModel(SwitchingModel):
         """
         from fuzzykf.switching.learning import fit_fuzzy_model
 
-        return fit_fuzzy_model(x, y, r, law=law, form=form, n_nodes=n_nodes, rule=rule)
+        return fit_fuzzy_model(
+            x,
+            y,
+            r,
+            law=law,
+            form=form,
+            n_nodes=n_nodes,
+            n_starts=n_starts,
+            max_iter=max_iter,
+            tolerance=tolerance,
+            rng=rng,
+            progress=progress,
+        )
 
     def _prove_noise(self) -> None:
         r = np.concatenate([[0.0], (np.arange(N_PROOF) + 0.5) / N_PROOF, [1.0]])

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.switching.cglssm import CGLSSM
 from fuzzykf.switching.chain import SwitchChain
+from fuzzykf.switching.closeness import error_ratio, warn_if_far
+from fuzzykf.switching.converted import ConvertedSystem
 from fuzzykf.switching.forms import CovarianceForm, GaussianForm, RegressionForm, TransitionForm
 from fuzzykf.switching.model_base import SwitchingModel
 from fuzzykf.switching.systems import StationarySystem
@@ -18,8 +21,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.base import FloatArray
+    from fuzzykf.switching.converted import Construction, Mode, Noise
     from fuzzykf.switching.learning import FitResult
     from fuzzykf.switching.simulation import Simulation
+    from fuzzykf.switching.tables import SwitchingSystem
 
 __all__ = ["CGOMSModel"]
 
@@ -127,6 +132,118 @@ class CGOMSModel(SwitchingModel):
         return cls._from_form(transition, form, initial)
 
     @classmethod
+    def from_cglssm(
+        cls,
+        transition: ArrayLike,
+        A: ArrayLike,
+        B: ArrayLike,
+        C: ArrayLike,
+        D: ArrayLike,
+        *,
+        initial_probability: ArrayLike | None = None,
+        initial_covariance: ArrayLike | None = None,
+        construction: Construction = "gain",
+        noise: Noise = "pair",
+        order: int = 1,
+        mode: Mode = "stationary",
+    ) -> CGOMSModel:
+        """Make a model with an exact filter near a switching state-space model (CGLSSM).
+
+        The state-space model is, with j the regime of the new time and U, V standard normal,
+
+            X' = A_j X + C_j U,    Y' = B_j X' + D_j V.
+
+        It has no exact filter of bounded cost.  The model made here (a CMSHLM) has one, and an
+        exact likelihood and smoother.  It agrees with the given one in the law of the regimes,
+        the covariance of (X, Y) given the regime, and the law of an observation given the
+        regimes and the ``order`` observations before; what older ones say, it forgets.
+
+        Parameters
+        ----------
+        transition : array_like, shape (K, K)
+            ``transition[i, j]`` is the probability of regime j after regime i; K of at least 1.
+        A, B : array_like, shapes (K, m, m) and (K, q, m)
+        C, D : array_like, shapes (K, m, s) and (K, q, t)
+            Factors of the covariances C C' and D D' of the noises, not covariances.
+        initial_probability : array_like, shape (K,), optional
+            Probability of the regimes at the first observation; the stationary one by default.
+        initial_covariance : array_like, shape (K, m, m), optional
+            Covariance of X given the regime, at the first observation; the stationary one by
+            default.  Its mean is zero.
+        construction : {"gain", "markov_x", "clip"}
+            The equation of the state.  "gain": the new observation corrects the state as in
+            a Kalman filter; exists always.  "markov_x": that of the paper, X is a Markov chain;
+            its filter has no feedback, and it exists only if Var(X' | Y, Y') - A_j Var(X | Y) A_j'
+            is positive semi-definite.  "clip": as near to that as existence allows.
+        noise : {"pair", "averaged"}
+            One noise covariance per pair of regimes, or one per new regime, averaged over those
+            before, as (23) of the paper is printed.
+        order : int
+            How many past observations a step conditions on; above 1 with "gain" only.  The
+            model gets nearer with each, see `closeness`, at little cost.
+        mode : {"stationary", "time_varying"}
+            Whether regimes and state start in their stationary law, so that one table
+            serves all steps, or as given, with a table for each step.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If shapes do not agree, probabilities do not sum to one, an option is unknown, or
+            what is given as initial is not stationary in mode "stationary".
+        NotStableError
+            In mode "stationary", if the second moments of X do not settle; the message names
+            the spectral radius.
+        NotPositiveDefiniteError
+            If the covariance of an observation given the past is singular, or the
+            construction does not exist; the message names the regimes, the step and the
+            eigenvalue.  Of a time-varying model the first ``order + K`` steps are proved here (100
+            with "markov_x"), the others as soon as they are reached.
+
+        Warns
+        -----
+        ClosenessWarning
+            If `closeness` is above 1.25: the mean squared error is a quarter larger than
+            it could be.
+
+        Notes
+        -----
+        On data of the given model, which `cglssm` keeps, the filter is not better than
+        `IMMEstimator`: that one approximates the posterior of the right model, this one is
+        exact for a model nearby.  After Pieczynski, Derrode, Abassi, Petetin and Desbouvries
+        (TAIMA 2013), (14)-(23), corrected.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from fuzzykf import CGOMSMFilter, CGOMSModel
+        >>> model = CGOMSModel.from_cglssm(
+        ...     [[0.95, 0.05], [0.10, 0.90]],
+        ...     A=[[[0.98]], [[0.5]]],
+        ...     B=[[[1.0]], [[1.0]]],
+        ...     C=[[[0.2]], [[1.0]]],
+        ...     D=[[[0.5]], [[0.5]]],
+        ...     order=3,
+        ... )
+        >>> round(model.closeness(), 3)
+        1.004
+        >>> truth = model.cglssm.simulate(200, np.random.default_rng(0))
+        >>> CGOMSMFilter(model).filter(truth.y).x.shape
+        (200, 1)
+        """
+        cglssm = CGLSSM(
+            transition,
+            A,
+            B,
+            C,
+            D,
+            initial_probability=initial_probability,
+            initial_covariance=initial_covariance,
+        )
+        system = ConvertedSystem(cglssm, construction, noise, order, mode)
+        warn_if_far(system)
+        return cls._from_system(system)
+
+    @classmethod
     def _from_form(
         cls, transition: ArrayLike, form: GaussianForm, initial: ArrayLike | None = None
     ) -> CGOMSModel:
@@ -141,7 +258,13 @@ class CGOMSModel(SwitchingModel):
                 f"transition: got {len(chain)} regimes, expected {form.n_classes}, as many as rows of means"
             )
         self.form = form
-        self._system = StationarySystem(chain, form)
+        self._system: SwitchingSystem = StationarySystem(chain, form)
+
+    @classmethod
+    def _from_system(cls, system: ConvertedSystem) -> CGOMSModel:
+        model = cls.__new__(cls)
+        model.form = model._system = system
+        return model
 
     @classmethod
     def fit(
@@ -151,7 +274,12 @@ class CGOMSModel(SwitchingModel):
         r: ArrayLike | Sequence[ArrayLike] | None = None,
         *,
         n_switches: int = 2,
-        form: Literal["regression"] = "regression",
+        form: Literal["regression", "covariance"] = "regression",
+        n_starts: int = 4,
+        max_iter: int = 200,
+        tolerance: float = 1e-6,
+        rng: np.random.Generator | None = None,
+        progress: bool = False,
     ) -> FitResult[CGOMSModel]:
         """Learn a model from data in which the state was measured as well.
 
@@ -159,21 +287,32 @@ class CGOMSModel(SwitchingModel):
         ----------
         x, y : array_like, or list of these
             States (n, m) and observations (n, q), or (n,); NaN where missing.
-        r : array_like, shape (n,), or list of these
-            Regimes 0, ..., n_switches - 1.
+        r : array_like, shape (n,), or list of these, optional
+            Regimes 0, ..., n_switches - 1; learned too if they are hidden.
         n_switches : int
             Number K of regimes.
-        form : {"regression"}
-            Form of the Gaussian part, see `from_regressions`.
+        form, n_starts, max_iter, tolerance, rng, progress
+            As in `CGOFMSModel.fit`.
 
         Returns
         -------
         FitResult
-            With ``.model``, ``.log_likelihood`` and ``.warnings``.
+            With ``.model``, ``.log_likelihood``, ``.trace``, ``.warnings``, ...
         """
         from fuzzykf.switching.learning import fit_hard_model
 
-        return fit_hard_model(x, y, r, n_switches=n_switches, form=form)
+        return fit_hard_model(
+            x,
+            y,
+            r,
+            n_switches=n_switches,
+            form=form,
+            n_starts=n_starts,
+            max_iter=max_iter,
+            tolerance=tolerance,
+            rng=rng,
+            progress=progress,
+        )
 
     @property
     def transition(self) -> FloatArray:
@@ -193,7 +332,7 @@ class CGOMSModel(SwitchingModel):
         one_hot: FloatArray = np.eye(self.n_classes)[value.astype(int)]
         return one_hot
 
-    def on_nodes(self) -> StationarySystem:
+    def on_nodes(self) -> SwitchingSystem:
         """Return the model on its regimes, as the recursion takes it."""
         return self._system
 
@@ -213,8 +352,55 @@ class CGOMSModel(SwitchingModel):
         """
         from fuzzykf.switching.simulation import sample_classes, simulate_path
 
+        if isinstance(self.form, ConvertedSystem):
+            return self.form.simulate(n, rng)
         r = sample_classes(self._system.chain, n, rng)
         return simulate_path(self.form, r, self.class_weights(r), rng)
+
+    @property
+    def cglssm(self) -> CGLSSM | None:
+        """The state-space model from which `from_cglssm` made this one; else None."""
+        return self.form.cglssm if isinstance(self.form, ConvertedSystem) else None
+
+    def closeness(self, weights: ArrayLike | None = None) -> float:
+        """Compare the filter of a model made by `from_cglssm` with the optimal one.
+
+        Both are told the regimes and run on data of the state-space model; the optimal one
+        is then the Kalman filter.  Computed by recursions for the second moments of both
+        errors, not by simulation; see `fuzzykf.switching.closeness`.
+
+        Parameters
+        ----------
+        weights : array_like, shape (m,), optional
+            Weights of the squared errors of the components of the state, for components
+            of different units; all one by default.
+
+        Returns
+        -------
+        float
+            Mean squared error of this model's filter in the long run, divided by that
+            of the Kalman filter; at best 1.  Of a time-varying model in which the ratio
+            does not settle: after 256 observations.
+
+        Raises
+        ------
+        ParameterError
+            If the model was not made by `from_cglssm`, or ``weights`` are negative or all zero.
+        NotPositiveDefiniteError, NotStableError
+            If a time-varying model ceases to exist before the ratio has settled.
+
+        Examples
+        --------
+        >>> from fuzzykf import CGOMSModel
+        >>> matrices = {"A": [[[0.9]]], "B": [[[1.0]]], "C": [[[0.5]]], "D": [[[1.0]]]}
+        >>> [round(CGOMSModel.from_cglssm([[1.0]], **matrices, order=k).closeness(), 4) for k in (1, 2, 5)]
+        [1.0286, 1.0034, 1.0]
+        """
+        if not isinstance(self.form, ConvertedSystem):
+            raise ParameterError(
+                "closeness: got a model that stands for itself, expected one made by CGOMSModel.from_cglssm"
+            )
+        return error_ratio(self.form, np.ones(self.dim_x) if weights is None else weights)
 
     def __repr__(self) -> str:
         return (

@@ -159,14 +159,15 @@ def invert_line(density: Callable[[FloatArray], FloatArray], u: float, breaks: F
     x, w = gauss_nodes(16)
     widths = np.diff(breaks)
     masses = (density(_open(breaks[:-1, None] + widths[:, None] * x)) @ w) * widths
-    target = u * masses.sum()
+    target = u * float(masses.sum())
     below = np.cumsum(masses)
     panel = min(int(np.searchsorted(below, target, side="right")), masses.size - 1)
-    target -= below[panel] - masses[panel]
+    target -= float(below[panel] - masses[panel])
     start, width = float(breaks[panel]), float(widths[panel])
 
     def excess(t: float) -> float:
-        return float(density(_open(start + t * width * x)) @ w) * t * width - target
+        mass: float = float(density(_open(start + t * width * x)) @ w) * t * width
+        return mass - target
 
     t = 1.0
     if excess(1.0) > 0.0:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Self
 
+from fuzzykf.switching.forms import GaussianForm
+from fuzzykf.switching.systems import KnownPath
+
 if TYPE_CHECKING:
     from os import PathLike
 
-    from fuzzykf.switching.forms import GaussianForm
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.switching.converted import ConvertedPath, ConvertedSystem
 
 __all__ = ["SwitchingModel"]
 
@@ -15,7 +21,7 @@ __all__ = ["SwitchingModel"]
 class SwitchingModel:
     """What the fuzzy and the hard model share: a Gaussian form, and value semantics."""
 
-    form: GaussianForm
+    form: GaussianForm | ConvertedSystem
 
     @property
     def dim_x(self) -> int:
@@ -31,6 +37,25 @@ class SwitchingModel:
     def n_classes(self) -> int:
         """Number K of hard regimes."""
         return self.form.n_classes
+
+    def class_weights(self, r: ArrayLike) -> FloatArray:
+        """Return the shares of the regimes in values of the switch: (..., K)."""
+        raise NotImplementedError
+
+    def along(self, r: FloatArray, start: int = 0) -> KnownPath | ConvertedPath:
+        """Return the model along a known path of the switch, as the recursion takes it.
+
+        Parameters
+        ----------
+        r : ndarray, shape (n,)
+            Values of the switch.
+        start : int
+            Index of the observation to which the first of them belongs.
+        """
+        shares = self.class_weights(r)
+        if isinstance(self.form, GaussianForm):
+            return KnownPath(self.form, shares, r)
+        return self.form.along(r, start)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the model to a JSON file, atomically.

@@ -163,7 +163,8 @@ class _Backward:
         if signs is None:
             return None
         of_pairs = [np.sign(self.system.pair_tables(k).transition) for k in range(start, stop)]
-        return signs[start:stop, :, None] * np.stack(of_pairs)
+        both: FloatArray = signs[start:stop, :, None] * np.stack(of_pairs)
+        return both
 
     def most_likely_path(self) -> np.ndarray:
         """Viterbi's algorithm on (R, Y): the nodes of the most probable path."""

@@ -1,47 +1,111 @@
-"""Learning the parameters of switching models from data."""
+"""Learning the parameters of switching models from data.
+
+`fuzzykf.switching.learning.data` brings data to a common form; with a hidden switch,
+`em` alternates between the posterior of the nodes and the maximisation of `gaussians`
+and `chains`; `fit` chooses between starts and reports what the data cannot support.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.learning.data import gather
+from fuzzykf.switching.learning.fit import Fitted, Options, fit_fuzzy, fit_hard
 from fuzzykf.switching.learning.result import FitResult
-from fuzzykf.switching.learning.supervised import fit_fuzzy, fit_hard
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from fuzzykf.switching.fuzzy_model import CGOFMSModel
     from fuzzykf.switching.hard_model import CGOMSModel
+    from fuzzykf.switching.learning.data import TrainingData
 
 __all__ = ["FitResult", "fit_fuzzy_model", "fit_hard_model"]
 
-_HIDDEN = (
-    "r: missing; learning with a hidden switch is not supported yet, give the switch at each observation"
-)
-
 
 def fit_fuzzy_model(
-    x: Any, y: Any, r: Any, *, law: str, form: str, n_nodes: int, rule: str
+    x: Any, y: Any, r: Any, *, law: str, n_nodes: int, progress: bool, **options: Any
 ) -> FitResult[CGOFMSModel]:
     """See `CGOFMSModel.fit`."""
-    _check_form(form)
-    data = gather(x, y, r)
-    if r is None:
-        raise NotImplementedError(_HIDDEN)
-    return fit_fuzzy(data, law, n_nodes, rule)
+    data = _prepared(x, y, r, options)
+    fitted = _with_progress(progress, options, lambda o: fit_fuzzy(data, law, n_nodes, o))
+
+    def refit(a: Any, b: Any, rng: np.random.Generator) -> FitResult[CGOFMSModel]:
+        again = options | {"rng": rng}
+        return fit_fuzzy_model(a, b, None, law=law, n_nodes=n_nodes, progress=False, **again)
+
+    return _present(fitted, data, x, refit)
 
 
-def fit_hard_model(x: Any, y: Any, r: Any, *, n_switches: int, form: str) -> FitResult[CGOMSModel]:
+def fit_hard_model(
+    x: Any, y: Any, r: Any, *, n_switches: int, progress: bool, **options: Any
+) -> FitResult[CGOMSModel]:
     """See `CGOMSModel.fit`."""
-    _check_form(form)
     if n_switches < 1:
         raise ParameterError(f"n_switches: got {n_switches}, expected at least 1")
-    data = gather(x, y, r)
-    if r is None:
-        raise NotImplementedError(_HIDDEN)
-    return fit_hard(data, n_switches)
+    data = _prepared(x, y, r, options)
+    fitted = _with_progress(progress, options, lambda o: fit_hard(data, n_switches, o))
+
+    def refit(a: Any, b: Any, rng: np.random.Generator) -> FitResult[CGOMSModel]:
+        again = options | {"rng": rng}
+        return fit_hard_model(a, b, None, n_switches=n_switches, progress=False, **again)
+
+    return _present(fitted, data, x, refit)
 
 
-def _check_form(form: str) -> None:
-    if form != "regression":
-        raise ParameterError(f"form: got {form!r}, expected 'regression'")
+def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any]) -> TrainingData:
+    for name, least in (("n_starts", 1), ("max_iter", 1)):
+        if options[name] < least:
+            raise ParameterError(f"{name}: got {options[name]}, expected at least {least}")
+    if not options["tolerance"] > 0.0:
+        raise ParameterError(f"tolerance: got {options['tolerance']}, expected a positive number")
+    if options["n_starts"] > 4 and options["rng"] is None:
+        raise ParameterError("rng: missing; more than 4 starts are drawn at random and need a Generator")
+    return gather(x, y, r)
+
+
+def _with_progress(progress: bool, options: dict[str, Any], fit: Callable[[Options], Fitted]) -> Fitted:
+    if not progress:
+        return fit(Options(**options))
+    try:
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    except ImportError as error:
+        from fuzzykf.errors import MissingDependencyError
+
+        raise MissingDependencyError("progress=True needs rich: pip install 'fuzzykf[cli]'") from error
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, transient=True) as bar:
+        task = bar.add_task("learning")
+        count = 0
+
+        def tick() -> None:
+            nonlocal count
+            count += 1
+            bar.update(task, description=f"learning, {count} iterations")
+
+        return fit(Options(**options, tick=tick))
+
+
+def _present(
+    fitted: Fitted, data: TrainingData, x: Any, refit: Callable[..., FitResult[Any]]
+) -> FitResult[Any]:
+    switch: Any = np.full(data.n_rows, np.nan)
+    switch[data.kept] = fitted.switch_mean
+    if hasattr(x, "to_numpy") and hasattr(x, "index"):
+        import pandas as pd
+
+        switch = pd.Series(switch, index=x.index, name="switch_mean")
+    return FitResult(
+        model=fitted.model,
+        log_likelihood=fitted.log_likelihood,
+        n_parameters=fitted.n_parameters,
+        n_observations=len(data.z),
+        trace=np.array(fitted.trace),
+        converged=fitted.converged,
+        warnings=tuple(fitted.warnings),
+        switch_mean=switch,
+        refit=refit,
+    )

@@ -49,6 +49,10 @@ class TrainingData:
         The switch, where it is known.
     scale : Scale
     dim_x : int
+    kept : ndarray of int
+        Positions of the rows of `z` in the data as given, series after series.
+    n_rows : int
+        Number of rows given.
     """
 
     z: FloatArray
@@ -58,6 +62,8 @@ class TrainingData:
     r: FloatArray | None
     scale: Scale
     dim_x: int
+    kept: np.ndarray
+    n_rows: int
 
 
 def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
@@ -86,8 +92,8 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
     rs: Sequence[Any] = [None] * len(xs) if r is None else _series("r", r)
     if not len(xs) == len(ys) == len(rs):
         raise ShapeError(f"x, y, r: got {len(xs)}, {len(ys)} and {len(rs)} series, expected as many of each")
-    rows, switches, starts, before = [], [], [], []
-    n_rows = 0
+    rows, switches, starts, before, positions = [], [], [], [], []
+    n_rows = n_given = 0
     for k, (a, b, c) in enumerate(zip(xs, ys, rs, strict=True)):
         if len(a) != len(b) or (c is not None and len(c) != len(a)):
             raise ShapeError(
@@ -102,10 +108,12 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
             complete &= np.isfinite(c[:, 0])
         kept = np.flatnonzero(complete)
         follows = np.diff(kept) == 1
-        positions = n_rows + np.arange(kept.size)
+        at = n_rows + np.arange(kept.size)
         if kept.size:
-            starts.append(positions[np.concatenate([[True], ~follows])])
-            before.append(positions[:-1][follows])
+            starts.append(at[np.concatenate([[True], ~follows])])
+            before.append(at[:-1][follows])
+        positions.append(n_given + kept)
+        n_given += len(z)
         rows.append(z[kept])
         if c is not None:
             switches.append(c[kept, 0])
@@ -134,6 +142,8 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
         r=np.concatenate(switches) if r is not None else None,
         scale=Scale(mean, std),
         dim_x=xs[0].shape[1],
+        kept=np.concatenate(positions),
+        n_rows=n_given,
     )
 
 

@@ -17,7 +17,7 @@ from fuzzykf.switching.tables import log_probability
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
     from fuzzykf.switching.learning.data import TrainingData
-    from fuzzykf.switching.systems import StationarySystem
+    from fuzzykf.switching.tables import SwitchingSystem
 
 __all__ = ["emissions", "forward", "log_likelihood"]
 
@@ -25,7 +25,7 @@ __all__ = ["emissions", "forward", "log_likelihood"]
 _CHUNK = 1024
 
 
-def emissions(system: StationarySystem, now: FloatArray, then: FloatArray) -> FloatArray:
+def emissions(system: SwitchingSystem, now: FloatArray, then: FloatArray) -> FloatArray:
     """Log p(z_{n+1} | z_n, r_n = i, r_{n+1} = j) for n transitions, (n, M, M).
 
     Parameters
@@ -34,7 +34,7 @@ def emissions(system: StationarySystem, now: FloatArray, then: FloatArray) -> Fl
         Z before and after each transition.
     """
     m = system.dim_x
-    pairs = system.tables.pairs
+    pairs = system.pair_tables(0).pairs
     x, y, x1, y1 = now[:, :m], now[:, m:], then[:, :m], then[:, m:]
     factor_y = cholesky(pairs.Qyy, lambda k: f"noise covariance of the observation, pair {k}")
     factor_x = cholesky(pairs.C, lambda k: f"noise covariance of the state, pair {k}")
@@ -77,7 +77,7 @@ def forward(log_transition: FloatArray, log_first: FloatArray, log_emission: Flo
     return steps
 
 
-def log_likelihood(system: StationarySystem, data: TrainingData) -> float:
+def log_likelihood(system: SwitchingSystem, data: TrainingData) -> float:
     """Log p(x, y) of all stretches, in the units of the data."""
     z = data.z * data.scale.std + data.scale.mean
     law = system.initial()
@@ -94,7 +94,7 @@ def log_likelihood(system: StationarySystem, data: TrainingData) -> float:
 
 
 def _stretch(
-    system: StationarySystem, log_transition: FloatArray, log_first: FloatArray, z: FloatArray
+    system: SwitchingSystem, log_transition: FloatArray, log_first: FloatArray, z: FloatArray
 ) -> float:
     blocks = [
         emissions(system, z[k : min(k + _CHUNK, len(z) - 1)], z[k + 1 : min(k + _CHUNK, len(z) - 1) + 1])

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from fuzzykf.errors import ParameterError
+
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from fuzzykf.base import FloatArray
 
 __all__ = ["FitResult"]
@@ -34,6 +38,9 @@ class FitResult(Generic[M]):
     converged : bool
     warnings : tuple of str
         What the data cannot support.
+    switch_mean : ndarray or pandas Series, shape (n,)
+        Posterior mean of the switch along the training data (the switch itself, if it was
+        given); NaN where x or y is missing.  Several series follow one another.
     """
 
     model: M
@@ -42,7 +49,9 @@ class FitResult(Generic[M]):
     n_observations: int
     trace: FloatArray
     converged: bool
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = ()
+    switch_mean: Any = None
+    refit: Callable[..., FitResult[M]] | None = field(default=None, repr=False)
 
     @property
     def aic(self) -> float:
@@ -53,3 +62,28 @@ class FitResult(Generic[M]):
     def bic(self) -> float:
         """Schwarz's information criterion, k log n - 2 log L; smaller is better."""
         return float(np.log(self.n_observations)) * self.n_parameters - 2.0 * self.log_likelihood
+
+    def bootstrap(self, n_replicates: int, rng: np.random.Generator) -> list[FitResult[M]]:
+        """Simulate from the model and learn again, to see how well parameters are known.
+
+        Parameters
+        ----------
+        n_replicates : int
+            Number of simulated series, each as long as the training data.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        list of FitResult
+            Learned with a hidden switch; the spread of a parameter over their models
+            estimates its standard error.
+        """
+        if n_replicates < 1:
+            raise ParameterError(f"n_replicates: got {n_replicates}, expected at least 1")
+        if self.refit is None:
+            raise ParameterError("bootstrap: this result was not made by a fit")
+        found = []
+        for _ in range(n_replicates):
+            data = self.model.simulate(self.n_observations, rng)  # type: ignore[attr-defined]
+            found.append(self.refit(data.x, data.y, rng))
+        return found
