@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         TriangularMembership,
     )
     from fuzzykf.switching import (
+        CGLSSM,
         CGOFMSModel,
         CGOMSMFilter,
         CGOMSModel,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0.dev0"
 
 _HOMES = {
+    "CGLSSM": "fuzzykf.switching",
     "CGOFMSModel": "fuzzykf.switching",
     "CGOMSMFilter": "fuzzykf.switching",
     "CGOMSModel": "fuzzykf.switching",
@@ -61,6 +63,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "CGLSSM",
     "CGOFMSModel",
     "CGOMSMFilter",
     "CGOMSModel",

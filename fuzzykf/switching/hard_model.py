@@ -182,50 +182,43 @@ class CGOMSModel(SwitchingModel):
             How many past observations a step conditions on; above 1 with "gain" only.  The
             model gets nearer with each, see `closeness`, at little cost.
         mode : {"stationary", "time_varying"}
-            Whether regimes and state start in their stationary law, so that one table
-            serves all steps, or as given, with a table for each step.
+            Whether regimes and state start in their stationary law, or as given, so that each
+            step has a table of its own.
 
         Raises
         ------
         ShapeError, ParameterError
-            If shapes do not agree, probabilities do not sum to one, an option is unknown, or
-            what is given as initial is not stationary in mode "stationary".
+            If shapes do not agree, probabilities do not sum to one, an option is unknown, or, in
+            mode "stationary", what is given as initial is not stationary.
         NotStableError
             In mode "stationary", if the second moments of X do not settle; the message names
             the spectral radius.
         NotPositiveDefiniteError
             If the covariance of an observation given the past is singular, or the
             construction does not exist; the message names the regimes, the step and the
-            eigenvalue.  Of a time-varying model the first ``order + K`` steps are proved here (100
-            with "markov_x"), the others as soon as they are reached.
+            eigenvalue.  In mode "time_varying" the first ``order + K`` steps are proved here (100 with
+            "markov_x"), the others as soon as they are reached.
 
         Warns
         -----
         ClosenessWarning
-            If `closeness` is above 1.25: the mean squared error is a quarter larger than
-            it could be.
+            If `closeness` is above 1.25: a mean squared error a quarter larger than it could be.
 
         Notes
         -----
         On data of the given model, which `cglssm` keeps, the filter is not better than
         `IMMEstimator`: that one approximates the posterior of the right model, this one is
-        exact for a model nearby.  After Pieczynski, Derrode, Abassi, Petetin and Desbouvries
-        (TAIMA 2013), (14)-(23), corrected.
+        exact for a model nearby.  After Pieczynski et al. (TAIMA 2013), (14)-(23), corrected.
 
         Examples
         --------
         >>> import numpy as np
         >>> from fuzzykf import CGOMSMFilter, CGOMSModel
-        >>> model = CGOMSModel.from_cglssm(
-        ...     [[0.95, 0.05], [0.10, 0.90]],
-        ...     A=[[[0.98]], [[0.5]]],
-        ...     B=[[[1.0]], [[1.0]]],
-        ...     C=[[[0.2]], [[1.0]]],
-        ...     D=[[[0.5]], [[0.5]]],
-        ...     order=3,
-        ... )
-        >>> round(model.closeness(), 3)
-        1.004
+        >>> matrices = {
+        ...     "A": [[[0.98]], [[0.5]]], "B": [[[1.0]], [[1.0]]],
+        ...     "C": [[[0.2]], [[1.0]]], "D": [[[0.5]], [[0.5]]],
+        ... }
+        >>> model = CGOMSModel.from_cglssm([[0.95, 0.05], [0.10, 0.90]], **matrices, order=3)
         >>> truth = model.cglssm.simulate(200, np.random.default_rng(0))
         >>> CGOMSMFilter(model).filter(truth.y).x.shape
         (200, 1)
@@ -359,15 +352,14 @@ class CGOMSModel(SwitchingModel):
 
     @property
     def cglssm(self) -> CGLSSM | None:
-        """The state-space model from which `from_cglssm` made this one; else None."""
+        """The state-space model from which `from_cglssm` made this one, or None."""
         return self.form.cglssm if isinstance(self.form, ConvertedSystem) else None
 
     def closeness(self, weights: ArrayLike | None = None) -> float:
         """Compare the filter of a model made by `from_cglssm` with the optimal one.
 
-        Both are told the regimes and run on data of the state-space model; the optimal one
-        is then the Kalman filter.  Computed by recursions for the second moments of both
-        errors, not by simulation; see `fuzzykf.switching.closeness`.
+        Both are told the regimes and run on data of the state-space model; the optimal one is
+        then the Kalman filter.  No simulation: `fuzzykf.switching.closeness` has the recursions.
 
         Parameters
         ----------
@@ -380,14 +372,13 @@ class CGOMSModel(SwitchingModel):
         float
             Mean squared error of this model's filter in the long run, divided by that
             of the Kalman filter; at best 1.  Of a time-varying model in which the ratio
-            does not settle: after 256 observations.
+            does not settle, after 256 observations.
 
         Raises
         ------
         ParameterError
-            If the model was not made by `from_cglssm`, or ``weights`` are negative or all zero.
-        NotPositiveDefiniteError, NotStableError
-            If a time-varying model ceases to exist before the ratio has settled.
+            If the model was not made by `from_cglssm`, or ``weights`` are negative or all zero;
+            likewise if a time-varying model ceases to exist before the ratio has settled.
 
         Examples
         --------
