@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError
+from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import check_definite, is_whole, symmetrize
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ def prove_observable(name: str, covariances: FloatArray, m: int) -> None:
 
 def dimensions(dim_x: int, d: int) -> tuple[int, int]:
     """Split the number d of components of Z into those of X and of Y."""
+    if d < 2:
+        raise ShapeError(f"means: got {d} column, expected at least 2, of the state and of the observation")
     if not is_whole(dim_x) or not 1 <= dim_x < d:
         raise ParameterError(
             f"dim_x: got {dim_x!r}, expected a whole number from 1 to {d - 1}, since means has {d} columns "
