@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from fuzzykf.switching.belief import (
     predict_state,
     proceed,
 )
-from fuzzykf.switching.series import Trajectory, run_series
+from fuzzykf.switching.series import Trajectory, index_of, run_series, summarise
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.base import FloatArray
-    from fuzzykf.switching.chain import SwitchChain
     from fuzzykf.switching.tables import InitialLaw, PairTables, SwitchingSystem
 
 __all__ = ["SwitchingFilter"]
@@ -381,31 +380,3 @@ class SwitchingFilter(Filter):
     def mahalanobis(self) -> float:
         """Square root of `nis`, under filterpy's name."""
         return float(np.sqrt(self.nis))
-
-
-def summarise(
-    chain: SwitchChain, trajectory: Trajectory, m: int, *, keep_nodes: bool, index: Any
-) -> FilterResult:
-    """Collect what users read from the states along a series."""
-    mu = recursion.node_probabilities(trajectory.states)
-    means, covariances = recursion.node_moments(trajectory.states, m)
-    x, P = mixture_moments(mu, means, covariances)
-    return FilterResult(
-        x=x,
-        P=P,
-        x_prior=trajectory.x_prior,
-        P_prior=trajectory.P_prior,
-        mu=mu,
-        nodes=chain.nodes,
-        switch=recursion.most_likely_switch(chain, mu),
-        switch_mean=mu @ chain.nodes,
-        log_likelihood=trajectory.log_likelihood,
-        node_x=means if keep_nodes else None,
-        node_P=covariances if keep_nodes else None,
-        index=index,
-    )
-
-
-def index_of(zs: Any) -> Any:
-    """Return the index of a pandas object, None for anything else."""
-    return getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None

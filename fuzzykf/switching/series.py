@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.base import FilterResult
 from fuzzykf.gaussian import mixture_moments
 from fuzzykf.switching import recursion
 from fuzzykf.switching.belief import Belief, begin, node_state, predict_state, proceed
@@ -19,9 +20,10 @@ from fuzzykf.switching.recursion import NodeState
 
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
+    from fuzzykf.switching.chain import SwitchChain
     from fuzzykf.switching.tables import PairTables, SwitchingSystem
 
-__all__ = ["Trajectory", "run_series", "windows_of"]
+__all__ = ["Trajectory", "index_of", "run_series", "summarise", "windows_of"]
 
 #: Observations whose prior moments are computed at once.
 _CHUNK = 512
@@ -137,3 +139,31 @@ def windows_of(ys: FloatArray, order: int) -> FloatArray:
     for lag in range(min(order, n)):
         windows[lag:, lag] = ys[: n - lag]
     return windows.reshape(n, order * q)
+
+
+def summarise(
+    chain: SwitchChain, trajectory: Trajectory, m: int, *, keep_nodes: bool, index: Any
+) -> FilterResult:
+    """Collect what users read from the states along a series."""
+    mu = recursion.node_probabilities(trajectory.states)
+    means, covariances = recursion.node_moments(trajectory.states, m)
+    x, P = mixture_moments(mu, means, covariances)
+    return FilterResult(
+        x=x,
+        P=P,
+        x_prior=trajectory.x_prior,
+        P_prior=trajectory.P_prior,
+        mu=mu,
+        nodes=chain.nodes,
+        switch=recursion.most_likely_switch(chain, mu),
+        switch_mean=mu @ chain.nodes,
+        log_likelihood=trajectory.log_likelihood,
+        node_x=means if keep_nodes else None,
+        node_P=covariances if keep_nodes else None,
+        index=index,
+    )
+
+
+def index_of(zs: Any) -> Any:
+    """Return the index of a pandas object, None for anything else."""
+    return getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None

@@ -29,7 +29,7 @@ from fuzzykf.switching.missing import (
     open_gap,
     pair_prediction,
 )
-from fuzzykf.switching.series import windows_of
+from fuzzykf.switching.series import summarise, windows_of
 
 if TYPE_CHECKING:
     from fuzzykf.base import FilterResult, FloatArray
@@ -56,8 +56,6 @@ def smooth_series(
     ys : ndarray, shape (n, q)
         NaN where missing.
     """
-    from fuzzykf.switching.filter_base import summarise
-
     n, m = len(ys), system.dim_x
     gamma = recursion.node_probabilities(trajectory.states)
     means, covariances = (np.array(a) for a in recursion.node_moments(trajectory.states, m))
