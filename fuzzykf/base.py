@@ -24,7 +24,15 @@ from fuzzykf.results import FilterResult
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["Filter", "FilterResult", "FloatArray", "as_observation", "as_observations"]
+__all__ = [
+    "Filter",
+    "FilterResult",
+    "FloatArray",
+    "as_many",
+    "as_observation",
+    "as_observations",
+    "check_keep",
+]
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -139,6 +147,49 @@ def as_observations(zs: Iterable[ArrayLike | None] | ArrayLike, dim_z: int) -> F
     return series
 
 
+def as_many(zs: Any, dim_z: int) -> FloatArray:
+    """Return many series as an array (series, n, dim_z), NaN where missing.
+
+    Parameters
+    ----------
+    zs : array_like
+        Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1.
+    dim_z : int
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        If the shape is another one, or a number is infinite.
+    """
+    try:
+        array = np.array(zs, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(
+            f"zs: expected numbers of shape (series, n, {dim_z}); pad series of unequal length with NaN"
+        ) from error
+    if dim_z == 1 and array.ndim == 2:
+        array = array[..., None]
+    if array.ndim != 3 or array.shape[2] != dim_z:
+        expected = f"(series, n, {dim_z})" + (" or (series, n)" if dim_z == 1 else "")
+        raise ShapeError(f"zs: got shape {array.shape}, expected {expected}")
+    if np.isinf(array).any():
+        series, step = (int(k) for k in np.argwhere(np.isinf(array))[0][:2])
+        raise ParameterError(
+            f"zs: observation {step} of series {series} is {array[series, step].tolist()}, "
+            "expected finite numbers (NaN where missing)"
+        )
+    return array
+
+
+def check_keep(keep: Iterable[str], admissible: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names in ``keep`` after checking each of them."""
+    names = (keep,) if isinstance(keep, str) else tuple(keep)
+    for name in names:
+        if name not in admissible:
+            raise ParameterError(f"keep: got {name!r}, expected names among {', '.join(admissible)}")
+    return names
+
+
 # --------------------------------------------------------------------------- the contract
 
 
@@ -244,6 +295,37 @@ class Filter(ABC):
         if x is None or P is None or x_prior is None or P_prior is None:
             raise NotImplementedError(f"{type(self).__name__} keeps no x, P, x_prior and P_prior")
         return x[..., None], P, x_prior[..., None], P_prior
+
+    def filter_many(self, zs: ArrayLike, keep: Iterable[str] = ("x", "P", "log_likelihood")) -> FilterResult:
+        """Filter many series, each as `filter` would; the filter stays as it is.
+
+        Parameters
+        ----------
+        zs : array_like, shape (series, n, dim_z)
+            Or (series, n) if ``dim_z`` is 1.  NaN where missing, so that series of unequal
+            length can be padded.
+        keep : sequence of str
+            The fields of `FilterResult` to store.
+
+        Returns
+        -------
+        FilterResult
+            The fields in ``keep``, each with a leading axis for the series.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            Wrong shapes; a name in ``keep`` that this filter does not fill.
+        """
+        series = as_many(zs, self.dim_z)
+        if not len(series):
+            raise ShapeError(f"zs: got shape {series.shape}, expected at least one series")
+        results = [self.copy().filter(one) for one in series]
+        filled = tuple(
+            name for name, value in vars(results[0]).items() if value is not None and name != "index"
+        )
+        names = check_keep(keep, filled)
+        return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
 
     def copy(self) -> Self:
         """Return an independent copy; immutable parts (models, laws) are shared."""

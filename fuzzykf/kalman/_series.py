@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import FilterResult
-from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.base import FilterResult, as_many, check_keep
+from fuzzykf.errors import ShapeError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Sequence
 
     from fuzzykf.base import FloatArray
 
@@ -104,34 +104,3 @@ def filter_each(filter_: Any, series: FloatArray, names: tuple[str, ...], **argu
     if not results:
         raise ShapeError("zs: got no series, expected at least one")
     return FilterResult(**{name: np.stack([getattr(result, name) for result in results]) for name in names})
-
-
-def check_keep(keep: Iterable[str], admissible: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names in ``keep`` after checking each of them."""
-    names = (keep,) if isinstance(keep, str) else tuple(keep)
-    for name in names:
-        if name not in admissible:
-            raise ParameterError(f"keep: got {name!r}, expected names among {', '.join(admissible)}")
-    return names
-
-
-def as_many(zs: Any, dim_z: int) -> FloatArray:
-    """Return many series as an array (series, n, dim_z), NaN where missing."""
-    try:
-        array = np.array(zs, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(
-            f"zs: expected numbers of shape (series, n, {dim_z}); pad series of unequal length with NaN"
-        ) from error
-    if dim_z == 1 and array.ndim == 2:
-        array = array[..., None]
-    if array.ndim != 3 or array.shape[2] != dim_z:
-        expected = f"(series, n, {dim_z})" + (" or (series, n)" if dim_z == 1 else "")
-        raise ShapeError(f"zs: got shape {array.shape}, expected {expected}")
-    if np.isinf(array).any():
-        series, step = (int(k) for k in np.argwhere(np.isinf(array))[0][:2])
-        raise ParameterError(
-            f"zs: observation {step} of series {series} is {array[series, step].tolist()}, "
-            "expected finite numbers (NaN where missing)"
-        )
-    return array

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.base import FilterResult, as_observation, as_observations
+from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.switching.filter_base import SwitchingFilter
 from fuzzykf.switching.fuzzy_model import CGOFMSModel
 from fuzzykf.switching.hard_model import CGOMSModel
+from fuzzykf.switching.many import FIELDS
 from fuzzykf.switching.series import Trajectory, index_of, run_series, summarise
 
 if TYPE_CHECKING:
@@ -218,6 +219,30 @@ class KnownSwitchFilter(SwitchingFilter):
         self._adopt_path(trajectory, ys, path)
         result = smooth_series(path, trajectory, ys, keep_nodes=keep_nodes, index=index_of(zs))
         return replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
+
+    def filter_many(
+        self, zs: ArrayLike, keep: Iterable[str] = ("x", "P", "log_likelihood"), *, r: ArrayLike | None = None
+    ) -> FilterResult:
+        """Filter many series with their switches; the filter stays as it is.
+
+        Parameters
+        ----------
+        zs, keep
+            As in `SwitchingFilter.filter_many`.
+        r : array_like, shape (series, n)
+            Values of the switch.
+
+        Returns
+        -------
+        FilterResult
+        """
+        series = as_many(zs, self.dim_z)
+        names = check_keep(keep, FIELDS)
+        if r is None or np.shape(r) != series.shape[:2]:
+            got = "nothing" if r is None else f"shape {np.shape(r)}"
+            raise ShapeError(f"r: got {got}, expected the switches, shape {series.shape[:2]}")
+        results = [self.copy().filter(one, path) for one, path in zip(series, np.asarray(r), strict=True)]
+        return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
 
     def forecast(self, steps: int) -> FilterResult:
         """Refuse: a forecast needs the switches of the future.

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from fuzzykf.switching.forms import GaussianForm
 from fuzzykf.switching.systems import KnownPath
+from fuzzykf.switching.values import Immutable
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["SwitchingModel"]
 
 
-class SwitchingModel:
+class SwitchingModel(Immutable):
     """What the fuzzy and the hard model share: a Gaussian form, and value semantics."""
 
     form: GaussianForm | ConvertedSystem
@@ -85,9 +86,3 @@ class SwitchingModel:
         from fuzzykf.io import load_model
 
         return load_model(path, cls)
-
-    def __copy__(self) -> Self:
-        return self
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self
