@@ -15,6 +15,7 @@ from fuzzykf.kalman._bank import (
     put_prior,
     update_members,
 )
+from fuzzykf.kalman._series import unchanged_on_error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,9 +72,10 @@ class PairBranches:
         xs, Ps : ndarray
             Merged moments; they are left in ``filters`` too.
         """
-        updated = [update_members(members, z) for members in self.banks]
-        log_likelihood = np.array([values for values, _, _ in updated])
-        check_possible(z, log_likelihood.ravel(), self.log_joint.ravel())
+        with unchanged_on_error(*(f for members in self.banks for f in members)):
+            updated = [update_members(members, z) for members in self.banks]
+            log_likelihood = np.array([values for values, _, _ in updated])
+            check_possible(z, log_likelihood.ravel(), self.log_joint.ravel())
         log_pairs = self.log_joint + log_likelihood
         log_modes = np.logaddexp.reduce(log_pairs, axis=0)
         log_prior = np.logaddexp.reduce(self.log_joint, axis=0)

@@ -140,6 +140,8 @@ class ExtendedKalmanFilter(ExtendedSeries):
         """
         x = as_state(self.x, self.dim_x)
         if self.fx is None:
+            if fx_args:
+                raise ParameterError(f"fx: got the arguments {', '.join(fx_args)}, but the filter has no fx")
             F = as_matrix("F", self.F, (self.dim_x, self.dim_x))
             self.x = F.dot(x) + control_term(self.B, u, x)
         else:
