@@ -1,11 +1,11 @@
 """Interpolation of costs on regular lattices.
 
 A lattice is given by its origin, its steps and its shape; positions are measured
-in steps from the origin.  Costs are interpolated by the parabola (in several
-dimensions, the product of parabolas) through the nearest node and its neighbours:
-quadratic costs, that is Gaussian memberships, come out exact at any resolution.
-Where one of these nodes is impossible, at the edge of a compact support, the
-memberships are interpolated linearly instead.
+in steps from the origin.  Within a cell costs are interpolated linearly and corrected
+for their second differences: quadratic costs, that is Gaussian memberships, come out
+exact at any resolution.  Where the second differences at the two ends of an edge do
+not agree (at the edge of a compact support, at a kink) the memberships are
+interpolated linearly instead.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ IntArray: TypeAlias = NDArray[np.intp]
 #: Elements worked on at a time: the temporaries then stay in the cache.
 CHUNK = 1 << 15
 
+#: Second differences agree if they differ by less than this part of them, or by this cost.
+ROUGHNESS, NEGLIGIBLE = 0.5, 0.02
+
 #: How far (in steps) beyond the last node a position still counts as on it.
 SLACK = 1e-9
 
@@ -50,37 +53,73 @@ def interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatAr
     ndarray, shape (m,)
     """
     out = np.full(position.shape[0], np.inf)
+    bends = [np.ascontiguousarray(second_differences(cost, k)) for k in range(cost.ndim)]
     for start in range(0, position.shape[0], CHUNK):
         part = position[start : start + CHUNK]
         last = np.array(cost.shape) - 1
         inside = np.flatnonzero(((part >= -SLACK) & (part <= last + SLACK)).all(axis=1))
         if inside.size == part.shape[0]:
-            out[start : start + CHUNK] = _interpolate(cost, part, scale)
+            out[start : start + CHUNK] = _interpolate(cost, bends, part, scale)
         elif inside.size:
-            out[start + inside] = _interpolate(cost, part[inside], scale)
+            out[start + inside] = _interpolate(cost, bends, part[inside], scale)
     return out
 
 
-def _interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:
+def second_differences(cost: FloatArray, axis: int) -> FloatArray:
+    """Second difference along each edge of a lattice, NaN where its ends disagree.
+
+    Parameters
+    ----------
+    cost : ndarray
+        At least three nodes along ``axis``.
+    axis : int
+
+    Returns
+    -------
+    ndarray
+        One shorter than ``cost`` along ``axis``; of the values at the two ends of the
+        edge the smaller one.
+    """
+    lines = np.moveaxis(cost, axis, -1)
+    with np.errstate(invalid="ignore", over="ignore"):
+        slope = lines[..., 1:] - lines[..., :-1]
+        bend = slope[..., 1:] - slope[..., :-1]
+        low = np.concatenate([bend[..., :1], bend], axis=-1)
+        high = np.concatenate([bend, bend[..., -1:]], axis=-1)
+        agreed = np.where(agree(low, high), np.where(np.abs(low) < np.abs(high), low, high), np.nan)
+    return np.moveaxis(agreed, -1, axis)
+
+
+def agree(first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
+    """Whether two second differences could belong to one smooth function; not for NaN or inf."""
+    with np.errstate(invalid="ignore"):
+        allowed = ROUGHNESS * (np.abs(first) + np.abs(second)) + NEGLIGIBLE
+        return np.asarray(np.abs(first - second) <= allowed) & np.isfinite(allowed)
+
+
+def _interpolate(cost: FloatArray, bends: list[FloatArray], position: FloatArray, scale: Scale) -> FloatArray:
     """Interpolate at positions inside the lattice."""
-    d = cost.ndim
+    d, shape = cost.ndim, cost.shape
     flat = cost.ravel()
     strides = np.array(cost.strides) // cost.itemsize
-    node = np.zeros(position.shape[0], dtype=np.intp)
-    weights = []
-    for k in range(d):
-        u = position[:, k]
-        nearest = np.minimum(np.maximum(np.rint(u), 1.0), cost.shape[k] - 2.0)
-        t = u - nearest
-        node += nearest.astype(np.intp) * strides[k]
-        weights.append((0.5 * t * (t - 1.0), 1.0 - t * t, 0.5 * t * (t + 1.0)))
+    last = np.array(shape) - 2.0
+    base = np.minimum(np.maximum(np.floor(position), 0.0), last)
+    t = np.minimum(np.maximum(position - base, 0.0), 1.0)
+    corner = base.astype(np.intp)
+    node = corner @ strides
     value = np.zeros(position.shape[0])
     with np.errstate(invalid="ignore", over="ignore"):
-        for offsets in product((-1, 0, 1), repeat=d):
-            weight = weights[0][offsets[0] + 1]
+        for offsets in product((0, 1), repeat=d):
+            weight = t[:, 0] if offsets[0] else 1.0 - t[:, 0]
             for k in range(1, d):
-                weight = weight * weights[k][offsets[k] + 1]
+                weight = weight * (t[:, k] if offsets[k] else 1.0 - t[:, k])
             value += weight * flat.take(node + int(strides @ np.array(offsets)))
+        nearest = corner + (t > 0.5)
+        for k, bend in enumerate(bends):
+            index = nearest.copy()
+            index[:, k] = corner[:, k]
+            place = index @ (np.array(bend.strides) // bend.itemsize)
+            value -= 0.5 * t[:, k] * (1.0 - t[:, k]) * bend.ravel().take(place)
     edge = np.flatnonzero(~np.isfinite(value))
     if edge.size:
         value[edge] = _interpolate_memberships(cost, position[edge], scale)
@@ -124,20 +163,14 @@ def interpolate_lines(cost: FloatArray, position: FloatArray, scale: Scale) -> F
         Infinite outside the lines.
     """
     n = cost.shape[1]
-    nearest = np.minimum(np.maximum(np.rint(position), 1.0), n - 2.0)
-    t = position - nearest
-    node = nearest.astype(np.intp)
+    node = np.clip(np.floor(position), 0, n - 2).astype(np.intp)
+    t = np.clip(position - node, 0.0, 1.0)
     with np.errstate(invalid="ignore", over="ignore"):
-        value: FloatArray = (
-            0.5 * t * (t - 1.0) * cost[:, node - 1]
-            + (1.0 - t * t) * cost[:, node]
-            + 0.5 * t * (t + 1.0) * cost[:, node + 1]
-        )
+        value: FloatArray = (1.0 - t) * cost[:, node] + t * cost[:, node + 1]
+        value -= 0.5 * t * (1.0 - t) * second_differences(cost, 1)[:, node]
     line, edge = np.nonzero(~np.isfinite(value))
     if line.size:
-        base = np.clip(np.floor(position[edge]), 0, n - 2).astype(np.intp)
-        fraction = np.clip(position[edge] - base, 0.0, 1.0)
-        value[line, edge] = _between(cost[line, base], cost[line, base + 1], fraction, scale)
+        value[line, edge] = _between(cost[line, node[edge]], cost[line, node[edge] + 1], t[edge], scale)
     value[:, (position < -SLACK) | (position > n - 1 + SLACK)] = np.inf
     np.maximum(value, 0.0, out=value)
     return value
@@ -171,7 +204,11 @@ def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
     position = np.array(best, dtype=np.float64)
     value = float(cost[best])
     axes = [k for k in range(cost.ndim) if 0 < best[k] < cost.shape[k] - 1]
-    if axes:
+    smooth = all(
+        _is_smooth(cost[tuple(slice(None) if m == k else best[m] for m in range(cost.ndim))], best[k])
+        for k in axes
+    )
+    if axes and smooth:
         window = cost[tuple(slice(b - 1, b + 2) if k in axes else b for k, b in enumerate(best))]
         if np.isfinite(window).all():
             slope, hessian = _quadratic(window)
@@ -181,6 +218,13 @@ def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
                     position[axes] += step
                     value += 0.5 * float(slope @ step)
     return value, position
+
+
+def _is_smooth(line: FloatArray, node: int) -> bool:
+    """Whether the second difference at a node agrees with those of its neighbours."""
+    with np.errstate(invalid="ignore"):
+        bend = np.diff(line[max(node - 2, 0) : node + 3], 2)
+    return bool(agree(bend[1:], bend[:-1]).all())
 
 
 def _quadratic(window: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -19,7 +19,7 @@ def from_membership(membership: FloatArray, scale: Scale) -> FloatArray:
     """Costs of memberships: 0 for 1; infinite ("complement": 1) for 0."""
     if scale == "complement":
         return 1.0 - membership
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         return -np.log(membership) if scale == "log" else 1.0 / membership - 1.0
 
 

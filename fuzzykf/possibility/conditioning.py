@@ -139,7 +139,7 @@ def _fitted(
         around = minimum_filter(prior.cost, size=3, mode="nearest")
         in_cell = t_norm.combine(around, noise.cost(_nearest(residual, reach, noise), t_norm))
         best = float(cost.min())
-        sides = _touched(prior, cost, best, universe.limit)
+        sides = _touched(prior, base, cost, best, universe.limit)
         if sides:
             base = prior = _extended(prior, sides, universe)
             extended = True
@@ -156,7 +156,9 @@ def _fitted(
     return prior
 
 
-def _touched(prior: Lattice, cost: FloatArray, best: float, limit: float) -> list[tuple[int, int]]:
+def _touched(
+    prior: Lattice, base: Lattice, cost: FloatArray, best: float, limit: float
+) -> list[tuple[int, int]]:
     """Sides (axis, end) at which the prediction was cut off and the posterior is not small."""
     t_norm = prior.t_norm
     if best >= t_norm.impossible:
@@ -167,7 +169,8 @@ def _touched(prior: Lattice, cost: FloatArray, best: float, limit: float) -> lis
         for end in (0, -1):
             edge, before = np.asarray(cost.take(end, axis=k)), prior.cost.take(end, axis=k)
             possible = np.asarray(t_norm.membership(t_norm.renormalise(edge, best)) > level)
-            if (possible & (before >= CUT * limit)).any():
+            outermost = prior.axes[k][end] == base.axes[k][end]
+            if outermost and (possible & (before >= CUT * limit)).any():
                 sides.append((k, end))
     return sides
 

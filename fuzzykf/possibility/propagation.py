@@ -196,12 +196,12 @@ def _convolve_tabulated(
         source = convolve_bounded(lines, table, combine)
     step = axis[1] - axis[0]
     if t_norm.additive:
-        left, out, right = (totals(lines, table, source, shift, combine) for shift in (-1, 0, 1))
-        near = target - axis[source]
+        near = [totals(lines, table, source, shift, combine) for shift in range(-2, 3)]
+        offset_used = target - axis[source]
         smooth = np.ones(source.shape, dtype=bool)
         for kink in kernel.kinks:
-            smooth &= np.abs(near - kink) >= step
-        out = np.where(smooth, refine(left, out, right), out)
+            smooth &= np.abs(offset_used - kink) >= step
+        out = np.where(smooth, refine(*near), near[2])
     else:
         out = crossing(lines, table, source)
     # Sources between the nodes: the likeliest noise, and the ends of a noise that stops short.
