@@ -42,7 +42,7 @@ def interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatAr
     Parameters
     ----------
     cost : ndarray, shape (n_1, ..., n_d)
-        At least three nodes along each axis.
+        At least four nodes along each axis.
     position : ndarray, shape (m, d)
         In steps from the first node; NaN for nowhere.
     scale : {"log", "reciprocal", "complement"}
@@ -53,77 +53,57 @@ def interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatAr
     ndarray, shape (m,)
     """
     out = np.full(position.shape[0], np.inf)
-    bends = [np.ascontiguousarray(second_differences(cost, k)) for k in range(cost.ndim)]
     for start in range(0, position.shape[0], CHUNK):
         part = position[start : start + CHUNK]
         last = np.array(cost.shape) - 1
         inside = np.flatnonzero(((part >= -SLACK) & (part <= last + SLACK)).all(axis=1))
         if inside.size == part.shape[0]:
-            out[start : start + CHUNK] = _interpolate(cost, bends, part, scale)
+            out[start : start + CHUNK] = _interpolate(cost, part, scale)
         elif inside.size:
-            out[start + inside] = _interpolate(cost, bends, part[inside], scale)
+            out[start + inside] = _interpolate(cost, part[inside], scale)
     return out
 
 
-def second_differences(cost: FloatArray, axis: int) -> FloatArray:
-    """Second difference along each edge of a lattice, NaN where its ends disagree.
-
-    Parameters
-    ----------
-    cost : ndarray
-        At least three nodes along ``axis``.
-    axis : int
-
-    Returns
-    -------
-    ndarray
-        One shorter than ``cost`` along ``axis``; of the values at the two ends of the
-        edge the smaller one.
-    """
-    lines = np.moveaxis(cost, axis, -1)
-    with np.errstate(invalid="ignore", over="ignore"):
-        slope = lines[..., 1:] - lines[..., :-1]
-        bend = slope[..., 1:] - slope[..., :-1]
-        low = np.concatenate([bend[..., :1], bend], axis=-1)
-        high = np.concatenate([bend, bend[..., -1:]], axis=-1)
-        agreed = np.where(agree(low, high), np.where(np.abs(low) < np.abs(high), low, high), np.nan)
-    return np.moveaxis(agreed, -1, axis)
-
-
-def agree(first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
-    """Whether two second differences could belong to one smooth function; not for NaN or inf."""
-    with np.errstate(invalid="ignore"):
-        allowed = ROUGHNESS * (np.abs(first) + np.abs(second)) + NEGLIGIBLE
-        return np.asarray(np.abs(first - second) <= allowed) & np.isfinite(allowed)
-
-
-def _interpolate(cost: FloatArray, bends: list[FloatArray], position: FloatArray, scale: Scale) -> FloatArray:
+def _interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:
     """Interpolate at positions inside the lattice."""
-    d, shape = cost.ndim, cost.shape
+    d = cost.ndim
     flat = cost.ravel()
-    strides = np.array(cost.strides) // cost.itemsize
-    last = np.array(shape) - 2.0
-    base = np.minimum(np.maximum(np.floor(position), 0.0), last)
-    t = np.minimum(np.maximum(position - base, 0.0), 1.0)
-    corner = base.astype(np.intp)
-    node = corner @ strides
+    strides = [int(stride) // cost.itemsize for stride in cost.strides]
+    corners, fractions = [], []
+    for k in range(d):
+        base = np.minimum(np.maximum(np.floor(position[:, k]), 0.0), cost.shape[k] - 2.0)
+        corners.append(base.astype(np.intp))
+        fractions.append(np.minimum(np.maximum(position[:, k] - base, 0.0), 1.0))
+    node = sum(corner * stride for corner, stride in zip(corners, strides, strict=True))
     value = np.zeros(position.shape[0])
     with np.errstate(invalid="ignore", over="ignore"):
         for offsets in product((0, 1), repeat=d):
-            weight = t[:, 0] if offsets[0] else 1.0 - t[:, 0]
-            for k in range(1, d):
-                weight = weight * (t[:, k] if offsets[k] else 1.0 - t[:, k])
-            value += weight * flat.take(node + int(strides @ np.array(offsets)))
-        nearest = corner + (t > 0.5)
-        for k, bend in enumerate(bends):
-            index = nearest.copy()
-            index[:, k] = corner[:, k]
-            place = index @ (np.array(bend.strides) // bend.itemsize)
-            value -= 0.5 * t[:, k] * (1.0 - t[:, k]) * bend.ravel().take(place)
+            weight = np.ones(1)
+            for t, offset in zip(fractions, offsets, strict=True):
+                weight = weight * (t if offset else 1.0 - t)
+            shift = sum(stride * offset for stride, offset in zip(strides, offsets, strict=True))
+            value += weight * flat.take(node + shift)
+        for k, t in enumerate(fractions):
+            # Four nodes along the edge that is nearest in the other directions.
+            place = np.minimum(np.maximum(corners[k] - 1, 0), cost.shape[k] - 4) * strides[k]
+            for m in range(d):
+                if m != k:
+                    place += (corners[m] + (fractions[m] > 0.5)) * strides[m]
+            four = [flat.take(place + j * strides[k]) for j in range(4)]
+            value -= 0.5 * t * (1.0 - t) * _bend(*four)
     edge = np.flatnonzero(~np.isfinite(value))
     if edge.size:
         value[edge] = _interpolate_memberships(cost, position[edge], scale)
     return np.maximum(value, 0.0, out=value)  # no membership exceeds one
+
+
+def _bend(first: FloatArray, second: FloatArray, third: FloatArray, fourth: FloatArray) -> FloatArray:
+    """Second difference between four nodes in a row; NaN where its two values disagree."""
+    slope = third - second
+    low, high = slope - (second - first), (fourth - third) - slope
+    allowed = ROUGHNESS * (np.abs(low) + np.abs(high)) + NEGLIGIBLE
+    agreed = (np.abs(low - high) <= allowed) & (allowed < np.inf)
+    return np.where(agreed, np.where(np.abs(low) < np.abs(high), low, high), np.nan)
 
 
 def _interpolate_memberships(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:
@@ -153,7 +133,7 @@ def interpolate_lines(cost: FloatArray, position: FloatArray, scale: Scale) -> F
     Parameters
     ----------
     cost : ndarray, shape (lines, n)
-        n >= 3.
+        n >= 4.
     position : ndarray, shape (m,)
         In steps from the first node.
 
@@ -167,7 +147,8 @@ def interpolate_lines(cost: FloatArray, position: FloatArray, scale: Scale) -> F
     t = np.clip(position - node, 0.0, 1.0)
     with np.errstate(invalid="ignore", over="ignore"):
         value: FloatArray = (1.0 - t) * cost[:, node] + t * cost[:, node + 1]
-        value -= 0.5 * t * (1.0 - t) * second_differences(cost, 1)[:, node]
+        first = np.clip(node - 1, 0, n - 4)
+        value -= 0.5 * t * (1.0 - t) * _bend(*(cost[:, first + j] for j in range(4)))
     line, edge = np.nonzero(~np.isfinite(value))
     if line.size:
         value[line, edge] = _between(cost[line, node[edge]], cost[line, node[edge] + 1], t[edge], scale)
@@ -205,7 +186,7 @@ def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
     value = float(cost[best])
     axes = [k for k in range(cost.ndim) if 0 < best[k] < cost.shape[k] - 1]
     smooth = all(
-        _is_smooth(cost[tuple(slice(None) if m == k else best[m] for m in range(cost.ndim))], best[k])
+        _is_smooth(cost[tuple(slice(None) if m == k else best[m] for m in range(cost.ndim))], int(best[k]))
         for k in axes
     )
     if axes and smooth:
@@ -221,10 +202,10 @@ def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
 
 
 def _is_smooth(line: FloatArray, node: int) -> bool:
-    """Whether the second difference at a node agrees with those of its neighbours."""
+    """Whether the second differences at a node and at its neighbours agree."""
     with np.errstate(invalid="ignore"):
-        bend = np.diff(line[max(node - 2, 0) : node + 3], 2)
-    return bool(agree(bend[1:], bend[:-1]).all())
+        near = line[max(node - 2, 0) : node + 3]
+        return bool(np.isfinite([_bend(*near[j : j + 4]) for j in range(near.size - 3)]).all())
 
 
 def _quadratic(window: FloatArray) -> tuple[FloatArray, FloatArray]:

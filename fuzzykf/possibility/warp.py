@@ -36,7 +36,10 @@ __all__ = ["Image", "warp"]
 #: A spread of images below this part of their size is none.
 CONSTANT = 1e-13
 
-#: Live nodes at which a user's inverse is tried.
+#: Nodes pulled back at a time.
+SLAB = 1 << 15
+
+#: About so many live nodes try a user's inverse.
 TRIALS = 64
 
 
@@ -112,11 +115,13 @@ def warp(
     if not moving:
         cost = np.full(shape, float(source.cost[live].min()))
     elif len(moving) == len(source.free) == d and move.is_invertible:
-        cost = _pull_back(source, move, nodes[live], tuple(axes)).reshape(shape)
+        some = np.flatnonzero(live)[:: max(1, live.size // TRIALS)]
+        move.require_inverse(nodes.reshape(-1, d)[some], 1e-3 * source.step)
+        cost = _pull_back(source, move, tuple(axes)).reshape(shape)
     else:
         cost = _Drawing(source, move, image, universe, extra).draw(moving, axes)
         cost = cost.reshape(shape)
-    lost = _lost(source, image, live, universe)
+    lost = _lost(source, image, live, universe, low, high)
     if universe.domain is not None and lost <= source.cost.min():
         # A component known exactly keeps its value, wherever that is.
         outside = [axes[k][0] < a or axes[k][-1] > b for k, (a, b) in enumerate(universe.domain)]
@@ -149,8 +154,12 @@ def _extra_axes(
 
 def _span(image: FloatArray, live: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Bounds of the images of live nodes and of their neighbours, up to which cells reach."""
-    wide = binary_dilation(live, np.ones((3,) * live.ndim)) & np.isfinite(image).all(axis=-1)
-    return image[wide].min(axis=0), image[wide].max(axis=0)
+    if live.all():
+        parts = [image[..., k] for k in range(image.shape[-1])]
+    else:
+        wide = binary_dilation(live, np.ones((3,) * live.ndim)) & np.isfinite(image).all(axis=-1)
+        parts = list(image[wide].T)
+    return np.array([part.min() for part in parts]), np.array([part.max() for part in parts])
 
 
 def _reached(
@@ -172,25 +181,38 @@ def _reached(
     return min(low, float((image[live] + below).min())), max(high, float((image[live] + above).max()))
 
 
-def _lost(source: Lattice, image: FloatArray, live: np.ndarray, universe: Universe) -> float:
+def _lost(
+    source: Lattice,
+    image: FloatArray,
+    live: np.ndarray,
+    universe: Universe,
+    low: FloatArray,
+    high: FloatArray,
+) -> float:
     """Least cost of a live node mapped out of the domain."""
     if universe.domain is None:
         return np.inf
     slack = 1e-9 * (universe.domain[:, 1] - universe.domain[:, 0])
+    if (low >= universe.domain[:, 0] - slack).all() and (high <= universe.domain[:, 1] + slack).all():
+        return np.inf
+    outside = np.zeros(live.shape, dtype=bool)
     with np.errstate(invalid="ignore"):
-        outside = ((image < universe.domain[:, 0] - slack) | (image > universe.domain[:, 1] + slack)).any(
-            axis=-1
-        )
+        for k, (a, b) in enumerate(universe.domain):
+            outside |= (image[..., k] < a - slack[k]) | (image[..., k] > b + slack[k])
     return float(source.cost[outside & live].min(initial=np.inf))
 
 
-def _pull_back(source: Lattice, move: Mapping, live: FloatArray, axes: tuple[FloatArray, ...]) -> FloatArray:
+def _pull_back(source: Lattice, move: Mapping, axes: tuple[FloatArray, ...]) -> FloatArray:
     """Costs (n,) of the new nodes at their pre-images."""
-    trial = live[:: max(1, live.shape[0] // TRIALS)]
-    move.require_inverse(trial, 1e-3 * source.step)
-    with np.errstate(all="ignore"):
-        points = move.inverse(grid_points(axes).reshape(-1, len(axes)))
-    return source.at(np.where(np.isfinite(points), points, np.nan))
+    cost = []
+    rows = max(1, SLAB * axes[0].size // int(np.prod([axis.size for axis in axes])))
+    for start in range(0, axes[0].size, rows):
+        nodes = grid_points((axes[0][start : start + rows], *axes[1:])).reshape(-1, len(axes))
+        with np.errstate(all="ignore"):
+            points = move.inverse(nodes)
+        points[~np.isfinite(points)] = np.nan
+        cost.append(source.at(points))
+    return np.concatenate(cost)
 
 
 class _Drawing:
@@ -264,8 +286,8 @@ class _Drawing:
         moved = position.copy()
         moved[:, list(axes)] += change
         with np.errstate(invalid="ignore"):
-            inside = np.asarray((moved >= 0.0) & (moved <= last))
-            good = (np.abs(change) <= 0.5).all(axis=1) & inside.all(axis=1)
+            admissible = [np.abs(change) <= 0.5, moved >= 0.0, moved <= last]
+        good = np.asarray(np.concatenate(admissible, axis=1).all(axis=1))
         return np.where(good[:, None], moved, position)
 
     def _draw_flat(
@@ -278,7 +300,7 @@ class _Drawing:
         base = np.floor(points + 1e-9)
         for corner in np.ndindex(*(2,) * len(shape)):
             node = base + np.array(corner) * (points - base > 1e-9)
-            inside = np.asarray((node >= 0) & (node < np.array(shape))).all(axis=1)
+            inside = np.logical_and(node >= 0, node < np.array(shape)).all(axis=1)
             index = np.ravel_multi_index(tuple(node[inside].astype(np.intp).T), shape)
             np.minimum.at(out, index, value[inside])
 
