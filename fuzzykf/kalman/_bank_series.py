@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import Filter, FilterResult, as_observations
+from fuzzykf.base import Filter, FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine import imm as engine
 from fuzzykf.errors import ParameterError
 from fuzzykf.kalman import _bank as bank
@@ -14,9 +14,7 @@ from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError
 from fuzzykf.kalman._series import (
     FIELDS,
     as_batch,
-    as_many,
     as_result,
-    check_keep,
     collect,
     field_shapes,
     filter_each,

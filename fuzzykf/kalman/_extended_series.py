@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fuzzykf.base import FilterResult, as_observations
+from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
 from fuzzykf.kalman._arguments import as_square
 from fuzzykf.kalman._gaussian import GaussianFilter
 from fuzzykf.kalman._series import (
     FIELDS,
     as_batch,
-    as_many,
     as_result,
-    check_keep,
     collect,
     field_shapes,
     filter_each,

@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import FilterResult, as_observations
+from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine import kalman_series as engine
 from fuzzykf.errors import ShapeError
 from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError, as_matrix, as_square
 from fuzzykf.kalman._series import (
     FIELDS,
-    as_many,
     as_result,
-    check_keep,
     collect,
     field_shapes,
     per_step,

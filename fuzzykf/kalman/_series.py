@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import FilterResult, as_many, check_keep
+from fuzzykf.base import FilterResult
 from fuzzykf.errors import ShapeError
 
 if TYPE_CHECKING:
@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FIELDS",
     "as_batch",
-    "as_many",
     "as_result",
-    "check_keep",
     "collect",
     "field_shapes",
     "filter_each",
