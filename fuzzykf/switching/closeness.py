@@ -48,6 +48,9 @@ _SETTLED = 1e-6
 #: ... n being at least and at most (with constant tables, with others) these.
 _SHORTEST, _LONGEST_CONSTANT, _LONGEST = 16, 4096, 256
 
+#: An error of so small a part of the variance of the state is none.
+_ROUNDING = 1e-14
+
 
 def error_ratio(system: ConvertedSystem, weights: ArrayLike) -> float:
     """Mean squared error of the converted filter by that of the Kalman filter, in the long run.
@@ -85,7 +88,8 @@ def error_ratio(system: ConvertedSystem, weights: ArrayLike) -> float:
         n = goal
         # halves, not single steps, so that the ratio settles for a periodic chain as well
         converted, kalman = seen[n // 2 : n].sum(axis=0)
-        ratio = float(converted / kalman) if kalman > 0.0 else np.inf
+        without_kalman_error = np.inf if converted > 0.0 else 1.0
+        ratio = float(converted / kalman) if kalman > 0.0 else without_kalman_error
         if abs(ratio - before) <= _SETTLED * ratio:
             break
     return ratio
@@ -108,7 +112,7 @@ def warn_if_far(system: ConvertedSystem) -> None:
     warnings.warn(message, ClosenessWarning, stacklevel=3)
 
 
-def _mean_squared_errors(system: ConvertedSystem, weights: FloatArray) -> Iterator[tuple[float, float]]:
+def _mean_squared_errors(system: ConvertedSystem, weights: FloatArray) -> Iterator[tuple[float, ...]]:
     """Yield the weighted errors of the converted and of the Kalman filter, from the second observation on."""
     space, transition, m = system.cglssm.space, system.chain.transition, system.dim_x
     law = system.law(0)
@@ -125,10 +129,13 @@ def _mean_squared_errors(system: ConvertedSystem, weights: FloatArray) -> Iterat
         length = min(n + 2, system.order) * system.dim_z
         M = error_step(M, system.pair_tables(n).pairs, space, kernel, length)
         P = riccati(P[:, None], space) if before is None else kalman_step(P, space, before)
-        converted = np.exp(log_next) @ (np.diagonal(M[:, :m, :m], axis1=1, axis2=2) @ weights)
+        variances = np.diagonal(M, axis1=1, axis2=2)
+        p = np.exp(log_next)
+        converted, total = p @ (variances[:, :m] @ weights), p @ (variances[:, m : 2 * m] @ weights)
         joint = np.exp(law.log_p)[:, None] * transition
         kalman = np.sum(joint * (np.diagonal(P, axis1=2, axis2=3) @ weights))
-        yield float(converted), float(kalman)
+        # a state that is seen without noise leaves rounding errors, not errors
+        yield tuple(float(v) if v > _ROUNDING * total else 0.0 for v in (converted, kalman))
         n += 1
 
 
