@@ -80,9 +80,10 @@ def update(
     A = identity - K.dot(H)
     P = A.dot(P).dot(A.T)
     P += K.dot(R).dot(K.T)
-    P = P + P.T
-    P *= _HALF
-    return x + K.dot(y), P, S, SI, K
+    symmetric = P.T.copy()  # numpy adds arrays of one order much faster than P and P.T
+    symmetric += P
+    symmetric *= _HALF
+    return x + K.dot(y), symmetric, S, SI, K
 
 
 def update_correlated(
@@ -276,9 +277,10 @@ def correct_stack(P: FloatArray, K: FloatArray, H: FloatArray, R: FloatArray) ->
     A = _identity(P.shape[-1]) - K @ H
     P = A @ P @ A.mT
     P += K @ R @ K.mT
-    P = P + P.mT
-    P *= _HALF
-    return P
+    symmetric: FloatArray = P.mT.copy()
+    symmetric += P
+    symmetric *= _HALF
+    return symmetric
 
 
 def log_normal_stack(

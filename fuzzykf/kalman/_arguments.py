@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 _FLOAT64 = np.dtype(np.float64)
+_ARRAY = np.ndarray
 
 
 #: Said when a `SingularInnovationError` is raised.
@@ -61,7 +62,7 @@ def fits(n: int, m: int, x: Any, P: Any, A: Any, V: Any) -> bool:
     The usual case in one look; where it is False, `as_state` and the others convert
     what can be converted and name what cannot.
     """
-    if not (type(x) is type(P) is type(A) is type(V) is np.ndarray):
+    if not (type(x) is type(P) is type(A) is type(V) is _ARRAY):
         return False
     if not (x.dtype is P.dtype is A.dtype is V.dtype is _FLOAT64):
         return False
