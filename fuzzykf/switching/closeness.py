@@ -42,7 +42,7 @@ __all__ = ["CLOSENESS_LEVEL", "error_ratio", "error_step", "kalman_step", "warn_
 #: A ratio above this is worth a warning: an error a quarter larger than it could be.
 CLOSENESS_LEVEL = 1.25
 
-#: The recursions run until the ratio changes by less than this, relatively, from n to 2 n steps ...
+#: The recursions run until both errors change by less than this, relatively, from n to 2 n steps ...
 _SETTLED = 1e-6
 
 #: ... n being at least and at most (with constant tables, with others) these.
@@ -64,8 +64,8 @@ def error_ratio(system: ConvertedSystem, weights: ArrayLike) -> float:
     Returns
     -------
     float
-        The ratio of sums over steps n/2 to n, for the first n = 16, 32, ... at which it has
-        settled, but at most n = 256 where tables vary with time, and 4096 elsewhere.
+        The ratio of means over the steps n/2 to n, for the first n = 16, 32, ... at which both
+        errors have settled, but at most n = 256 where tables vary with time, and 4096 elsewhere.
 
     Raises
     ------
@@ -81,18 +81,18 @@ def error_ratio(system: ConvertedSystem, weights: ArrayLike) -> float:
     errors = _mean_squared_errors(system, chosen)
     longest = _LONGEST if system.steady_from is None else _LONGEST_CONSTANT
     seen = np.empty((longest, 2))
-    n, ratio = 0, np.nan
+    n, means = 0, np.full(2, np.nan)
     while n < longest:
-        goal, before = max(_SHORTEST, 2 * n), ratio
+        goal, before = max(_SHORTEST, 2 * n), means
         seen[n:goal] = [next(errors) for _ in range(n, goal)]
         n = goal
-        # halves, not single steps, so that the ratio settles for a periodic chain as well
-        converted, kalman = seen[n // 2 : n].sum(axis=0)
-        without_kalman_error = np.inf if converted > 0.0 else 1.0
-        ratio = float(converted / kalman) if kalman > 0.0 else without_kalman_error
-        if abs(ratio - before) <= _SETTLED * ratio:
+        # halves, not single steps, so that they settle for a periodic chain as well
+        means = seen[n // 2 : n].mean(axis=0)
+        if (np.abs(means - before) <= _SETTLED * means).all():
             break
-    return ratio
+    converted, kalman = means
+    without_kalman_error = np.inf if converted > 0.0 else 1.0
+    return float(converted / kalman) if kalman > 0.0 else without_kalman_error
 
 
 def warn_if_far(system: ConvertedSystem) -> None:
