@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Trajectory", "index_of", "run_series", "summarise", "windows_of"]
 
-#: Observations whose prior moments are computed at once.
-_CHUNK = 512
+#: Observations whose prior moments are computed at once, and how many numbers they may take.
+_CHUNK, _NUMBERS = 512, 1 << 20
 
 #: Shorter stretches go step by step.
 _SHORT = 3
@@ -95,14 +95,15 @@ def run_series(system: SwitchingSystem, ys: FloatArray) -> Trajectory:
             table[part] = rest.table
             if signs is not None and rest.sign is not None:
                 signs[part] = rest.sign
-            for a in range(k, stop, _CHUNK):
-                b = min(a + _CHUNK, stop)
+            chunk = max(1, min(_CHUNK, _NUMBERS // (M * M * m)))
+            for a in range(k, stop, chunk):
+                b = min(a + chunk, stop)
                 x_prior[a:b], P_prior[a:b] = recursion.predict_state(
                     tables, _at(states, slice(a - 1, b - 1)), windows[a - 1 : b - 1]
                 )
             k = stop
-            before = Source(Belief(_at(states, k - 2), windows[k - 2]), tables)
-            belief = Belief(_at(states, k - 1), windows[k - 1])
+            before = Source(_belief_at(states, windows, k - 2), tables)
+            belief = _belief_at(states, windows, k - 1)
             continue
         if belief is None:
             law = system.initial()
@@ -128,6 +129,12 @@ def run_series(system: SwitchingSystem, ys: FloatArray) -> Trajectory:
 def _at(states: NodeState, where: Any) -> NodeState:
     sign = None if states.sign is None else states.sign[where]
     return NodeState(states.table[where], sign)
+
+
+def _belief_at(states: NodeState, windows: FloatArray, k: int) -> Belief:
+    """Copy what a filter keeps, which would otherwise hold on to the whole series."""
+    sign = None if states.sign is None else states.sign[k].copy()
+    return Belief(NodeState(states.table[k].copy(), sign), windows[k].copy())
 
 
 def windows_of(ys: FloatArray, order: int) -> FloatArray:

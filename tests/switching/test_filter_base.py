@@ -416,3 +416,11 @@ def test_many_steps_of_a_vector_keep_symmetry(hard_model):
     np.testing.assert_array_equal(result.P, np.swapaxes(result.P, 1, 2))
     assert np.linalg.eigvalsh(result.P).min() > 1e-3
     assert np.linalg.eigvalsh(result.P_prior).min() > 1e-3
+
+
+def test_a_filter_does_not_hold_on_to_a_series(hard_model):
+    f = CGOMSMFilter(hard_model)
+    f.filter(np.zeros(1000))
+    for belief in (f._belief, f._before.belief):
+        assert belief.state.table.base is None
+        assert belief.window.base is None
