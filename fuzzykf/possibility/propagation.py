@@ -68,6 +68,10 @@ class Universe:
             lower, upper = self.domain[k]
         return np.linspace(lower, upper, self.points[k])
 
+    def is_small(self, k: int, span: float) -> bool:
+        """Whether a span is so small a part of the domain that an axis of its own pays."""
+        return self.domain is not None and span < 0.5 * float(self.domain[k, 1] - self.domain[k, 0])
+
 
 def propagate(source: Lattice, move: Mapping, noise: Noise, universe: Universe) -> tuple[Lattice, float]:
     """Predict on a lattice.

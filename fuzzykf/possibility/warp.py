@@ -19,7 +19,8 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from fuzzykf.engine.grid import interpolate
-from fuzzykf.engine.raster import cover, flat_cells, samples
+from fuzzykf.engine.raster import cover, flat_cells, live_cells, samples
+from fuzzykf.engine.scales import scaled
 from fuzzykf.errors import SupportLostError
 from fuzzykf.possibility.lattice import Lattice, grid_points
 
@@ -109,18 +110,23 @@ def warp(
     extra = {} if in_place else _extra_axes(len(source.free), moving, kernels, high - low, reached)
     axes: list[FloatArray] = [np.array([0.5 * (low[k] + high[k])]) for k in range(d)]
     for k in moving:
-        # Noise still to come starts from the image alone, at the best resolution.
-        axes[k] = universe.axis(k, *(reached[k] if in_place or k in extra else (low[k], high[k])))
+        if in_place or k in extra:
+            axes[k] = universe.axis(k, *reached[k])
+        elif kernels[k] is not None and universe.is_small(k, float(high[k] - low[k])):
+            axes[k] = np.linspace(low[k], high[k], universe.points[k])  # the noise will spread it
+        else:
+            axes[k] = universe.axis(k, float(low[k]), float(high[k]))
     shape = tuple(axis.size for axis in axes)
+    cost = np.full(shape, np.inf)
     if not moving:
         cost = np.full(shape, float(source.cost[live].min()))
     elif len(moving) == len(source.free) == d and move.is_invertible:
         some = np.flatnonzero(live)[:: max(1, live.size // TRIALS)]
         move.require_inverse(nodes.reshape(-1, d)[some], 1e-3 * source.step)
         cost = _pull_back(source, move, tuple(axes)).reshape(shape)
-    else:
-        cost = _Drawing(source, move, image, universe, extra).draw(moving, axes)
-        cost = cost.reshape(shape)
+    if not (cost < source.t_norm.impossible).any():
+        # No inverse, or an image so small that it falls between the nodes.
+        cost = _Drawing(source, move, image, universe, extra).draw(moving, axes).reshape(shape)
     lost = _lost(source, image, live, universe, low, high)
     if universe.domain is not None and lost <= source.cost.min():
         # A component known exactly keeps its value, wherever that is.
@@ -276,9 +282,26 @@ class _Drawing:
                     )
                 np.minimum.at(out, part.node, interpolate(self.cost, position, self.t_norm.scale))
         flat = flat_cells(image, self.live)
-        if flat.size:
-            self._draw_flat(image, flat, shape, out)
+        self._splat(image, flat, shape, out, np.ones(out.shape, dtype=bool))
+        thin = self._isolated(image, out.reshape(shape))
+        if thin.any():
+            self._splat(image, live_cells(thin), shape, out, np.isinf(out))
+        best = float(out.min())
+        if (flat.size or thin.any()) and best < self.t_norm.impossible:
+            out = self.t_norm.renormalise(out, best)
         return out
+
+    def _isolated(self, image: FloatArray, out: FloatArray) -> np.ndarray:
+        """Live source nodes none of whose surrounding target nodes has been drawn."""
+        drawn = np.pad(np.isfinite(out), 1)
+        near = np.zeros(self.live.shape, dtype=bool)
+        position = np.where(np.isfinite(image), image, -2.0)
+        inside = ((position > -1.0) & (position < np.array(out.shape))).all(axis=-1)
+        base = np.floor(np.clip(position, -1.0, np.array(out.shape) - 1.0)).astype(np.intp) + 1
+        for corner in np.ndindex(*(2,) * out.ndim):
+            near |= drawn[tuple(base[..., k] + corner[k] for k in range(out.ndim))]
+        isolated: np.ndarray = self.live & inside & ~near
+        return isolated
 
     def _corrected(self, position: FloatArray, change: FloatArray, axes: tuple[int, ...]) -> FloatArray:
         """One Newton step towards the exact pre-image, where it is as small as it should be."""
@@ -290,19 +313,24 @@ class _Drawing:
         good = np.asarray(np.concatenate(admissible, axis=1).all(axis=1))
         return np.where(good[:, None], moved, position)
 
-    def _draw_flat(
-        self, image: FloatArray, flat: np.ndarray, shape: tuple[int, ...], out: FloatArray
+    def _splat(
+        self, image: FloatArray, cells: np.ndarray, shape: tuple[int, ...], out: FloatArray, where: np.ndarray
     ) -> None:
-        """Draw cells whose image has no volume on all nodes around it: one step thick."""
-        points, position = samples(image, flat)
+        """Draw cells without volume or between the nodes on the nodes around them.
+
+        Memberships fall linearly to zero over one step, so that the centroid is kept.
+        """
+        points, position = samples(image, cells)
         there = np.isfinite(points).all(axis=1)
         points, value = points[there], interpolate(self.cost, position[there], self.t_norm.scale)
-        base = np.floor(points + 1e-9)
+        base = np.floor(points)
         for corner in np.ndindex(*(2,) * len(shape)):
-            node = base + np.array(corner) * (points - base > 1e-9)
-            inside = np.logical_and(node >= 0, node < np.array(shape)).all(axis=1)
+            node = base + np.array(corner)
+            hat = (1.0 - np.abs(points - node)).prod(axis=1)
+            inside = np.concatenate([node >= 0, node < np.array(shape)], axis=1).all(axis=1) & (hat > 1e-12)
             index = np.ravel_multi_index(tuple(node[inside].astype(np.intp).T), shape)
-            np.minimum.at(out, index, value[inside])
+            lowered = scaled(value[inside], hat[inside], self.t_norm.scale)
+            np.minimum.at(out, index[where[index]], lowered[where[index]])
 
 
 def _offsets(kernel: Kernel, k: int, image: FloatArray, universe: Universe) -> FloatArray:
