@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fuzzykf.experiments.core import Experiment, Outcome, perform, write
+from fuzzykf.experiments.paper2013 import SWITCHING_STATE_SPACE
 from fuzzykf.experiments.paper2020_errors import HARD_FRACTION, NODES
 from fuzzykf.experiments.paper2020_pictures import DENSITIES, RESTORATION, TRAJECTORIES
 
@@ -10,5 +11,6 @@ __all__ = ["EXPERIMENTS", "Experiment", "Outcome", "perform", "write"]
 
 #: Every experiment, by its name.
 EXPERIMENTS: dict[str, Experiment] = {
-    experiment.name: experiment for experiment in (DENSITIES, TRAJECTORIES, RESTORATION, NODES, HARD_FRACTION)
+    experiment.name: experiment
+    for experiment in (DENSITIES, TRAJECTORIES, RESTORATION, NODES, HARD_FRACTION, SWITCHING_STATE_SPACE)
 }
