@@ -6,11 +6,20 @@ from fuzzykf.experiments.core import Experiment, Outcome, perform, write
 from fuzzykf.experiments.paper2013 import SWITCHING_STATE_SPACE
 from fuzzykf.experiments.paper2020_errors import HARD_FRACTION, NODES
 from fuzzykf.experiments.paper2020_pictures import DENSITIES, RESTORATION, TRAJECTORIES
+from fuzzykf.experiments.paper2020_quadrature import QUADRATURE
 
 __all__ = ["EXPERIMENTS", "Experiment", "Outcome", "perform", "write"]
 
 #: Every experiment, by its name.
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment
-    for experiment in (DENSITIES, TRAJECTORIES, RESTORATION, NODES, HARD_FRACTION, SWITCHING_STATE_SPACE)
+    for experiment in (
+        DENSITIES,
+        TRAJECTORIES,
+        RESTORATION,
+        NODES,
+        HARD_FRACTION,
+        QUADRATURE,
+        SWITCHING_STATE_SPACE,
+    )
 }
