@@ -29,6 +29,7 @@ __all__ = [
     "judge",
     "measured",
     "printed_mean",
+    "printed_sample",
     "printed_wins",
 ]
 
@@ -60,6 +61,8 @@ class Finding:
         What was corrected before it could be measured.
     reason : str
         Known reason for which it cannot be reproduced.
+    interval : (float, float) or None
+        Of 95 % for ``ours``, where the standard error does not tell it.
     """
 
     quantity: str
@@ -71,6 +74,7 @@ class Finding:
     test: str = ""
     correction: str = ""
     reason: str = ""
+    interval: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,6 +227,8 @@ def printed_wins(
 ) -> Finding:
     """Compare a share of won runs with a printed count, by Fisher's exact test.
 
+    The interval is Wilson's.
+
     Parameters
     ----------
     quantity : str
@@ -236,6 +242,7 @@ def printed_wins(
     from scipy import stats
 
     share = wins / runs
+    wilson = stats.binomtest(wins, runs).proportion_ci(method="wilson")
     table = [[wins, runs - wins], [printed[0], printed[1] - printed[0]]]
     return Finding(
         quantity=quantity,
@@ -245,6 +252,36 @@ def printed_wins(
         kind="agreement",
         p_value=float(stats.fisher_exact(table).pvalue),
         test="Fisher's exact test",
+        correction=correction,
+        reason=reason,
+        interval=(float(wilson.low), float(wilson.high)),
+    )
+
+
+def printed_sample(
+    quantity: str, samples: ArrayLike, *, printed: ArrayLike, correction: str = "", reason: str = ""
+) -> Finding:
+    """Compare runs with printed runs, one by one: the Kolmogorov-Smirnov test of two samples.
+
+    Parameters
+    ----------
+    quantity : str
+    samples, printed : array_like, shapes (n,) and (n',)
+        One number per run.
+    correction, reason : str
+        See `Finding`.
+    """
+    from scipy import stats
+
+    mean, error = _mean(quantity, samples)
+    return Finding(
+        quantity=quantity,
+        printed=float(np.asarray(printed, dtype=np.float64).mean()),
+        ours=mean,
+        standard_error=error,
+        kind="agreement",
+        p_value=float(stats.ks_2samp(np.asarray(samples), np.asarray(printed)).pvalue),
+        test="Kolmogorov-Smirnov",
         correction=correction,
         reason=reason,
     )

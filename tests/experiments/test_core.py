@@ -106,6 +106,8 @@ def test_files_hold_the_rows_the_parameters_and_a_picture(coins, tmp_path) -> No
         "printed": "1",
         "ours": "2",
         "standard_error": "",
+        "lower": "",
+        "upper": "",
         "p_value": "0",
         "verdict": "not reproduced",
         "note": "it is two",

@@ -7,7 +7,16 @@ import pytest
 from scipy import stats
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.experiments.verdicts import LEVEL, claim, exact, judge, measured, printed_mean, printed_wins
+from fuzzykf.experiments.verdicts import (
+    LEVEL,
+    claim,
+    exact,
+    judge,
+    measured,
+    printed_mean,
+    printed_sample,
+    printed_wins,
+)
 
 
 def verdict(finding):
@@ -107,3 +116,12 @@ def test_a_note_tells_the_correction_or_the_reason() -> None:
 def test_samples_that_do_not_tell_their_scatter_are_refused(samples) -> None:
     with pytest.raises(ParameterError, match="samples: of 'q'"):
         measured("q", samples)
+
+
+def test_printed_runs_are_compared_with_ours_as_samples() -> None:
+    rng = np.random.default_rng(4)
+    ours, printed = rng.exponential(size=500), rng.exponential(size=20)
+    finding = printed_sample("q", ours, printed=printed)
+    assert finding.p_value == pytest.approx(stats.ks_2samp(ours, printed).pvalue)
+    assert (finding.printed, finding.ours) == (pytest.approx(printed.mean()), pytest.approx(ours.mean()))
+    assert verdict(printed_sample("q", ours, printed=10.0 * printed)) == "not reproduced"
