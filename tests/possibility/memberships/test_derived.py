@@ -65,7 +65,7 @@ def test_costs_of_a_cut(norm):
 def test_bad_cuts():
     with pytest.raises(ParameterError, match=r"level: got 0.0, expected a number in \]0, 1\]"):
         CauchyMembership(0.0, 1.0).cut(0.0)
-    with pytest.raises(ParameterError, match="level: got 1.5"):
+    with pytest.raises(ParameterError, match=r"level: got 1\.5"):
         CauchyMembership(0.0, 1.0).alpha_cut(1.5)
     with pytest.raises(ParameterError, match=r"cuts off the peak at \[0.0\]"):
         CauchyMembership(0.0, 1.0).cut((1.0, 2.0))

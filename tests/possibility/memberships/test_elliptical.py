@@ -137,7 +137,7 @@ def test_bad_scales(kind):
 def test_bad_gaussians():
     with pytest.raises(NotPositiveDefiniteError, match="covariance"):
         GaussianMembership(0.0, -1.0)
-    with pytest.raises(ParameterError, match="mean: entry .* is nan"):
+    with pytest.raises(ParameterError, match=r"mean: entry .* is nan"):
         GaussianMembership(np.nan, 1.0)
     with pytest.raises(ShapeError, match=r"covariance: got shape \(1, 1\), expected \(2, 2\)"):
         GaussianMembership([0.0, 0.0], 1.0)
