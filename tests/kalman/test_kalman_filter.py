@@ -198,6 +198,11 @@ def test_results_are_copies(system):
     for one, other in (("x", "x_post"), ("P", "P_post")):
         getattr(f, one)[:] = 0.0
         assert getattr(f, other).any()
+    f.x, f.P = np.ones((3, 1)), np.eye(3)
+    f.predict()
+    for one, other in (("x", "x_prior"), ("P", "P_prior")):
+        getattr(f, one)[:] = 0.0
+        assert getattr(f, other).any()
 
 
 # ------------------------------------------------------------------ defaults
