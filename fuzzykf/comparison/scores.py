@@ -12,7 +12,10 @@ from fuzzykf.errors import ParameterError
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
 
-__all__ = ["Score", "block_length", "circular_block_means"]
+__all__ = ["LIMITS", "Bootstrap", "Score", "block_length", "bootstrap_rmse", "circular_block_means"]
+
+#: Shares of the resamples below the ends of an interval of 95 %.
+LIMITS = (0.025, 0.975)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,3 +137,53 @@ def circular_block_means(
     sums = running[starts + lengths] - running[starts]
     means: FloatArray = centre + sums.sum(axis=1) / n
     return means
+
+
+@dataclass(frozen=True, eq=False)
+class Bootstrap:
+    """Root mean squared errors of several methods on the same steps, and their resamples.
+
+    Attributes
+    ----------
+    rmse : ndarray, shape (k,)
+    resampled : ndarray, shape (n_resamples, k)
+        All methods share their blocks, so that differences are paired.
+    block_length : int
+        Steps in a block.
+    """
+
+    rmse: FloatArray
+    resampled: FloatArray
+    block_length: int
+
+    def difference(self, a: int, b: int) -> tuple[float, float]:
+        """Return the interval of 95 % of the RMSE of method ``a`` less that of ``b``."""
+        low, high = np.quantile(self.resampled[:, a] - self.resampled[:, b], LIMITS)
+        return float(low), float(high)
+
+
+def bootstrap_rmse(squared: FloatArray, n_resamples: int, rng: np.random.Generator) -> Bootstrap:
+    """Resample root mean squared errors by the circular block bootstrap.
+
+    Parameters
+    ----------
+    squared : ndarray, shape (n, k)
+        Squared errors of k methods at n steps.
+    n_resamples : int
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Bootstrap
+        With blocks of the length that the most dependent column needs.
+
+    Raises
+    ------
+    ParameterError
+        If ``n_resamples`` is less than 100: quantiles of 2.5 % would mean nothing.
+    """
+    if n_resamples < 100:
+        raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
+    length = max(block_length(column) for column in squared.T)
+    resampled = np.sqrt(circular_block_means(squared, length, n_resamples, rng))
+    return Bootstrap(np.sqrt(squared.mean(axis=0)), resampled, length)

@@ -116,14 +116,15 @@ def _draw_state(
 
 def _draw_switch(axes: Axes, comparison: Comparison, time: Any, excerpt: slice) -> None:
     task = comparison.task
-    axes.plot(
-        time[excerpt],
-        task.switch[task.n_train :][excerpt],
-        color=TRUTH,
-        linewidth=0.9,
-        linestyle=":",
-        label="rule of the learning part\n(not seen here)",
-    )
+    if task.switch is not None:
+        axes.plot(
+            time[excerpt],
+            task.switch[task.n_train :][excerpt],
+            color=TRUTH,
+            linewidth=0.9,
+            linestyle=":",
+            label="rule of the learning part\n(not seen here)",
+        )
     styles = [(BLUE, "-", 1.5), (ORANGE, (0, (1.5, 1)), 1.1)]
     with_switch = [r for r in comparison.restorations if r.switch is not None]
     for (color, style, width), restoration in zip(styles, with_switch, strict=True):
