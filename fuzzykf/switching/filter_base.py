@@ -145,7 +145,11 @@ class SwitchingFilter(Filter):
         """
         y = as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
         self.predict()
-        self._take(np.full(self.dim_z, np.nan) if y is None else y)
+        try:
+            self._take(np.full(self.dim_z, np.nan) if y is None else y)
+        except Exception:
+            self._predicted = False
+            raise
         return self.x
 
     def _take(self, y: FloatArray) -> None:

@@ -112,10 +112,12 @@ def log_pair_weights(tables: PairTables, windows: FloatArray, ys: FloatArray) ->
 def _check_masses(state: NodeState) -> None:
     negative = np.maximum(-node_probabilities(state), 0.0).sum(axis=-1)
     if not (negative <= NEGATIVE_MASS).all():  # NaN where the total is not positive
+        worst = f"a negative mass of {np.max(negative):.3g} (at most {NEGATIVE_MASS} is tolerated)"
+        if np.isnan(negative).any():
+            worst = "no positive mass"
         raise QuadratureError(
-            "the rule 'product' is too coarse for this law and these observations: its interpolant has a "
-            f"negative mass of {np.max(negative):.3g} (at most {NEGATIVE_MASS} is tolerated); use more nodes "
-            "or the rule 'cell', whose weights are never negative"
+            "the rule 'product' is too coarse for this law and these observations: its interpolant has "
+            f"{worst}; use more nodes or the rule 'cell', whose weights are never negative"
         )
 
 

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 from filterpy.common import Saver
 
-from fuzzykf import CGOMSMFilter, KnownSwitchFilter, OFSRFilter
-from fuzzykf.errors import ParameterError, SequenceError, ShapeError
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, KnownSwitchFilter, OFSRFilter
+from fuzzykf.errors import ParameterError, QuadratureError, SequenceError, ShapeError
 from fuzzykf.switching import SwitchingFilter
 
 ATTRIBUTES = (
@@ -375,18 +375,98 @@ def test_log_likelihood_of_a_distant_observation(fuzzy_model):
     assert f.log_likelihood == pytest.approx(max(candidates), rel=1e-14)
 
 
-def test_regimes_that_no_path_reaches_have_no_influence(make_transitions):
-    from fuzzykf import CGOMSModel
+def separate_regimes(distance):
+    """Two regimes that are never left, with observations N(distance, 1) and N(0, 1)."""
+    one = np.ones((2, 2, 1, 1))
+    return CGOMSModel.from_regressions(
+        np.eye(2), initial=[0.5, 0.5],
+        Ayy=0 * one, Ny=[[[distance], [0.0]]] * 2, Qyy=one,
+        Axx=0 * one, H=0 * one, G=0 * one, c=0 * one[..., 0], C=one,
+        means=[[0.0, distance], [1.0, 0.0]], covariances=[np.eye(2)] * 2,
+    )  # fmt: skip
 
+
+@pytest.mark.parametrize("distance", [37.5, 38.0, 38.5, 39.0, 60.0])
+def test_a_regime_comes_back_from_underflow(distance):
+    # exp(-distance^2 / 2) is subnormal or zero in floating point, its logarithm is not: after
+    # as strong an argument for the other regime both are as probable as at first
+    model = separate_regimes(distance)
+    f = CGOMSMFilter(model)
+    for z in (distance / 2, distance, 0.0):
+        f.step(z)
+    np.testing.assert_allclose(f.mu, [0.5, 0.5], rtol=1e-11)
+    np.testing.assert_allclose(f.filter([distance / 2, distance, 0.0]).mu[-1], [0.5, 0.5], rtol=1e-11)
+
+
+def test_the_first_state_may_be_determined_by_its_observation():
+    # Var(X | Y) = 0, computed as a difference: never negative
+    for b in np.random.default_rng(0).normal(size=40):
+        one = np.ones((1, 1, 1, 1))
+        model = CGOMSModel.from_regressions(
+            [[1.0]], Ayy=one / 2, Ny=one[0], Qyy=one, Axx=one / 2, H=one, G=one, c=0 * one[0], C=one,
+            means=[[0.0, 0.0]], covariances=[[[b * b, b], [b, 1.0]]],
+        )  # fmt: skip
+        f = CGOMSMFilter(model)
+        assert f.step(2.0)[0, 0] == pytest.approx(2 * b)
+        assert 0.0 <= f.P[0, 0] < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("n_nodes", "outlier", "first_bad", "message"),
+    [
+        (15, 8.0, 4, r"interpolant has a negative mass of 0\.09\d+ \(at most"),
+        (20, 1e6, 3, "has no positive mass"),
+    ],
+)
+def test_a_rule_that_is_too_coarse_says_so(n_nodes, outlier, first_bad, message):
+    # the interpolant of the rule 'product' becomes negative: no number is better than a wrong one
+    law = FuzzyMarkovLaw.fmc2(0.1, 0.8 / 1.71, 0.3)
+    Z = np.array([[1.0, 0.5], [0.5, 1.0]])
+    gamma = np.broadcast_to(np.block([[Z, 0.8 * Z], [0.8 * Z, Z]]), (2, 2, 4, 4))
+    f = OFSRFilter(CGOFMSModel(law, [[0.0, 3.0], [0.0, 0.0]], gamma, 1), n_nodes, "product")
+    y = [1.0, 2.0, 3.0, outlier, 0.0]
+    fresh = snapshot(f)
+    with pytest.raises(QuadratureError, match=message):
+        f.filter(y)
+    assert_same_state(snapshot(f), fresh)
+    for z in y[:first_bad]:
+        f.step(z)
+    before = snapshot(f)
+    with pytest.raises(QuadratureError, match=message):
+        f.step(y[first_bad])
+    assert_same_state(snapshot(f), before)
+    f.predict()
+    before = snapshot(f)
+    with pytest.raises(QuadratureError, match=message):
+        f.update(y[first_bad])
+    assert_same_state(snapshot(f), before)
+
+
+def test_series_and_steps_agree_to_rounding(fuzzy_model):
+    # whole series carry masses that are not normalised at each step; nothing is lost by that
+    y = np.random.default_rng(0).normal(1.5, 1.5, 4000)
+    for n_nodes in (0, 5):
+        f = OFSRFilter(fuzzy_model, n_nodes)
+        series = f.filter(y).log_likelihood
+        f.reset()
+        steps = []
+        for z in y:
+            f.step(z)
+            steps.append(f.log_likelihood)
+        np.testing.assert_allclose(series, steps, rtol=0, atol=2e-13)
+
+
+@pytest.mark.parametrize("m", [1, 2])
+def test_regimes_that_no_path_reaches_have_no_influence(m, make_transitions):
     # an explosive regime of probability zero must not overflow, nor touch the result
     P = [[0.9, 0.1, 0.0], [0.1, 0.9, 0.0], [0.3, 0.3, 0.4]]
-    A, Q, means, Sigma = make_transitions(3, 1, 1, seed=3)
+    A, Q, means, Sigma = make_transitions(3, m, 1, seed=3)
     y = np.random.default_rng(0).normal(size=1500)
     y[700:1200] = np.nan
     results = []
     for a in (0.5, 50.0):
-        A[2, 2] = a * np.eye(2)
-        f = CGOMSMFilter(CGOMSModel.from_transitions(P, A, Q, means, Sigma, 1))
+        A[2, 2] = a * np.eye(m + 1)
+        f = CGOMSMFilter(CGOMSModel.from_transitions(P, A, Q, means, Sigma, m))
         results.append(f.filter(y))
     for name in ("x", "P", "x_prior", "P_prior", "log_likelihood"):
         a, b = (getattr(result, name) for result in results)
@@ -412,8 +492,9 @@ def test_a_million_steps(fuzzy_model):
 
 def test_many_steps_of_a_vector_keep_symmetry(hard_model):
     y = np.random.default_rng(3).normal(0.0, 2.0, 60_000)
-    result = CGOMSMFilter(hard_model).filter(y)
-    np.testing.assert_array_equal(result.P, np.swapaxes(result.P, 1, 2))
+    result = CGOMSMFilter(hard_model).filter(y, keep_nodes=True)
+    for P in (result.P, result.P_prior, result.node_P):
+        np.testing.assert_array_equal(P, np.swapaxes(P, -1, -2))
     assert np.linalg.eigvalsh(result.P).min() > 1e-3
     assert np.linalg.eigvalsh(result.P_prior).min() > 1e-3
 
