@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fuzzykf.experiments.core import Experiment, Outcome, perform, write
 from fuzzykf.experiments.paper2001_intervals import INTERVALS
+from fuzzykf.experiments.paper2001_rocket import ROCKET
 from fuzzykf.experiments.paper2013 import SWITCHING_STATE_SPACE
 from fuzzykf.experiments.paper2020_errors import HARD_FRACTION, NODES
 from fuzzykf.experiments.paper2020_pictures import DENSITIES, RESTORATION, TRAJECTORIES
@@ -23,5 +24,6 @@ EXPERIMENTS: dict[str, Experiment] = {
         QUADRATURE,
         SWITCHING_STATE_SPACE,
         INTERVALS,
+        ROCKET,
     )
 }

@@ -123,5 +123,15 @@ def test_printed_runs_are_compared_with_ours_as_samples() -> None:
     ours, printed = rng.exponential(size=500), rng.exponential(size=20)
     finding = printed_sample("q", ours, printed=printed)
     assert finding.p_value == pytest.approx(stats.ks_2samp(ours, printed).pvalue)
-    assert (finding.printed, finding.ours) == (pytest.approx(printed.mean()), pytest.approx(ours.mean()))
+    assert (finding.printed, finding.ours) == (np.median(printed), np.median(ours))
+    lower, upper = finding.interval
+    assert np.mean(ours < lower) == pytest.approx(0.5 - 1.96 * 0.5 / np.sqrt(500), abs=0.006)
+    assert np.mean(ours <= upper) == pytest.approx(0.5 + 1.96 * 0.5 / np.sqrt(500), abs=0.006)
     assert verdict(printed_sample("q", ours, printed=10.0 * printed)) == "not reproduced"
+
+
+def test_of_samples_a_run_may_be_infinite_but_not_undefined() -> None:
+    assert printed_sample("q", [1.0, 2.0, np.inf], printed=[1.0, 2.0]).ours == 2.0
+    assert printed_sample("q", [1.0, 2.0, np.inf], printed=[1.0, 2.0]).interval is None  # of three runs
+    with pytest.raises(ParameterError, match="samples: of 'q'"):
+        printed_sample("q", [1.0, np.nan], printed=[1.0, 2.0])
