@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError
 
 LAW = FuzzyMarkovLaw.fmc1(alpha=0.07, delta=0.05, eta=0.16)
@@ -91,6 +91,34 @@ def test_only_pairs_that_occur_are_proved():
     model.harden()
     with pytest.raises(NotPositiveDefiniteError, match=r"pair r_n = 0, r_n\+1 = 1"):
         CGOFMSModel(FuzzyMarkovLaw.fmc1(0.4, 0.0, 0.0), MEANS, gamma, 1)
+
+
+@pytest.mark.parametrize("rule", ["cell", "midpoint", "gauss", "product"])
+def test_nodes_without_mass_may_be_anything(rule):
+    # definite at the hard pairs, not in between; without fuzziness nothing happens in between
+    gamma = vine(
+        b=[0.31, -0.97],
+        s=[1.07, 2.87],
+        c=[[0.57, -0.88], [-0.57, 0.96]],
+        e=[[0.78, -0.29], [-0.24, -0.42]],
+        a=[[0.99, 0.99], [-0.99, 0.99]],
+    )
+    model = CGOFMSModel(FuzzyMarkovLaw.fmc1(0.3, 0.0, 0.0), MEANS, gamma, 1)
+    y = model.simulate(300, np.random.default_rng(0)).y
+    fuzzy, hard = OFSRFilter(model, 5, rule).filter(y), CGOMSMFilter(model.harden()).filter(y)
+    np.testing.assert_allclose(fuzzy.x, hard.x, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(fuzzy.log_likelihood, hard.log_likelihood, rtol=1e-9, atol=1e-11)
+
+
+def test_first_states_between_singular_and_definite_regimes():
+    # known in one regime, not in the other: between them a covariance has no interpolation
+    one = np.ones((2, 2, 1, 1))
+    p = {"Ayy": one / 2, "Ny": one[..., 0], "Qyy": one, "Axx": one / 2, "H": one, "G": one, "c": one[..., 0]}
+    p |= {"C": one, "means": np.zeros((2, 2)), "covariances": [np.diag([0.0, 1.0]), np.eye(2)]}
+    with pytest.raises(NotPositiveDefiniteError, match="covariances: the matrix number 0 is singular where"):
+        CGOFMSModel.from_regressions(LAW, **p)
+    model = CGOFMSModel.from_regressions(FuzzyMarkovLaw.fmc1(0.3, 0.0, 0.0), **p)
+    assert np.isfinite(OFSRFilter(model, 3).step(1.0)).all()
 
 
 def test_every_filter_proves_its_own_nodes(monkeypatch):
