@@ -204,9 +204,12 @@ def most_likely_switch(chain: SwitchChain, mu: FloatArray) -> FloatArray:
     hard_nodes = chain.atoms
     atoms, inner = np.flatnonzero(hard_nodes)[::-1], np.flatnonzero(~hard_nodes)
     # on a tie the paper's rule takes the regime 1, hence the reversed order
-    hard: FloatArray = chain.nodes[atoms][np.argmax(mu[..., atoms], axis=-1)]
-    if inner.size == 0:
-        return hard
-    soft = chain.nodes[inner][np.argmax(mu[..., inner] / chain.weights[inner], axis=-1)]
+    hard = soft = np.empty(0)
+    if atoms.size:
+        hard = chain.nodes[atoms][np.argmax(mu[..., atoms], axis=-1)]
+    if inner.size:
+        soft = chain.nodes[inner][np.argmax(mu[..., inner] / chain.weights[inner], axis=-1)]
+    if not (atoms.size and inner.size):
+        return hard if atoms.size else soft
     estimate: FloatArray = np.where(mu[..., atoms].sum(axis=-1) > 0.5, hard, soft)
     return estimate
