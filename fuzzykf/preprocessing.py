@@ -86,7 +86,7 @@ class Standardizer:
         ShapeError, ParameterError
             If ``values`` has another shape, is infinite, or a column is constant or empty.
         """
-        columns = _columns("values", values)
+        columns = as_columns("values", values)
         mean, scale = np.empty((2, columns.shape[1]))
         for k, column in enumerate(columns.T):
             there = column[~np.isnan(column)]
@@ -137,7 +137,7 @@ class Standardizer:
 
     def _columns(self, values: ArrayLike) -> FloatArray:
         _check_fitted(self, "mean_")
-        columns = _columns("values", values)
+        columns = as_columns("values", values)
         if columns.shape[1] != len(self.mean_):
             raise ShapeError(
                 f"values: got {columns.shape[1]} columns, expected {len(self.mean_)}, as in the training part"
@@ -202,9 +202,9 @@ class DailyProfile:
         ShapeError, ParameterError
             If lengths differ, a value is infinite, or there are no times.
         """
-        columns = _columns("values", values)
+        columns = as_columns("values", values)
         n, k = columns.shape
-        moments = _times(time, values, n)
+        moments = as_times(time, values, n)
         days = _workdays(workday, moments)
         slot = _step(moments) if self.slot is None else self.slot
         slots = round(24.0 / slot)
@@ -235,7 +235,7 @@ class DailyProfile:
             If the training part had no row of that time and kind of day.
         """
         _check_fitted(self, "means_")
-        moments = _times(time, None, len(time))
+        moments = as_times(time, None, len(time))
         days = _workdays(workday, moments)
         table = self.means_.reshape(-1, *self.means_.shape[2:])
         found: FloatArray = table[self._cell(moments, days, self.slot_)]
@@ -286,8 +286,8 @@ class DailyProfile:
 
     def _shift(self, values: ArrayLike, time: Any, workday: ArrayLike | None, sign: float) -> Any:
         _check_fitted(self, "means_")
-        columns = _columns("values", values)
-        moments = _times(time, values, len(columns))
+        columns = as_columns("values", values)
+        moments = as_times(time, values, len(columns))
         profile = self.at(moments, workday).reshape(len(columns), -1)
         if profile.shape != columns.shape:
             raise ShapeError(
@@ -306,7 +306,7 @@ class DailyProfile:
 # --------------------------------------------------------------------------- arrays in and out
 
 
-def _columns(name: str, values: Any) -> FloatArray:
+def as_columns(name: str, values: Any) -> FloatArray:
     """Return values as columns (n, k)."""
     try:
         array = np.asarray(values, dtype=np.float64)
@@ -332,7 +332,7 @@ def _like(values: Any, columns: FloatArray) -> Any:
     return result
 
 
-def _times(time: Any, values: Any, n: int) -> NDArray[np.datetime64]:
+def as_times(time: Any, values: Any, n: int) -> NDArray[np.datetime64]:
     """Return local times, from the index of ``values`` if none are given."""
     if time is None:
         time = getattr(values, "index", None)

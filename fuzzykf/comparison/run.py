@@ -9,7 +9,7 @@ import numpy as np
 
 from fuzzykf.comparison.candidates import LearningPart
 from fuzzykf.comparison.methods import main_methods, restore
-from fuzzykf.comparison.scores import LIMITS, Score, bootstrap_rmse
+from fuzzykf.comparison.scores import INTERVAL_FACTOR, LIMITS, Score, bootstrap_rmse, difference_in_words
 from fuzzykf.errors import FuzzykfError
 
 if TYPE_CHECKING:
@@ -19,10 +19,7 @@ if TYPE_CHECKING:
     from fuzzykf.comparison.methods import Restoration
     from fuzzykf.comparison.prepare import Task
 
-__all__ = ["INTERVAL_FACTOR", "Comparison", "compare", "score"]
-
-#: Half the width of a central interval of 90 % of a normal law, in standard deviations.
-INTERVAL_FACTOR = 1.6448536269514722
+__all__ = ["Comparison", "compare", "score"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,14 +68,9 @@ class Comparison:
         unit : str
             Unit of the state.
         """
-        space = f" {unit}" if unit else ""
-        rmse = {score.name: score.rmse for score in self.scores}
-        certainty = "more than its uncertainty" if self.is_certain else "no more than its uncertainty"
-        return (
-            f"{self.best} has the lowest RMSE, {rmse[self.best]:.4g}{space}: {self.difference:.2g}{space} "
-            f"below {self.second}, which is {certainty} (95 % interval of the difference "
-            f"{self.difference_low:.2g} to {self.difference_high:.2g}{space})."
-        )
+        rmse = next(score.rmse for score in self.scores if score.name == self.best)
+        limits = self.difference_low, self.difference_high
+        return difference_in_words(self.best, rmse, self.second, self.difference, limits, unit) + "."
 
 
 def compare(

@@ -102,7 +102,7 @@ def _draw_state(
     band: bool,
     part: slice = slice(None),
 ) -> None:
-    from fuzzykf.comparison.run import INTERVAL_FACTOR
+    from fuzzykf.comparison.scores import INTERVAL_FACTOR
 
     mean, half = main.mean[part], INTERVAL_FACTOR * main.std[part]
     if band:
