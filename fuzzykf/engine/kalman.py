@@ -38,7 +38,7 @@ __all__ = [
 _HALF = np.array(0.5)  # numpy converts a Python float at every use
 
 #: A pivot that is smaller than this fraction of its diagonal entry is rounding error.
-PIVOT_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
+PIVOT_TOLERANCE = 16.0 * float(np.finfo(np.float64).eps)
 
 
 # --------------------------------------------------------------------------- one filter
@@ -132,9 +132,12 @@ def inverse(S: FloatArray) -> FloatArray:
                 off = -ratio / pivot
                 return np.array(((1.0 / a - ratio * off, off), (off, 1.0 / pivot)))
         raise np.linalg.LinAlgError("S is not positive definite")
-    _, SI, info = _positive_solver()(S, _identity(m), lower=1)
+    factor, SI, info = _positive_solver()(S, _identity(m), lower=1)
     if info != 0:
         raise np.linalg.LinAlgError("S is not positive definite")
+    for pivot, entry in zip(factor.diagonal().tolist(), S.diagonal().tolist(), strict=True):
+        if not pivot * pivot > PIVOT_TOLERANCE * entry:
+            raise np.linalg.LinAlgError("S is singular, to rounding error")
     solution: FloatArray = SI
     return solution
 
@@ -225,6 +228,8 @@ def inverse_stack(S: FloatArray) -> tuple[FloatArray, FloatArray]:
         return SI, np.log(a) + np.log(pivot)
     factor = np.linalg.cholesky(S)
     pivots = np.diagonal(factor, axis1=-2, axis2=-1)
+    if not (pivots * pivots > PIVOT_TOLERANCE * np.diagonal(S, axis1=-2, axis2=-1)).all():
+        raise np.linalg.LinAlgError("S is singular, to rounding error")
     root = np.linalg.inv(factor)
     return root.mT @ root, 2.0 * np.log(pivots).sum(axis=-1)
 

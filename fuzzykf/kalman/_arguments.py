@@ -141,8 +141,12 @@ def as_vector(name: str, value: Any, like: FloatArray) -> FloatArray:
 def observation_matrix(name: str, value: Any, n: int) -> FloatArray:
     """Return an observation matrix given in a call: any number of rows, n columns."""
     if type(value) is np.ndarray and value.ndim == 2 and value.shape[1] == n and value.dtype == _FLOAT64:
-        return value
-    return as_array(name, value, (None, n))
+        matrix: FloatArray = value
+    else:
+        matrix = as_array(name, value, (None, n))
+    if len(matrix) == 0:
+        raise ShapeError(f"{name}: got shape {matrix.shape}, expected at least one row")
+    return matrix
 
 
 def control_term(B: Any, u: Any, x: FloatArray) -> FloatArray | float:

@@ -18,7 +18,7 @@ from fuzzykf.kalman._series import (
     collect,
     field_shapes,
     filter_each,
-    per_step,
+    given_per_step,
     unchanged_on_error,
 )
 
@@ -78,13 +78,13 @@ class BankSeries(Filter):
 
     def _collect(self, zs: Any, us: Sequence[Any] | None) -> dict[str, FloatArray]:
         series = as_observations(zs, self.dim_z)
-        controls = per_step("us", us, len(series))
+        controls = given_per_step({"us": us}, len(series))
         self._remember()
         with unchanged_on_error(self, *self.filters):
             return collect(
                 self,
                 series,
-                lambda k: self.predict(controls[k]),
+                lambda k: self.predict(**controls[k]),
                 lambda _, z: self.update(z),
                 {**field_shapes(self.dim_x), "mu": (self.N,)},
             )

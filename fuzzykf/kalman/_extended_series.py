@@ -14,6 +14,7 @@ from fuzzykf.kalman._series import (
     collect,
     field_shapes,
     filter_each,
+    given_per_step,
     per_step,
     unchanged_on_error,
 )
@@ -70,7 +71,7 @@ class ExtendedSeries(GaussianFilter):
         series = as_observations(zs, self.dim_z)
         n = len(series)
         controls, before, after = (
-            per_step("us", us, n),
+            given_per_step({"us": us}, n),
             per_step("fx_args", fx_args, n),
             per_step("hx_args", hx_args, n),
         )
@@ -79,7 +80,7 @@ class ExtendedSeries(GaussianFilter):
             return collect(
                 self,
                 series,
-                lambda k: self.predict(controls[k], **(before[k] or {})),
+                lambda k: self.predict(**controls[k], **(before[k] or {})),
                 lambda k, z: self.update(z, **(after[k] or {})),
                 shapes,
             )

@@ -21,6 +21,7 @@ __all__ = [
     "collect",
     "field_shapes",
     "filter_each",
+    "given_per_step",
     "per_step",
     "unchanged_on_error",
 ]
@@ -56,6 +57,12 @@ def per_step(name: str, values: Sequence[Any] | None, n: int) -> Sequence[Any]:
     if len(values) < n:
         raise ShapeError(f"{name}: got {len(values)} values, expected one for each of the {n} observations")
     return values
+
+
+def given_per_step(given: dict[str, Sequence[Any] | None], n: int) -> list[dict[str, Any]]:
+    """Return keyword arguments for each step, of the lists that were given; "us" becomes u."""
+    lists = {name[:-1]: per_step(name, values, n) for name, values in given.items() if values is not None}
+    return [{name: values[k] for name, values in lists.items()} for k in range(n)]
 
 
 def collect(

@@ -8,6 +8,7 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
+from fuzzykf import FuzzyRelationEstimator
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
 from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
 
@@ -260,6 +261,37 @@ def test_kalman_and_extended_filters_in_one_bank(method):
         linear.step(z)
         mixed.step(z)
         compare(linear, mixed, rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_three_kinds_of_filters_in_one_bank(method):
+    # with Gaussian memberships the fuzzy estimator is the Kalman filter too
+    linear, mixed = make(method), make(method)
+    fuzzy, f = FuzzyRelationEstimator(2, 1), mixed.filters[0]
+    fuzzy.F, fuzzy.Q, fuzzy.H, fuzzy.R = f.F, f.Q, f.H, f.R
+    f = mixed.filters[1]
+    extended = ExtendedKalmanFilter(
+        2, 1, F=f.F, Q=f.Q, R=f.R, hx=lambda x, H=f.H: H @ x, HJacobian=lambda x, H=f.H: H
+    )
+    mixed = IMMEstimator([fuzzy, extended, mixed.filters[2]], mixed.mu, M, method=method)
+    for z in (0.3, -1.0, None, 0.4, np.nan, 2.0):
+        linear.step(z)
+        mixed.step(z)
+        compare(linear, mixed)
+    np.testing.assert_allclose(
+        mixed.copy().filter([0.1, 0.2]).x, linear.copy().filter([0.1, 0.2]).x, rtol=1e-9
+    )
+    mixed.predict()
+    linear.predict()
+    with pytest.raises(ShapeError, match="z: got shape"):
+        mixed.update([1.0, 2.0])
+    mixed.update(0.3)
+    linear.update(0.3)
+    compare(linear, mixed)
+    for imm in (linear, mixed):
+        imm.reset()
+        imm.step(0.5)
+    compare(linear, mixed)
 
 
 @pytest.mark.parametrize("flat", [False, True])
