@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep
-from fuzzykf.errors import ParameterError, SequenceError
+from fuzzykf.errors import SequenceError
 from fuzzykf.gaussian import mixture_moments
 from fuzzykf.switching import many, recursion
 from fuzzykf.switching.belief import (
@@ -262,32 +262,9 @@ class SwitchingFilter(Filter):
             With ``x``, ``P``, ``z_prior``, ``S`` (mean and covariance of the
             observations), ``mu``, ``nodes``, ``switch`` and ``switch_mean``.
         """
-        if steps < 1:
-            raise ParameterError(f"steps: got {steps}, expected at least 1")
-        ahead = self.copy()
-        ahead.predict()
-        rows: list[tuple[FloatArray, ...]] = []
-        for _ in range(steps):
-            z_prior, S = ahead._predicted_observation()
-            rows.append((ahead.x[:, 0], ahead.P, z_prior, S, ahead.mu))
-            ahead.predict() if ahead._n else ahead._skip_first()
-        x, P, z_prior, S, mu = (np.array(column) for column in zip(*rows, strict=True))
-        chain = self._system.chain
-        return FilterResult(
-            x=x,
-            P=P,
-            z_prior=z_prior,
-            S=S,
-            mu=mu,
-            nodes=chain.nodes,
-            switch=recursion.most_likely_switch(chain, mu),
-            switch_mean=mu @ chain.nodes,
-        )
+        from fuzzykf.switching.forecast import forecast
 
-    def _skip_first(self) -> None:
-        """Let the first observation be missing, and predict the second."""
-        self.update(None)
-        self.predict()
+        return forecast(self, steps)
 
     # ------------------------------------------------------------------ what users read
 
