@@ -298,7 +298,7 @@ class Filter(ABC):
             raise NotImplementedError(f"{type(self).__name__} keeps no x, P, x_prior and P_prior")
         return x[..., None], P, x_prior[..., None], P_prior
 
-    def filter_many(self, zs: ArrayLike, keep: Iterable[str] = ("x", "P", "log_likelihood")) -> FilterResult:
+    def filter_many(self, zs: ArrayLike, keep: Iterable[str] | None = None) -> FilterResult:
         """Filter many series, each as `filter` would; the filter stays as it is.
 
         Parameters
@@ -306,8 +306,9 @@ class Filter(ABC):
         zs : array_like, shape (series, n, dim_z)
             Or (series, n) if ``dim_z`` is 1.  NaN where missing, so that series of unequal
             length can be padded.
-        keep : sequence of str
-            The fields of `FilterResult` to store.
+        keep : sequence of str, optional
+            The fields of `FilterResult` to store: by default ``x``, ``P`` and, from a
+            probabilistic filter, ``log_likelihood``.
 
         Returns
         -------
@@ -326,7 +327,8 @@ class Filter(ABC):
         filled = tuple(
             name for name, value in vars(results[0]).items() if value is not None and name != "index"
         )
-        names = check_keep(keep, filled)
+        usual = [name for name in ("x", "P", "log_likelihood") if name in filled]
+        names = check_keep(usual if keep is None else keep, filled)
         return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
 
     def copy(self) -> Self:
