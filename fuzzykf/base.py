@@ -192,6 +192,9 @@ def check_keep(keep: Iterable[str], admissible: tuple[str, ...]) -> tuple[str, .
 
 # --------------------------------------------------------------------------- the contract
 
+#: What `Filter.filter_many` keeps unless told otherwise.
+USUAL_FIELDS = ("x", "P", "log_likelihood")
+
 
 class Filter(ABC):
     """What every filter of fuzzykf does; subclass it to write your own.
@@ -298,7 +301,7 @@ class Filter(ABC):
             raise NotImplementedError(f"{type(self).__name__} keeps no x, P, x_prior and P_prior")
         return x[..., None], P, x_prior[..., None], P_prior
 
-    def filter_many(self, zs: ArrayLike, keep: Iterable[str] | None = None) -> FilterResult:
+    def filter_many(self, zs: ArrayLike, keep: Iterable[str] = USUAL_FIELDS) -> FilterResult:
         """Filter many series, each as `filter` would; the filter stays as it is.
 
         Parameters
@@ -327,8 +330,9 @@ class Filter(ABC):
         filled = tuple(
             name for name, value in vars(results[0]).items() if value is not None and name != "index"
         )
-        usual = [name for name in ("x", "P", "log_likelihood") if name in filled]
-        names = check_keep(usual if keep is None else keep, filled)
+        if keep is USUAL_FIELDS:  # nobody asked for what this kind of filter does not have
+            keep = [name for name in USUAL_FIELDS if name in filled]
+        names = check_keep(keep, filled)
         return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
 
     def copy(self) -> Self:
