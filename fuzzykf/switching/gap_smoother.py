@@ -24,6 +24,8 @@ from fuzzykf.gaussian import mixture_moments, symmetrize
 from fuzzykf.switching.missing import GapState, collapse_weights, condition_pairs, pair_prediction
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from fuzzykf.base import FloatArray
     from fuzzykf.switching.tables import PairTables
 
@@ -115,8 +117,16 @@ def _weigh(law: Moments, filtered: Moments, smoothed: Moments) -> tuple[FloatArr
     updated : Moments
         Of the law of the pair times L_j.
     """
-    information, vector = _message(filtered, smoothed)
-    off, C = law.mean - filtered.mean, law.covariance
+    std = np.sqrt(np.diagonal(filtered.covariance, axis1=-2, axis2=-1))
+    scale = np.where(std > 0.0, std, 1.0)  # in units of it, whatever those of the components are
+    both = scale[..., :, None] * scale[..., None, :]
+    information, vector = _message(
+        filtered.covariance / both,
+        smoothed.covariance / both,
+        (smoothed.mean - filtered.mean) / scale,
+        std == 0.0,
+    )
+    off, C = (law.mean - filtered.mean) / scale, law.covariance / both
     A = np.eye(off.shape[-1]) + C @ information
     covariance: FloatArray = np.linalg.solve(A, C)
     shift = np.linalg.solve(A, (off + (C @ vector[..., None])[..., 0])[..., None])[..., 0]
@@ -125,26 +135,33 @@ def _weigh(law: Moments, filtered: Moments, smoothed: Moments) -> tuple[FloatArr
         + (vector * off).sum(axis=-1)
         - np.linalg.slogdet(A)[1]
     )
-    return log_evidence, Moments(filtered.mean + shift, symmetrize(covariance))
+    return log_evidence, Moments(filtered.mean + scale * shift, symmetrize(covariance) * both)
 
 
-def _message(filtered: Moments, smoothed: Moments) -> tuple[FloatArray, FloatArray]:
-    """Lam (M, w, w) and eta (M, w) of the future; zero for the known parts of a window."""
-    std = np.sqrt(np.diagonal(filtered.covariance, axis1=-2, axis2=-1))
-    known = std == 0.0
-    scale = np.where(known, 1.0, std)
-    both = scale[..., :, None] * scale[..., None, :]
-    unit = np.where(known[..., :, None] & known[..., None, :], np.eye(std.shape[-1]), 0.0)
-    L = np.linalg.cholesky(filtered.covariance / both + unit)
-    half = np.linalg.solve(L, smoothed.covariance / both + unit)
-    ratio: FloatArray = np.linalg.solve(L, np.swapaxes(half, -1, -2))
+def _message(
+    filtered: FloatArray, smoothed: FloatArray, moved: FloatArray, known: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Lam (M, w, w) and eta (M, w) of the future, zero for the ``known`` parts of a window (M, w).
+
+    Parameters
+    ----------
+    filtered, smoothed : ndarray, shape (M, w, w)
+        Covariances Vf and Vs.
+    moved : ndarray, shape (M, w)
+        ms - mf.
+    known : ndarray of bool, shape (M, w)
+    """
+    unit = np.where(known[..., :, None] & known[..., None, :], np.eye(known.shape[-1]), 0.0)
+    L = np.linalg.cholesky(filtered + unit)
+    half = np.linalg.solve(L, smoothed + unit)
+    ratio = np.linalg.solve(L, np.swapaxes(half, -1, -2)).astype(np.float64, copy=False)
     values, vectors = np.linalg.eigh(symmetrize(ratio))
     # mixtures may widen what one class can only narrow; then nothing is known of the direction
     values = np.clip(values, _KNOWN, 1.0)
-    T = np.swapaxes(vectors, -1, -2) @ np.linalg.inv(L) / scale[..., None, :]
+    T = np.swapaxes(vectors, -1, -2) @ np.linalg.inv(L)
     Tt = np.swapaxes(T, -1, -2)
-    moved = (T @ (smoothed.mean - filtered.mean)[..., None]) / values[..., None]
-    return Tt @ ((1.0 / values - 1.0)[..., None] * T), (Tt @ moved)[..., 0]
+    vector = Tt @ ((T @ moved[..., None]) / values[..., None])
+    return Tt @ ((1.0 / values - 1.0)[..., None] * T), vector[..., 0]
 
 
 def _divide(B: FloatArray, S: FloatArray) -> FloatArray:
