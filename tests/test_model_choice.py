@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 
 from fuzzykf import DailyProfile, compare_models
 from fuzzykf.comparison import Candidate, Estimates, Learned, LearningPart
+from fuzzykf.datasets import load_victoria
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
 from fuzzykf.io import model_to_dict
 from fuzzykf.model_choice import CANDIDATES
@@ -365,3 +368,28 @@ def test_all_candidates_are_known_by_name_and_progress_is_told(capsys) -> None:
     loud = compare_models(x, y, RNG(0), progress=True, **common)
     assert loud.scores[0].rmse == compare_models(x, y, RNG(0), **common).scores[0].rmse
     assert capsys.readouterr() == ("", "")
+
+
+# ------------------------------------------------------------------ real data
+
+
+@pytest.mark.study
+def test_the_page_tells_what_comes_out_on_the_packaged_data() -> None:
+    v = load_victoria(hourly=True)
+    found = compare_models(v.demand, v.temperature, RNG(0), profile=True, time=v.time, workday=v.workday)
+    page = (Path(__file__).parents[1] / "docs" / "howto" / "fit.md").read_text(encoding="utf-8")
+    row = r"^\| (\w+) \| ([\d.]+) \| (?:([\d.]+)–([\d.]+))? ?\| (\d+) % \| (none|-[\d.]+) \|$"
+    told = {name: rest for name, *rest in re.findall(row, page, re.MULTILINE)}
+    table = found.to_dataframe()
+    assert list(told) == list(table.index)
+    for name, (rmse, low, high, coverage, likelihood) in told.items():
+        score = table.loc[name]
+        assert score["rmse"] == pytest.approx(float(rmse), rel=0.005)
+        if low:
+            assert score["difference_low"] == pytest.approx(float(low), abs=0.002)
+            assert score["difference_high"] == pytest.approx(float(high), abs=0.002)
+        assert score["coverage"] == pytest.approx(float(coverage) / 100, abs=0.006)
+        assert (likelihood == "none") == np.isnan(score["log_likelihood"])
+        if likelihood != "none":
+            assert score["log_likelihood"] == pytest.approx(float(likelihood), abs=0.002)
+    assert found.is_certain
