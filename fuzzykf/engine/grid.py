@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "continue_tails",
-    "extrapolate",
     "interpolate",
     "interpolate_lines",
     "sharpness",
@@ -251,31 +250,6 @@ def _quadratic(window: FloatArray) -> tuple[FloatArray, FloatArray]:
     return slope, hessian
 
 
-def extrapolate(cost: FloatArray, axis: int, before: int, after: int) -> FloatArray:
-    """Continue costs beyond a lattice: by their last parabola, or line where that bends down.
-
-    Parameters
-    ----------
-    cost : ndarray
-        At least three nodes along ``axis``.
-    axis : int
-    before, after : int
-        How many nodes to add on either side.
-
-    Returns
-    -------
-    ndarray
-        Infinite beyond impossible nodes.
-    """
-    lines = np.moveaxis(cost, axis, -1)
-    parts = [lines]
-    if before:
-        parts.insert(0, _continue(lines[..., 2::-1], before)[..., ::-1])
-    if after:
-        parts.append(_continue(lines[..., -3:], after))
-    return np.moveaxis(np.concatenate(parts, axis=-1), -1, axis)
-
-
 def continue_tails(cost: FloatArray, limit: float) -> FloatArray:
     """Continue costs into the impossible nodes at the ends of all lines, where these are smooth tails.
 
@@ -294,6 +268,7 @@ def continue_tails(cost: FloatArray, limit: float) -> FloatArray:
     ndarray
         By the last parabola, or line if that bends down.
     """
+    cost = np.array(cost)
     for axis in range(cost.ndim):
         if cost.shape[axis] > 4 and not np.isfinite(cost).all():
             lines = np.moveaxis(cost, axis, -1)
@@ -326,12 +301,3 @@ def _continue_ends(lines: FloatArray, limit: float) -> None:
     steps = np.arange(n) - last[:, None]
     tail = start[:, None] + slope[:, None] * steps + 0.5 * bend[:, None] * steps * (steps + 1.0)
     lines[chosen] = np.where(steps > 0, np.maximum(tail, CUT * limit), lines[chosen])
-
-
-def _continue(three: FloatArray, count: int) -> FloatArray:
-    k = np.arange(1, count + 1)
-    with np.errstate(invalid="ignore"):
-        slope = three[..., 2] - three[..., 1]
-        bend = np.maximum(slope - (three[..., 1] - three[..., 0]), 0.0)
-        values = three[..., 2:3] + slope[..., None] * k + 0.5 * bend[..., None] * k * (k + 1)
-    return np.where(np.isfinite(values), values, np.inf)

@@ -110,7 +110,7 @@ class EstimatorState(Filter):
     @property
     def process_noise(self) -> Membership:
         """Membership of the process noise; assign one for noise that changes with time."""
-        return self._process_noise
+        return self._current(self._process_noise)
 
     @process_noise.setter
     def process_noise(self, value: Membership | Sequence[Membership | None] | None) -> None:
@@ -121,7 +121,7 @@ class EstimatorState(Filter):
     @property
     def measurement_noise(self) -> Membership:
         """Membership of the measurement noise; assign one for noise that changes with time."""
-        return self._measurement_noise
+        return self._current(self._measurement_noise)
 
     @measurement_noise.setter
     def measurement_noise(self, value: Membership | Sequence[Membership | None]) -> None:
@@ -208,6 +208,10 @@ class EstimatorState(Filter):
                 f"{name}: this estimator keeps {self.representation} memberships, expected one of that shape"
             )
         return found
+
+    def _current(self, noise: Membership) -> Membership:
+        """Return a noise after edits of its matrix in place, as `Q` and `R` allow them."""
+        return self._as_used("noise", noise) if self.is_closed_form else noise
 
     def _with_matrix(self, name: str, noise: Membership, value: ArrayLike) -> Membership:
         """Return the noise with another matrix."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import minimum_filter
 
-from fuzzykf.engine.grid import CUT, extrapolate, subgrid_minimum
+from fuzzykf.engine.grid import CUT, continue_tails, subgrid_minimum
 from fuzzykf.possibility.lattice import Lattice
 
 if TYPE_CHECKING:
@@ -91,9 +91,7 @@ def condition(
         cost = t_norm.combine(prior.cost, noise.cost(_nearest(residual, noise), t_norm))
     best = float(cost.min())
     if best >= t_norm.impossible:
-        explained = noise.cost(_nearest(residual, noise), t_norm)
-        reachable = bool((explained < t_norm.impossible).any())
-        return Conditioned(None, 0.0, reachable, notes)
+        return Conditioned(None, 0.0, _reaches(prior, measure, noise, z, universe), notes)
     if t_norm.additive:
         best = min(best, max(0.0, subgrid_minimum(cost)[0]))
     posterior = Lattice(prior.axes, t_norm.renormalise(cost, best), t_norm)
@@ -190,14 +188,35 @@ def _touched(
 
 def _extended(prior: Lattice, sides: list[tuple[int, int]], universe: Universe) -> Lattice:
     """Return the prediction continued over as much again on some sides, at a lower resolution."""
-    axes, cost = list(prior.axes), prior.cost
+    axes, padding = list(prior.axes), [(0, 0)] * len(prior.axes)
     for k, end in sides:
-        n, step = axes[k].size - 1, prior.step[k]
-        cost = extrapolate(cost, k, n if end == 0 else 0, n if end == -1 else 0)
-        low, high = axes[k][0] - n * step * (end == 0), axes[k][-1] + n * step * (end == -1)
-        axes[k] = np.linspace(low, high, cost.shape[k])
+        (before, after), n = padding[k], axes[k].size - 1
+        padding[k] = (n, after) if end == 0 else (before, n)
+    for k, (before, after) in enumerate(padding):
+        if before or after:
+            low, high = axes[k][0] - before * prior.step[k], axes[k][-1] + after * prior.step[k]
+            axes[k] = np.linspace(low, high, before + axes[k].size + after)
+    cost = continue_tails(np.pad(prior.cost, padding, constant_values=np.inf), universe.limit)
     wide = Lattice(tuple(axes), cost, prior.t_norm)
     return wide.resampled(_spanning(prior, [axis[0] for axis in axes], [axis[-1] for axis in axes], universe))
+
+
+def _reaches(prior: Lattice, measure: Mapping, noise: Membership, z: FloatArray, universe: Universe) -> bool:
+    """Whether any state within the domain, or within a box grown very far, explains the measurement."""
+    t_norm = prior.t_norm
+    axes = prior.axes
+    for _ in range(ROUNDS):
+        blank = Lattice(axes, np.full([axis.size for axis in axes], np.inf), t_norm)
+        residual = _residual(blank, measure, z)
+        if (noise.cost(_nearest(residual, noise), t_norm) < t_norm.impossible).any():
+            return True
+        if universe.domain is not None:
+            return False
+        width = [axis[-1] - axis[0] for axis in axes]
+        low = [float(axis[0] - w) for axis, w in zip(axes, width, strict=True)]
+        high = [float(axis[-1] + w) for axis, w in zip(axes, width, strict=True)]
+        axes = _spanning(prior, low, high, universe)
+    return False
 
 
 def _refined(
@@ -215,11 +234,11 @@ def _refined(
     low, high, smaller = [], [], False
     for k, axis in enumerate(prior.axes):
         there = np.flatnonzero(kept.any(axis=tuple(m for m in range(kept.ndim) if m != k)))
-        first, last = int(there[0]), int(there[-1])
+        first, last = max(int(there[0]) - 1, 0), min(int(there[-1]) + 1, axis.size - 1)
         low.append(float(axis[first]))
         high.append(float(axis[last]))
         fine = axis.size > 1 and axis[1] - axis[0] <= 1e-12 * np.abs(axis).max()
-        smaller |= last - first < OCCUPIED * (axis.size - 1) and last > first and not fine
+        smaller |= last - first < OCCUPIED * (axis.size - 1) and not fine
     return _spanning(prior, low, high, universe) if smaller else None
 
 

@@ -101,12 +101,12 @@ class Lattice:
         return value
 
     def bounds(self, limit: float) -> tuple[FloatArray, FloatArray]:
-        """Bounds (d,) of the nodes whose cost is at most ``limit`` (and not impossible)."""
+        """Bounds (d,) of the states whose cost is at most ``limit``: the nodes beyond the last such nodes."""
         live = self.live(limit)
         lower, upper = np.empty(len(self.axes)), np.empty(len(self.axes))
         for k, axis in enumerate(self.axes):
             there = np.flatnonzero(live.any(axis=tuple(m for m in range(live.ndim) if m != k)))
-            lower[k], upper[k] = axis[there[0]], axis[there[-1]]
+            lower[k], upper[k] = axis[max(there[0] - 1, 0)], axis[min(there[-1] + 1, axis.size - 1)]
         return lower, upper
 
     def live(self, limit: float) -> np.ndarray:

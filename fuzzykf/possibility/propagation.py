@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.engine.convolution import convolve_parabola, refine
-from fuzzykf.engine.grid import interpolate_lines
+from fuzzykf.engine.grid import continue_tails, interpolate_lines
 from fuzzykf.engine.kernels import (
     convolve_bounded,
     convolve_convex,
@@ -131,9 +131,21 @@ def _propagate(
         target = universe.axis(k, *image.reached[k])
         if universe.domain is not None:
             lost = min(lost, _spill(cost, k, axes[k], target, kernel))
+        elif not universe.bounded and axes[k].size > 1:
+            # The best sources of far targets may lie beyond what was kept.
+            axes[k], cost = _wider(axes[k], cost, k, universe.limit)
         cost = convolve_axis(cost, k, axes[k], target, kernel)
         axes[k] = target
     return Lattice(tuple(axes), cost, source.t_norm), lost
+
+
+def _wider(axis: FloatArray, cost: FloatArray, k: int, limit: float) -> tuple[FloatArray, FloatArray]:
+    """Continue the tails along one axis by an eighth on either side."""
+    more = axis.size // 8
+    step = (axis[-1] - axis[0]) / (axis.size - 1)
+    wide = np.linspace(axis[0] - more * step, axis[-1] + more * step, axis.size + 2 * more)
+    padding = [(more, more) if m == k else (0, 0) for m in range(cost.ndim)]
+    return wide, continue_tails(np.pad(cost, padding, constant_values=np.inf), limit)
 
 
 def _spill(cost: FloatArray, k: int, axis: FloatArray, target: FloatArray, kernel: Kernel) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf.engine.grid import extrapolate, interpolate, interpolate_lines, subgrid_minimum
+from fuzzykf.engine.grid import continue_tails, interpolate, interpolate_lines, subgrid_minimum
 from fuzzykf.engine.scales import from_membership, scaled, to_membership
 
 
@@ -110,25 +110,39 @@ def test_known_components_stay():
     np.testing.assert_allclose(position, [2.3, 0.0])
 
 
-def test_extrapolation_continues_parabolas():
+def test_tails_continue_parabolas_into_a_whole_box():
+    # a quadratic known only within an ellipse, as after a map of a lattice: all corners come back exactly
     f, _ = random_quadratic(2)
-    inner = f(nodes((6, 6)))
-    outer = extrapolate(extrapolate(inner, 0, 3, 4), 1, 2, 0)
-    x = np.stack(np.meshgrid(np.arange(-3.0, 10.0), np.arange(-2.0, 6.0), indexing="ij"), axis=-1)
-    np.testing.assert_allclose(outer, f(x), rtol=1e-10)
+    x = nodes((13, 13)) * 1.5 - 5.0
+    exact = f(x)
+    inner = np.where(exact < 20.0, exact, np.inf)
+    np.testing.assert_allclose(continue_tails(inner, 18.0), exact, rtol=1e-9)
+    assert np.isinf(inner).sum() > 50  # and the input is left alone
 
 
-def test_extrapolation_of_a_heavy_tail_does_not_turn_down():
+def test_tails_do_not_cross_real_edges():
+    # a support that ends where memberships are high is an edge, whatever its last parabola
+    cost = np.array([np.inf, np.inf, 0.5, 0.125, 0.0, 0.125, 0.5, np.inf])
+    np.testing.assert_array_equal(continue_tails(cost, 18.0), cost)
+    with np.errstate(divide="ignore"):
+        triangle = -np.log(np.maximum(0.0, 1.0 - abs(np.linspace(-1.2, 1.2, 241))))
+    np.testing.assert_array_equal(continue_tails(triangle, 6.0), triangle)
+
+
+def test_heavy_tails_do_not_turn_down():
     # log(1 + x^2) bends down; a parabola would call far states likely again
-    cost = np.log1p(np.arange(10.0) ** 2)
-    outer = extrapolate(cost, 0, 0, 50)
-    assert (np.diff(outer) > 0).all()
+    cost = np.full(200, np.inf)
+    cost[:120] = np.log1p(np.linspace(0.0, 10.0, 120) ** 2)
+    tail = continue_tails(cost, 4.6)
+    assert (np.diff(tail) > 0).all()
 
 
-def test_extrapolation_of_the_impossible():
-    cost = np.array([0.0, 1.0, 2.0, np.inf])
-    assert np.isinf(extrapolate(cost, 0, 0, 3)[-3:]).all()
-    assert np.isfinite(extrapolate(cost, 0, 3, 0)[:3]).all()
+def test_nothing_beyond_a_cut_is_likelier_than_the_cut():
+    # a parabola that comes down again stops at the level of the cut
+    cost = np.full(40, np.inf)
+    cost[:8] = 20.0 + 0.5 * (np.arange(8.0) - 12.0) ** 2 - 12.0
+    tail = continue_tails(cost, 18.0)
+    assert tail[8:].min() == pytest.approx(0.7 * 18.0)
 
 
 @pytest.mark.parametrize("scale", ["log", "reciprocal", "complement"])
