@@ -254,7 +254,8 @@ class SwitchingFilter(Filter):
         Parameters
         ----------
         steps : int
-            Number of steps ahead.
+            Number of steps ahead of the latest observation, whether `predict` was called since
+            or not.
 
         Returns
         -------

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import is_whole
 from fuzzykf.results import FilterResult
 from fuzzykf.switching.recursion import most_likely_switch
 
@@ -19,17 +20,17 @@ __all__ = ["forecast"]
 
 def forecast(filter_: SwitchingFilter, steps: int) -> FilterResult:
     """Predict states and observations ahead; see `SwitchingFilter.forecast`."""
-    if steps < 1:
-        raise ParameterError(f"steps: got {steps}, expected at least 1")
+    if not is_whole(steps) or steps < 1:
+        raise ParameterError(f"steps: got {steps!r}, expected a whole number of at least 1")
     ahead = filter_.copy()
-    ahead.predict()
     rows: list[tuple[FloatArray, ...]] = []
-    for _ in range(steps):
+    for _ in range(int(steps)):
+        if rows:  # what was predicted is not observed
+            ahead.update(None)
+        if not ahead._predicted:
+            ahead.predict()
         z_prior, S = ahead._predicted_observation()
         rows.append((ahead.x[:, 0], ahead.P, z_prior, S, ahead.mu))
-        if ahead._n == 0:  # a leading predict only shows the first step; let that observation be missing
-            ahead.update(None)
-        ahead.predict()
     x, P, z_prior, S, mu = (np.array(column) for column in zip(*rows, strict=True))
     chain = ahead._system.chain
     return FilterResult(
