@@ -221,7 +221,9 @@ def _reached(
     cost = source.cost[live]
     left = limit - cost if t_norm.additive else np.full(cost.shape, limit)
     below, above = kernel.reach(np.clip(t_norm.membership(left), np.finfo(float).tiny, 1.0))
-    return min(low, float((image[live] + below).min())), max(high, float((image[live] + above).max()))
+    inner, outer = float(image[live].min()) - low, high - float(image[live].max())
+    lowest, highest = float((image[live] + below).min()), float((image[live] + above).max())
+    return min(low, lowest - inner), max(high, highest + outer)
 
 
 def _lost(
