@@ -21,9 +21,11 @@ from fuzzykf.switching.learning.result import FitResult
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from fuzzykf.base import FloatArray
     from fuzzykf.switching.fuzzy_model import CGOFMSModel
     from fuzzykf.switching.hard_model import CGOMSModel
     from fuzzykf.switching.learning.data import TrainingData
+    from fuzzykf.switching.simulation import Simulation
 
 __all__ = ["FitResult", "fit_fuzzy_model", "fit_hard_model"]
 
@@ -40,9 +42,8 @@ def fit_fuzzy_model(
     data = _prepared(x, y, r, options)
     fitted = _with_progress(progress, options, lambda o: fit_fuzzy(data, law, n_nodes, o))
 
-    def refit(a: Any, b: Any, rng: np.random.Generator) -> FitResult[CGOFMSModel]:
-        again = options | {"rng": rng}
-        return fit_fuzzy_model(a, b, None, law=law, n_nodes=n_nodes, progress=False, **again)
+    def refit(again: TrainingData, guess: FloatArray | None) -> Fitted:
+        return fit_fuzzy(again, law, n_nodes, Options(**options, guess=guess))
 
     return _present(fitted, data, x, refit)
 
@@ -55,9 +56,8 @@ def fit_hard_model(
     data = _prepared(x, y, r, options)
     fitted = _with_progress(progress, options, lambda o: fit_hard(data, n_switches, o))
 
-    def refit(a: Any, b: Any, rng: np.random.Generator) -> FitResult[CGOMSModel]:
-        again = options | {"rng": rng}
-        return fit_hard_model(a, b, None, n_switches=n_switches, progress=False, **again)
+    def refit(again: TrainingData, guess: FloatArray | None) -> Fitted:
+        return fit_hard(again, n_switches, Options(**options, guess=guess))
 
     return _present(fitted, data, x, refit)
 
@@ -106,7 +106,7 @@ def _with_progress(progress: bool, options: dict[str, Any], fit: Callable[[Optio
 
 
 def _present(
-    fitted: Fitted, data: TrainingData, x: Any, refit: Callable[..., FitResult[Any]]
+    fitted: Fitted, data: TrainingData, x: Any, fit: Callable[[TrainingData, FloatArray | None], Fitted]
 ) -> FitResult[Any]:
     switch: Any = np.full(data.n_rows, np.nan)
     switch[data.kept] = fitted.switch_mean
@@ -114,6 +114,15 @@ def _present(
         import pandas as pd
 
         switch = pd.Series(switch, index=x.index, name="switch_mean")
+
+    def refit(sample: Simulation) -> FitResult[Any]:
+        """Learn from simulated data, what was known being known again."""
+        if data.r is not None:
+            again = gather(sample.x, sample.y, sample.r)
+            return _present(fit(again, None), again, sample.x, fit)
+        again = gather(sample.x, sample.y)
+        return _present(fit(again, sample.r), again, sample.x, fit)
+
     return FitResult(
         model=fitted.model,
         log_likelihood=fitted.log_likelihood,

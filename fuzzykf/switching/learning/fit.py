@@ -23,7 +23,7 @@ from fuzzykf.switching.learning.gaussians import (
 from fuzzykf.switching.learning.law import count_transitions, fit_law
 from fuzzykf.switching.learning.likelihood import log_likelihood
 from fuzzykf.switching.learning.regression import Cells
-from fuzzykf.switching.learning.starts import classes, guesses, spread
+from fuzzykf.switching.learning.starts import classes, guesses, soften, spread
 from fuzzykf.switching.learning.vine import VineEstimate
 
 if TYPE_CHECKING:
@@ -62,6 +62,8 @@ class Options:
     rng : numpy.random.Generator or None
     tick : callable or None
         Called after each iteration.
+    guess : ndarray or None
+        The switch along the data from which alone to begin, where it is hidden.
     """
 
     form: str = "regression"
@@ -70,6 +72,7 @@ class Options:
     tolerance: float = 1e-6
     rng: np.random.Generator | None = None
     tick: Callable[[], None] | None = None
+    guess: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -182,10 +185,13 @@ def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Optio
     base = family_of(law, n_nodes, None)
     shares = np.stack([1.0 - base.nodes, base.nodes], axis=1)
 
-    guessed = [spread(rank) for rank in guesses(data, options.n_starts, options.rng)]
-    # the posterior of two hard regimes is one more guess
-    _, posterior, *_ = _best(_hard_starts(kind, data, 2, options), np.eye(2), data, options, final=False)
-    guessed.append(posterior.gamma[:, 1])
+    if options.guess is not None:
+        guessed = [options.guess]
+    else:
+        guessed = [spread(rank) for rank in guesses(data, options.n_starts, options.rng)]
+        # the posterior of two hard regimes is one more guess
+        _, posterior, *_ = _best(_hard_starts(kind, data, 2, options), np.eye(2), data, options, final=False)
+        guessed.append(posterior.gamma[:, 1])
     starts = []
     for r in guessed:
         gaussian = _from_shares(kind, np.stack([1.0 - r, r], axis=1), data, fuzzy=True)
@@ -217,8 +223,11 @@ def _hard_starts(
     kind: type[GaussianEstimate], data: TrainingData, K: int, options: Options
 ) -> list[Estimate]:
     starts = []
-    for rank in guesses(data, options.n_starts if K > 1 else 1, options.rng):
-        shares = classes(rank, K)
+    if options.guess is not None:
+        guessed = [soften(np.eye(K)[options.guess.astype(int)])]
+    else:
+        guessed = [classes(rank, K) for rank in guesses(data, options.n_starts if K > 1 else 1, options.rng)]
+    for shares in guessed:
         joint = (0.8 * np.eye(K) + 0.2 / K) / K
         chain: ChainFamily = FreeChain(np.arange(K, dtype=np.float64), joint)
         starts.append(Estimate(chain, _from_shares(kind, shares, data, fuzzy=False)))

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import is_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fuzzykf.base import FloatArray
+    from fuzzykf.switching.simulation import Simulation
 
 __all__ = ["FitResult"]
 
@@ -52,7 +54,7 @@ class FitResult(Generic[M]):
     converged: bool
     warnings: tuple[str, ...] = ()
     switch_mean: Any = None
-    refit: Callable[..., FitResult[M]] | None = field(default=None, repr=False)
+    refit: Callable[[Simulation], FitResult[M]] | None = field(default=None, repr=False)
 
     @property
     def aic(self) -> float:
@@ -70,21 +72,21 @@ class FitResult(Generic[M]):
         Parameters
         ----------
         n_replicates : int
-            Number of simulated series, each as long as the training data.
+            Number of simulated series, each as long as the training data together.
         rng : numpy.random.Generator
 
         Returns
         -------
         list of FitResult
-            Learned with a hidden switch; the spread of a parameter over their models
-            estimates its standard error.
+            Learned in the same way.  The spread of a parameter over their models estimates its
+            standard error.  Where the switch is hidden, each search begins at the simulated one,
+            so that the regimes keep their names.
         """
-        if n_replicates < 1:
-            raise ParameterError(f"n_replicates: got {n_replicates}, expected at least 1")
+        if not is_whole(n_replicates) or n_replicates < 1:
+            raise ParameterError(f"n_replicates: got {n_replicates!r}, expected a whole number of at least 1")
+        if not isinstance(rng, np.random.Generator):
+            raise ParameterError(f"rng: got {type(rng).__name__}, expected a numpy.random.Generator")
         if self.refit is None:
             raise ParameterError("bootstrap: this result was not made by a fit")
-        found = []
-        for _ in range(n_replicates):
-            data = self.model.simulate(self.n_observations, rng)  # type: ignore[attr-defined]
-            found.append(self.refit(data.x, data.y, rng))
-        return found
+        model: Any = self.model
+        return [self.refit(model.simulate(self.n_observations, rng)) for _ in range(int(n_replicates))]

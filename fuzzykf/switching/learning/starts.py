@@ -48,9 +48,14 @@ def spread(rank: FloatArray) -> FloatArray:
 
 
 def classes(rank: FloatArray, K: int) -> FloatArray:
-    """Turn ranks into one-hot regimes of equal size, softened so that none is excluded."""
+    """Turn ranks into regimes of equal size."""
     regime = np.minimum((rank * K).astype(int), K - 1)
-    shares: FloatArray = 0.9 * np.eye(K)[regime] + 0.1 / K
+    return soften(np.eye(K)[regime])
+
+
+def soften(one_hot: FloatArray) -> FloatArray:
+    """Turn regimes into shares of which none is excluded."""
+    shares: FloatArray = 0.9 * one_hot + 0.1 / one_hot.shape[1]
     return shares
 
 
