@@ -56,7 +56,6 @@ __all__ = [
     "prove_noise",
     "stationary_covariance",
     "transition_matrix",
-    "without_impossible",
 ]
 
 
@@ -132,8 +131,8 @@ def backward_kernel(log_p: FloatArray, transition: FloatArray) -> tuple[FloatArr
         log_joint = log_p[:, None] + np.log(transition)
     log_next = logsumexp(log_joint, axis=0)
     there = np.isfinite(log_next)
-    kernel = np.exp(log_joint - np.where(there, log_next, 0.0))
-    return np.where(there, kernel, 0.0), log_next
+    kernel: FloatArray = np.exp(log_joint - np.where(there, log_next, 0.0))
+    return kernel, log_next
 
 
 def moment_operator(kernel: FloatArray, A: FloatArray) -> FloatArray:
@@ -390,10 +389,3 @@ def average_noise(
         where,
         np.broadcast_to(scale, Q2.shape[:-1]),
     )
-
-
-def without_impossible(pairs: PairCoefficients, where: np.ndarray) -> PairCoefficients:
-    """Give the pairs that cannot occur a harmless law: zeros, and a unit variance of Y'."""
-    there = where[..., None, None]
-    harmless = {name: np.where(there, getattr(pairs, name), 0.0) for name in ("Axx", "H", "G", "C", "Ayy")}
-    return pairs._replace(Qyy=np.where(there, pairs.Qyy, np.eye(pairs.dim_z)), **harmless)

@@ -139,8 +139,6 @@ class ConvertedSystem:
 
     def _next_law(self, n: int, law: WindowLaw) -> WindowLaw:
         kernel, log_next = conversion.backward_kernel(law.log_p, self.chain.transition)
-        if self.steady_from is not None:
-            log_next = law.log_p
         moments = self._pair_moments(n, law)
         length = min(n + 2, self.order) * self.dim_z
         new = conversion.advance_window(law, moments, self.cglssm.A, kernel, log_next, length)
@@ -210,10 +208,10 @@ class ConvertedSystem:
             pairs = conversion.markov_x_coefficients(moments, space)
         if self.noise == "averaged":
             kernel, _ = conversion.backward_kernel(law.log_p, self.chain.transition)
-            pairs = conversion.average_noise(pairs, moments, kernel, describe_average, where)
-        elif self.construction == "markov_x":
-            pairs = conversion.prove_noise(pairs, moments, describe, where)
-        return conversion.without_impossible(pairs, where)
+            return conversion.average_noise(pairs, moments, kernel, describe_average, where)
+        if self.construction == "markov_x":
+            return conversion.prove_noise(pairs, moments, describe, where)
+        return pairs
 
     def along(self, r: FloatArray, start: int = 0) -> ConvertedPath:
         """Return the system along known regimes ``r``, the first of them that of observation ``start``."""
