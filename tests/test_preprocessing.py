@@ -111,6 +111,10 @@ def test_taking_the_profile_away_is_undone_by_adding_it_on_other_days_too() -> N
     there = profile.transform(values, later)
     assert np.abs(there - values).max() > 0.1
     np.testing.assert_allclose(profile.inverse_transform(there, later), values)
+    # The kind of day counts both ways.
+    days_off = np.zeros(100, dtype=bool)
+    with pytest.raises(ParameterError, match="is a day off"):
+        DailyProfile().fit(values[:24], later[:24]).inverse_transform(there, later, days_off)
 
 
 def test_a_given_working_day_counts_more_than_the_calendar() -> None:
@@ -148,6 +152,16 @@ def test_every_second_of_a_day_is_in_the_slot_that_holds_it(parts, second) -> No
     profile.slot_, profile.means_ = profile.slot, np.tile(np.arange(float(parts)), (2, 1))
     moment = np.datetime64("2014-01-06", "s") + np.array([second]) * np.timedelta64(1, "s")
     assert profile.at(moment) == second * parts // 86400
+
+
+@pytest.mark.parametrize("minutes", [1, 5, 12, 15, 30, 90])
+def test_every_slot_begins_where_it_should(minutes) -> None:
+    # Rounding must not push the first second of a slot into the one before.
+    parts = 1440 // minutes
+    profile = DailyProfile(slot=24.0 / parts)
+    profile.slot_, profile.means_ = profile.slot, np.tile(np.arange(float(parts)), (2, 1))
+    starts = np.datetime64("2014-01-06", "s") + np.arange(parts) * np.timedelta64(60 * minutes, "s")
+    np.testing.assert_array_equal(profile.at(starts), np.arange(parts))
 
 
 def test_columns_have_a_profile_each_and_gaps_do_not_count() -> None:

@@ -83,6 +83,7 @@ def test_the_number_of_lags_is_chosen_on_the_end_of_the_learning_part() -> None:
 def test_a_short_series_is_not_offered_more_lags_than_it_can_tell_apart() -> None:
     x, y = moving_average(140, [1.0, 0.5])
     learned = learn_regression(LearningPart(x=x, y=y), n_knots=3)
+    assert learned.description.startswith("1 earlier observations, of 0, 1 those")
     assert learned.lags == 1  # nine coefficients; with 2 lags thirteen, for 103 rows
 
 
