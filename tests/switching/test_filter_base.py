@@ -400,11 +400,11 @@ def test_a_regime_comes_back_from_underflow(distance):
 
 def test_the_first_state_may_be_determined_by_its_observation():
     # Var(X | Y) = 0, computed as a difference: never negative
-    for b in np.random.default_rng(0).normal(size=40):
+    for b, v in np.random.default_rng(0).uniform(0.5, 2.0, (40, 2)):
         one = np.ones((1, 1, 1, 1))
         model = CGOMSModel.from_regressions(
             [[1.0]], Ayy=one / 2, Ny=one[0], Qyy=one, Axx=one / 2, H=one, G=one, c=0 * one[0], C=one,
-            means=[[0.0, 0.0]], covariances=[[[b * b, b], [b, 1.0]]],
+            means=[[0.0, 0.0]], covariances=[[[b * b * v, b * v], [b * v, v]]],
         )  # fmt: skip
         f = CGOMSMFilter(model)
         assert f.step(2.0)[0, 0] == pytest.approx(2 * b)
