@@ -185,14 +185,15 @@ SHAPES = {
     "interval": lambda c, s: IntervalMembership(c - s, c + s),
 }
 
-#: Largest errors of centroid, of P relative to P, and of the possibility, at 801 nodes.
+#: Largest errors of centroid, of P relative to P, and of the possibility, at 801 nodes (0.02 apart;
+#: a support with a jump at its edge is known to a node, hence P to 15 %).
 TOLERANCES = {
     "gauss": (1e-3, 2e-2, 5e-3),
     "cauchy": (2e-3, 3e-2, 5e-3),
-    "cut cauchy": (2e-2, 0.1, 1e-2),
+    "cut cauchy": (2e-2, 0.15, 1e-2),
     "triangle": (5e-3, 5e-2, 4e-2),
     "parabola": (2e-3, 1e-2, 4e-3),
-    "interval": (2e-2, 0.1, 1e-9),
+    "interval": (2e-2, 0.15, 1e-9),
 }
 
 
