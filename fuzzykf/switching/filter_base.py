@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep
+from fuzzykf.engine.selected import Stepper
 from fuzzykf.errors import ParameterError, SequenceError
 from fuzzykf.gaussian import mixture_moments
 from fuzzykf.switching import many, recursion
@@ -18,6 +19,7 @@ from fuzzykf.switching.belief import (
     predict_state,
     proceed,
 )
+from fuzzykf.switching.recursion import NodeState
 from fuzzykf.switching.series import Trajectory, index_of, run_series, summarise
 
 if TYPE_CHECKING:
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["SwitchingFilter"]
 
 
-class SwitchingFilter(Filter):
+class SwitchingFilter(Stepper, Filter):
     """Exact recursive filter of a switching system.
 
     `OFSRFilter` and `CGOMSMFilter` make the system from a model.  Use this class
@@ -130,23 +132,29 @@ class SwitchingFilter(Filter):
         y = as_observation(z, self.dim_z)
         self._take(np.full(self.dim_z, np.nan) if y is None else y)
 
-    def step(self, z: ArrayLike | None) -> FloatArray:
-        """Predict, then update with ``z``.
-
-        Parameters
-        ----------
-        z : array_like or None
-            The observation; None or NaN where missing.
-
-        Returns
-        -------
-        ndarray, shape (dim_x, 1)
-            The new estimate ``x``.
-        """
+    def _step_any(self, z: ArrayLike | None) -> FloatArray:
+        """Do a step with any observation; `step` comes here unless it can be compiled."""
         y = as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
         self.predict()
         self._take(np.full(self.dim_z, np.nan) if y is None else y)
+        self._hand_over()
         return self.x
+
+    def _hand_over(self) -> None:
+        """Let the engine take the steps to come, if their tables are constant and the state complete."""
+        belief, steady_from = self._belief, self._system.steady_from
+        if belief is None or not isinstance(belief.state, NodeState) or self._system.chain.is_signed:
+            return
+        if steady_from is None or self._n <= steady_from:
+            return
+        own, base = type(self), SwitchingFilter
+        if own.predict is base.predict and own.update is base.update and own._take is base._take:
+            self._arm(self._next_tables(), belief.state.table, belief.window)
+
+    @staticmethod
+    def _as_belief(table: FloatArray, window: FloatArray) -> Belief:
+        """Return a complete state of the engine as a belief."""
+        return Belief(NodeState(table), window)
 
     def _take(self, y: FloatArray) -> None:
         before = None

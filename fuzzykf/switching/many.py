@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.switching import first_step
-from fuzzykf.engine.switching_many import step_many
+from fuzzykf.engine.selected import first_step, step_many
 from fuzzykf.gaussian import cholesky, mixture_moments
 from fuzzykf.switching import recursion
 from fuzzykf.switching.recursion import NodeState

@@ -14,7 +14,7 @@ window w of the latest observations and the new observation y':
     x = sum_j p'_j x'_j, and P likewise                                    (21)-(22)
 
 Second moments are central, unlike in the paper, where they cancel.  The arithmetic
-is in `fuzzykf.engine.switching`; the functions here give it its meaning.
+is in `fuzzykf.engine`; the functions here give it its meaning.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fuzzykf.engine import switching as engine
+from fuzzykf.engine import selected as engine
 from fuzzykf.errors import QuadratureError
 from fuzzykf.gaussian import cholesky, mixture_moments, symmetrize
 
