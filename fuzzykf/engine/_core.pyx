@@ -9,7 +9,7 @@ from cpython.float cimport PyFloat_AS_DOUBLE, PyFloat_Check
 from libc.math cimport isfinite
 from libc.stdint cimport uintptr_t
 from libc.stdlib cimport calloc, free
-from libc.string cimport memcpy, memmove
+from libc.string cimport memcpy, memmove, memset
 
 cimport numpy as cnp
 
@@ -379,6 +379,17 @@ def log_pairs(Kernel kernel not None, U):
     return out
 
 
+def node_mean(p, means):
+    cdef cnp.ndarray x_ = doubles(means, "means", (-1, -1))
+    cdef int m = <int> x_.shape[0], M = <int> x_.shape[1], ld = fk_padded(M)
+    cdef cnp.ndarray p_ = doubles(p, "p", (M,)), mean = np.empty(m)
+    cdef Buffer table = Buffer(<size_t> (1 + m) * ld)
+    memcpy(table.data, at(p_), M * sizeof(double))
+    load(table.data + ld, at(x_), m, M)
+    engine.posterior(M, m, table.data, table.data, at(mean), NULL)
+    return mean
+
+
 def step_many(Kernel kernel not None, table, U):
     cdef fk_kernel *k = &kernel.k
     cdef int width = 1 + k.w + k.q, M1 = k.M1, M2 = k.M2, rows = 1 + k.m + k.m * k.m
@@ -541,7 +552,8 @@ cdef class Stepper:
     cdef object belief, before, z, tables
     cdef double log_likelihood
 
-    def _arm(self, tables, table, window):
+    def _arm(self, tables, table, window, mass):
+        """See `fuzzykf.engine.stepper.Stepper`."""
         cdef Kernel kernel = tables.kernel
         cdef cnp.ndarray w = doubles(window, "window", (kernel.k.w,))
         self._sync()
@@ -549,12 +561,20 @@ cdef class Stepper:
             raise ValueError("tables: expected constant tables without negative weights")
         self.work = Workspace(kernel)
         start(self.work, kernel, table, None)
+        cdef cnp.ndarray p
+        if kernel.k.is_scalar and mass is not None:  # as the state went on, had it not been interrupted
+            p = doubles(mass, "mass", (kernel.k.M1,))
+            if (<object> p).min() > 1e-250:
+                memcpy(self.work.one.table, at(p), kernel.k.M1 * sizeof(double))
+                memset(self.work.one.table + kernel.k.M1, 0, (fk_padded(kernel.k.M1) - kernel.k.M1) * sizeof(double))
+                self.work.one.linear = 1
         self.windows = Buffer(1 + 2 * kernel.k.w + kernel.k.q)
         self.u, self.window = self.windows.data, self.windows.data + 1 + kernel.k.w + kernel.k.q
         self.u[0] = 1.0
         memcpy(self.window, at(w), kernel.k.w * sizeof(double))
         self.now, self.old = &self.work.one, &self.work.two
         self.tables, self.kernel, self.ahead = tables, kernel, False
+        return True
 
     def step(self, z):
         """Predict, then update with ``z``.
@@ -631,6 +651,12 @@ cdef class Stepper:
             memcpy(at(table), self.work.p, M * sizeof(double))
         return table
 
+    cdef cnp.ndarray _mass(self, fk_state *state):
+        cdef int M = self.kernel.k.M2
+        cdef cnp.ndarray mass = np.empty(M)
+        memcpy(at(mass), fk_probabilities(engine, state, M, self.work.p), M * sizeof(double))
+        return mass
+
     cdef int _sync(self) except -1:
         """Bring the attributes up to the compiled state."""
         if not self.ahead:
@@ -639,8 +665,8 @@ cdef class Stepper:
         cdef cnp.ndarray u = np.empty(w + q), window = np.empty(w)
         memcpy(at(u), self.u + 1, (w + q) * sizeof(double))
         memcpy(at(window), self.window, w * sizeof(double))
-        belief = self._as_belief(self._table(self.now), window)
-        before = self._as_belief(self._table(self.old), u[:w]), self.tables
+        belief = self._as_belief(self._table(self.now), window, self._mass(self.now))
+        before = self._as_belief(self._table(self.old), u[:w], self._mass(self.old)), self.tables
         self.belief, self.before, self.z = belief, before, u[w:]
         self.log_likelihood = fk_log_likelihood(self.now)
         self.ahead = False

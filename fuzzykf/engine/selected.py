@@ -16,6 +16,7 @@ if engine.info().name == "compiled":
         first_step,
         forward_backward,
         log_pairs,
+        node_mean,
         pack,
         run,
         step,
@@ -24,7 +25,7 @@ if engine.info().name == "compiled":
 else:
     from fuzzykf.engine.hmm import forward_backward
     from fuzzykf.engine.stepper import Stepper
-    from fuzzykf.engine.switching import Kernel, first_step, log_pairs, pack, run, step
+    from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.switching_many import step_many
 
     #: NumPy summarises a series after it has been filtered, in `fuzzykf.switching.series`.
@@ -38,6 +39,7 @@ __all__ = [
     "first_step",
     "forward_backward",
     "log_pairs",
+    "node_mean",
     "pack",
     "run",
     "step",

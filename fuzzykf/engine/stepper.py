@@ -44,5 +44,9 @@ class Stepper:
     def _step_any(self, z: ArrayLike | None) -> Any:
         raise NotImplementedError
 
-    def _arm(self, tables: Any, table: FloatArray, window: FloatArray) -> None:
-        """Hand over state, window and the constant tables of all steps to come: of no use in NumPy."""
+    def _arm(self, tables: Any, table: FloatArray, window: FloatArray, mass: FloatArray | None) -> bool:
+        """Hand over state, window and the constant tables of all steps to come.
+
+        Returns whether `step` will take complete observations by itself: never in NumPy.
+        """
+        return False

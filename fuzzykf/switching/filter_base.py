@@ -21,6 +21,7 @@ from fuzzykf.switching.belief import (
 )
 from fuzzykf.switching.recursion import NodeState
 from fuzzykf.switching.series import Trajectory, index_of, run_series, summarise
+from fuzzykf.switching.steady import filter_steady, is_steady
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -135,26 +136,28 @@ class SwitchingFilter(Stepper, Filter):
     def _step_any(self, z: ArrayLike | None) -> FloatArray:
         """Do a step with any observation; `step` comes here unless it can be compiled."""
         y = as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
+        if y is not None and self._hand_over() and not np.isnan(y).any():
+            return self.step(y)
         self.predict()
         self._take(np.full(self.dim_z, np.nan) if y is None else y)
-        self._hand_over()
         return self.x
 
-    def _hand_over(self) -> None:
+    def _hand_over(self) -> bool:
         """Let the engine take the steps to come, if their tables are constant and the state complete."""
         belief, steady_from = self._belief, self._system.steady_from
         if belief is None or not isinstance(belief.state, NodeState) or self._system.chain.is_signed:
-            return
-        if steady_from is None or self._n <= steady_from:
-            return
+            return False
+        if steady_from is None or self._n <= steady_from or self._predicted:
+            return False
         own, base = type(self), SwitchingFilter
         if own.predict is base.predict and own.update is base.update and own._take is base._take:
-            self._arm(self._next_tables(), belief.state.table, belief.window)
+            return self._arm(self._next_tables(), belief.state.table, belief.window, belief.state.mass)
+        return False
 
     @staticmethod
-    def _as_belief(table: FloatArray, window: FloatArray) -> Belief:
+    def _as_belief(table: FloatArray, window: FloatArray, mass: FloatArray) -> Belief:
         """Return a complete state of the engine as a belief."""
-        return Belief(NodeState(table), window)
+        return Belief(NodeState(table, None, mass), window)
 
     def _take(self, y: FloatArray) -> None:
         before = None
@@ -189,11 +192,26 @@ class SwitchingFilter(Stepper, Filter):
             observation, so that `step` continues.
         """
         ys = as_observations(zs, self.dim_z)
+        if not keep_nodes and is_steady(self._system, ys[None]) and not np.isnan(ys).any():
+            return self._filter_steady(ys, index_of(zs))
         trajectory = run_series(self._system, ys)
         self._adopt(trajectory, ys)
         return summarise(
             self._system.chain, trajectory, self.dim_x, keep_nodes=keep_nodes, index=index_of(zs)
         )
+
+    def _filter_steady(self, ys: FloatArray, index: object) -> FilterResult:
+        """Let the engine filter a complete series at once."""
+        shapes = many.field_shapes(self._system)
+        out = {name: np.empty((1, len(ys), *shape)) for name, shape in shapes.items()}
+        before, last = filter_steady(self._system, ys[None], out)
+        self._start()
+        self._n, self._belief = len(ys), Belief(NodeState(last), ys[-1].copy())
+        if len(ys) > 1:
+            self._before = Belief(NodeState(before), ys[-2].copy()), self._system.pair_tables(self._n - 2)
+        self._z, self._log_likelihood = ys[-1].copy(), float(out["log_likelihood"][0, -1])
+        fields = {name: values[0] for name, values in out.items()}
+        return FilterResult(**fields, nodes=self._system.chain.nodes, index=index)
 
     def _adopt(self, trajectory: Trajectory, ys: FloatArray) -> None:
         """Stay at the last observation of a series."""
@@ -226,7 +244,13 @@ class SwitchingFilter(Stepper, Filter):
         self._adopt(trajectory, ys)
         return smooth_series(self._system, trajectory, ys, keep_nodes=keep_nodes, index=index_of(zs))
 
-    def filter_many(self, zs: ArrayLike, keep: Iterable[str] = ("x", "P", "log_likelihood")) -> FilterResult:
+    def filter_many(
+        self,
+        zs: ArrayLike,
+        keep: Iterable[str] = ("x", "P", "log_likelihood"),
+        *,
+        threads: int = 1,
+    ) -> FilterResult:
         """Filter many series, each from the initial law on; the filter stays as it is.
 
         Complete series go side by side, many times faster than one after the other; a
@@ -239,15 +263,20 @@ class SwitchingFilter(Stepper, Filter):
         keep : sequence of str
             Which fields to store: names among ``x``, ``P``, ``x_prior``, ``P_prior``,
             ``mu``, ``switch``, ``switch_mean``, ``log_likelihood``.
+        threads : int
+            How many threads the compiled engine shares complete series among; results are
+            the same to the bit.  NumPy uses one.
 
         Returns
         -------
         FilterResult
             The fields in ``keep``, each with a leading axis for the series.
         """
+        if threads < 1:
+            raise ParameterError(f"threads: got {threads}, expected at least 1")
         names = check_keep(keep, many.FIELDS)
         series = as_many(zs, self.dim_z)
-        out = many.filter_series(self._system, series, names, lambda one: self.copy().filter(one))
+        out = many.filter_series(self._system, series, names, lambda one: self.copy().filter(one), threads)
         return FilterResult(**out, nodes=self.nodes if "mu" in out else None)
 
     def forecast(self, steps: int) -> FilterResult:
@@ -327,8 +356,7 @@ class SwitchingFilter(Stepper, Filter):
         if self._belief is None or self._predicted:
             return self._prior()[0][:, None]
         state = node_state(self._belief, self.dim_x)
-        mean: FloatArray = state.table[1 : 1 + self.dim_x].dot(recursion.node_probabilities(state))
-        return mean[:, None]
+        return recursion.posterior_mean(state, self.dim_x)[:, None]
 
     @property
     def P(self) -> FloatArray:
