@@ -39,7 +39,7 @@ setup(
             ["fuzzykf/engine/_core.pyx"],
             depends=[
                 f"fuzzykf/engine/src/{name}.h"
-                for name in ("lanes", "switching", "switching_body", "hmm_body", "series")
+                for name in ("lanes", "lanes_body", "bodies", "switching", "switching_body", "hmm_body", "series")
             ],
             include_dirs=["fuzzykf/engine", numpy.get_include()],
             define_macros=[("NPY_NO_DEPRECATED_API", "NPY_1_7_API_VERSION")],

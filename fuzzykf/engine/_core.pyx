@@ -18,15 +18,13 @@ import numpy as np
 cnp.import_array()
 
 cdef extern from "src/series.h" nogil:
-    ctypedef struct fk_v8:
-        pass
     ctypedef struct fk_kernel:
         int M1, M2, m, q, w, blocks, stride, is_signed, is_scalar
-        fk_v8 *cells
-        fk_v8 *mask
+        double *cells
+        double *mask
     ctypedef struct fk_summary:
         int stride
-        const fk_v8 *cells
+        const double *cells
         const double *twice
         const double *noise
         const double *nodes
@@ -228,9 +226,9 @@ def pack(transition, factor, Axx, H, G, c, C, Ayy, Ny):
     k.M1, k.M2, k.m, k.q, k.w, k.blocks, k.stride = M1, M2, m, q, w, blocks, size
     k.is_signed = bool((np.asarray(t) < 0.0).any())
     k.is_scalar = m == 1 and q == 1 and w == 1 and not k.is_signed
-    k.cells = <fk_v8 *> kernel.memory.data
+    k.cells = kernel.memory.data
     cdef double *mask = kernel.memory.data + <size_t> M1 * blocks * size * 8
-    k.mask = <fk_v8 *> mask
+    k.mask = mask
     for j in range(M2):
         mask[j] = 1.0
     for i in range(M1):
@@ -270,7 +268,7 @@ cdef class Summary:
                 for r in range(m):
                     for t in range(1 + w):
                         cell[8 * (1 + r * (1 + w) + t)] = at(b)[<size_t> t * M1 * M2 * m + (i * M2 + j) * m + r]
-        self.s.stride, self.s.cells = size, <const fk_v8 *> self.memory.data
+        self.s.stride, self.s.cells = size, self.memory.data
         self.s.twice, self.s.noise = at(self.twice), at(self.noise)
         self.s.nodes, self.s.weights = at(self.nodes), at(self.weights)
         self.s.atoms = <const unsigned char *> cnp.PyArray_DATA(self.atoms)

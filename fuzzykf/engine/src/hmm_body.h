@@ -14,9 +14,9 @@ FK_TARGET static void FK_NAME(fk_forward_backward)(int T, int M, const double *f
     double peak = -INFINITY, total = 0.0;
     for (size_t k = 0; k < pairs; k++) peak = log_e[k] > peak ? log_e[k] : peak;
     for (int rescued = 0;; rescued = 1) {
-      for (size_t k = 0; k < pairs; k += FK_LANES) {
-        const int lanes = pairs - k < FK_LANES ? (int)(pairs - k) : FK_LANES;
-        fk_v8 a = fk_all(0.0);
+      for (size_t k = 0; k < pairs; k += FK_WIDTH) {
+        const int lanes = pairs - k < FK_WIDTH ? (int)(pairs - k) : FK_WIDTH;
+        FK_V a = FK_NAME(fk_all)(0.0);
         for (int t = 0; t < lanes; t++) a[t] = log_e[k + t] - peak < 600.0 ? log_e[k + t] - peak : 600.0;
         a = FK_NAME(fk_exp)(a);
         for (int t = 0; t < lanes; t++) moves[k + t] = a[t] * transition[k + t];

@@ -18,7 +18,6 @@ FK_INLINE double fk_log_likelihood(const fk_state *s) { return s->log_known ? s-
 static void fk_to_logs(fk_state *s, int M) {
   if (!s->linear) return;
   for (int i = 0; i < M; i++) s->table[i] = s->table[i] > 0.0 ? log(s->table[i]) : FK_LOG_ZERO;
-  for (int i = M; i < fk_padded(M); i++) s->table[i] = FK_LOG_ZERO;
   s->linear = 0;
 }
 

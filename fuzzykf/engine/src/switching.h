@@ -13,12 +13,12 @@
  * lanes beyond M2 hold a harmless system (no noise, no motion).
  *
  * A cell (i, block) is `stride` vectors: log_scale, sign, white (q rows), offset (m rows),
- * Axx (m x m), C (m x m); a row has the 1 + w + q coefficients of u = (1, w, y').
+ * Axx (m x m), C (m x m), each FK_LANES numbers; a row has the 1 + w + q coefficients of u = (1, w, y').
  */
 typedef struct {
   int M1, M2, m, q, w, blocks, stride, is_signed, is_scalar;
-  fk_v8 *cells;
-  fk_v8 *mask; /* 1 in the lanes of real columns, 0 elsewhere */
+  double *cells;
+  double *mask; /* 1 in the lanes of real columns, 0 elsewhere */
 } fk_kernel;
 
 /* Tables of the moments of X' before Y' is seen, and of the estimate of the switch.
@@ -27,7 +27,7 @@ typedef struct {
  * m m) and `noise` (M1, m m) carry p_i P_i and p_i to the covariance. */
 typedef struct {
   int stride;
-  const fk_v8 *cells;
+  const double *cells;
   const double *twice, *noise;
   const double *nodes, *weights;
   const unsigned char *atoms;
@@ -47,29 +47,29 @@ static void fk_fill(fk_kernel *k, int i, int j, double transition, const double 
                     const double *H, const double *G, const double *c, const double *C, const double *Ayy,
                     const double *Ny) {
   const int m = k->m, q = k->q, w = k->w, n = 1 + w + q;
-  double *cell = (double *)(k->cells + ((size_t)i * k->blocks + j / FK_LANES) * k->stride) + j % FK_LANES;
-#define FK_AT(index) cell[(size_t)(index)*FK_LANES]
+  double *cell = k->cells + ((size_t)i * k->blocks + j / FK_LANES) * k->stride * FK_LANES + j % FK_LANES;
+#define FK_ENTRY(index) cell[(size_t)(index)*FK_LANES]
   double log_scale = transition == 0.0 ? FK_LOG_ZERO : log(fabs(transition));
   for (int r = 0; r < q; r++) log_scale -= log(factor[r * q + r]) + 0.91893853320467274178;
-  FK_AT(0) = log_scale;
-  FK_AT(1) = transition < 0.0 ? -1.0 : (transition > 0.0 ? 1.0 : 0.0);
+  FK_ENTRY(0) = log_scale;
+  FK_ENTRY(1) = transition < 0.0 ? -1.0 : (transition > 0.0 ? 1.0 : 0.0);
   for (int t = 0; t < n; t++)
     for (int r = 0; r < q; r++) {
       double a = t == 0 ? -Ny[r] : (t <= w ? -Ayy[r * w + t - 1] : (t - 1 - w == r ? 1.0 : 0.0));
       a *= 0.70710678118654752440;
-      for (int s = 0; s < r; s++) a -= factor[r * q + s] * FK_AT(2 + s * n + t);
-      FK_AT(2 + r * n + t) = a / factor[r * q + r];
+      for (int s = 0; s < r; s++) a -= factor[r * q + s] * FK_ENTRY(2 + s * n + t);
+      FK_ENTRY(2 + r * n + t) = a / factor[r * q + r];
     }
   const int offset = 2 + q * n;
   for (int r = 0; r < m; r++)
     for (int t = 0; t < n; t++)
-      FK_AT(offset + r * n + t) = t == 0 ? c[r] : (t <= w ? H[r * w + t - 1] : G[r * q + t - 1 - w]);
+      FK_ENTRY(offset + r * n + t) = t == 0 ? c[r] : (t <= w ? H[r * w + t - 1] : G[r * q + t - 1 - w]);
   const int matrix = offset + m * n;
   for (int r = 0; r < m * m; r++) {
-    FK_AT(matrix + r) = Axx[r];
-    FK_AT(matrix + m * m + r) = C[r];
+    FK_ENTRY(matrix + r) = Axx[r];
+    FK_ENTRY(matrix + m * m + r) = C[r];
   }
-#undef FK_AT
+#undef FK_ENTRY
 }
 
 /* Condition the law of (r_1, Z_1) on the first observation, as first_step in NumPy.
@@ -131,27 +131,19 @@ static double fk_most_likely(const fk_summary *s, const double *mu, int M) {
 /* One copy of the arithmetic for each kind of processor. */
 #define FK_NAME(name) name##_portable
 #define FK_TARGET
-#include "switching_body.h"
-#include "hmm_body.h"
-#undef FK_NAME
-#undef FK_TARGET
+#define FK_WIDTH 2
+#include "bodies.h"
 
 #ifdef FK_X86
-#define fk_exp_v3 fk_exp_portable
-#define fk_max_v3 fk_max_portable
 #define FK_NAME(name) name##_v3
-#define FK_TARGET FK_TARGET_V3
-#include "switching_body.h"
-#include "hmm_body.h"
-#undef FK_NAME
-#undef FK_TARGET
+#define FK_TARGET __attribute__((target("avx2,fma")))
+#define FK_WIDTH 4
+#include "bodies.h"
 
 #define FK_NAME(name) name##_v4
-#define FK_TARGET FK_TARGET_V4
-#include "switching_body.h"
-#include "hmm_body.h"
-#undef FK_NAME
-#undef FK_TARGET
+#define FK_TARGET __attribute__((target("avx512f,avx512dq,avx512vl,avx2,fma")))
+#define FK_WIDTH 8
+#include "bodies.h"
 #endif
 
 typedef struct {

@@ -9,89 +9,89 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
     const fk_kernel *k, const int m, const int q, const int w, const double *table, const double *sign,
     const double *u, double *out, double *out_sign, double *scratch) {
   const int n = 1 + w + q, M1 = k->M1, M2 = k->M2, ld = fk_padded(M1), to = fk_padded(M2);
-  fk_v8 *weight = (fk_v8 *)scratch, *X = weight + M1, *T = X + (size_t)M1 * m, *V = T + m * m;
-  fk_v8 *S = V + m * m, *D = S + m;
+  FK_V *weight = (FK_V *)scratch, *X = weight + M1, *T = X + (size_t)M1 * m, *V = T + m * m;
+  FK_V *S = V + m * m, *D = S + m;
   double peak = -INFINITY, total = 0.0;
-  for (int b = 0; b < k->blocks; b++) {
-    fk_v8 top = fk_all(-DBL_MAX), column = fk_all(0.0);
+  for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
+    FK_V top = FK_NAME(fk_all)(-DBL_MAX), column = FK_NAME(fk_all)(0.0);
     for (int i = 0; i < M1; i++) {
-      const fk_v8 *cell = k->cells + ((size_t)i * k->blocks + b) * k->stride;
-      fk_v8 log_w = cell[0] + table[i];
+      const double *cell = FK_CELL(k->cells, k->stride, i, b);
+      FK_V log_w = FK_ROW(cell, 0) + table[i];
       for (int r = 0; r < q; r++) {
-        const fk_v8 *row = cell + 2 + r * n;
-        fk_v8 z = row[0];
-        for (int t = 1; t < n; t++) z += row[t] * u[t];
+        const double *row = cell + (2 + r * n) * FK_LANES;
+        FK_V z = FK_ROW(row, 0);
+        for (int t = 1; t < n; t++) z += FK_ROW(row, t) * u[t];
         log_w -= z * z;
       }
       weight[i] = log_w;
       top = FK_NAME(fk_max)(top, log_w);
     }
-    for (int r = 0; r < m; r++) S[r] = fk_all(0.0);
+    for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
     for (int i = 0; i < M1; i++) {
-      const fk_v8 *cell = k->cells + ((size_t)i * k->blocks + b) * k->stride;
-      const fk_v8 *offset = cell + 2 + q * n, *A = offset + m * n;
-      fk_v8 e = FK_NAME(fk_exp)(weight[i] - top);
+      const double *cell = FK_CELL(k->cells, k->stride, i, b);
+      const double *offset = cell + (2 + q * n) * FK_LANES, *A = offset + m * n * FK_LANES;
+      FK_V e = FK_NAME(fk_exp)(weight[i] - top);
       if (k->is_signed) {
-        e *= cell[1];
-        if (sign) e *= fk_all(sign[i]);
+        e *= FK_ROW(cell, 1);
+        if (sign) e *= FK_NAME(fk_all)(sign[i]);
       }
       weight[i] = e;
       column += e;
       for (int r = 0; r < m; r++) {
-        fk_v8 x = offset[r * n];
-        for (int t = 1; t < n; t++) x += offset[r * n + t] * u[t];
-        for (int l = 0; l < m; l++) x += A[r * m + l] * table[(size_t)(1 + l) * ld + i];
+        FK_V x = FK_ROW(offset, r * n);
+        for (int t = 1; t < n; t++) x += FK_ROW(offset, r * n + t) * u[t];
+        for (int l = 0; l < m; l++) x += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
         X[(size_t)i * m + r] = x;
         S[r] += e * x;
       }
     }
-    if (k->is_signed) column = fk_select(column == 0.0, fk_all(DBL_MIN), column);
-    const fk_v8 inverse = 1.0 / column;
+    if (k->is_signed) column = FK_NAME(fk_select)((FK_B)(column == 0.0), FK_NAME(fk_all)(DBL_MIN), column);
+    const FK_V inverse = 1.0 / column;
     for (int r = 0; r < m; r++) S[r] *= inverse;
-    for (int r = 0; r < m * m; r++) V[r] = fk_all(0.0);
+    for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
     for (int i = 0; i < M1; i++) {
-      const fk_v8 *A = k->cells + ((size_t)i * k->blocks + b) * k->stride + 2 + (q + m) * n, *C = A + m * m;
-      const fk_v8 o = weight[i] * inverse;
+      const double *A = FK_CELL(k->cells, k->stride, i, b) + (size_t)(2 + (q + m) * n) * FK_LANES;
+      const FK_V o = weight[i] * inverse;
       for (int r = 0; r < m; r++) {
         D[r] = X[(size_t)i * m + r] - S[r];
         for (int l = 0; l < m; l++) {
-          fk_v8 t = fk_all(0.0);
-          for (int s = 0; s < m; s++) t += A[r * m + s] * table[(size_t)(1 + m + s * m + l) * ld + i];
+          FK_V t = FK_NAME(fk_all)(0.0);
+          for (int s = 0; s < m; s++) t += FK_ROW(A, r * m + s) * table[(size_t)(1 + m + s * m + l) * ld + i];
           T[r * m + l] = t;
         }
       }
       for (int r = 0; r < m; r++)
         for (int l = r; l < m; l++) {
-          fk_v8 P = C[r * m + l] + D[r] * D[l];
-          for (int s = 0; s < m; s++) P += T[r * m + s] * A[l * m + s];
+          FK_V P = FK_ROW(A, m * m + r * m + l) + D[r] * D[l];
+          for (int s = 0; s < m; s++) P += T[r * m + s] * FK_ROW(A, l * m + s);
           V[r * m + l] += o * P;
         }
     }
     /* nodes that no path reaches get moments of zero, or they might grow without bound */
-    const fk_v8 alive = (fk_v8)((fk_i8)k->mask[b] & (top >= FK_DEAD));
+    const FK_V alive = (FK_V)((FK_B)FK_READ(k->mask, b) & (FK_B)(top >= FK_DEAD));
     for (int r = 0; r < m; r++) {
-      *(fk_v8 *)(out + (size_t)(1 + r) * to + b * FK_LANES) = fk_select(alive != 0.0, S[r], fk_all(0.0));
+      FK_AT(out + (size_t)(1 + r) * to, b) = FK_NAME(fk_select)((FK_B)(alive != 0.0), S[r], FK_NAME(fk_all)(0.0));
       for (int l = r; l < m; l++) {
-        const fk_v8 P = fk_select(alive != 0.0, V[r * m + l], fk_all(0.0));
-        *(fk_v8 *)(out + (size_t)(1 + m + r * m + l) * to + b * FK_LANES) = P;
-        *(fk_v8 *)(out + (size_t)(1 + m + l * m + r) * to + b * FK_LANES) = P;
+        const FK_V P = FK_NAME(fk_select)((FK_B)(alive != 0.0), V[r * m + l], FK_NAME(fk_all)(0.0));
+        FK_AT(out + (size_t)(1 + m + r * m + l) * to, b) = P;
+        FK_AT(out + (size_t)(1 + m + l * m + r) * to, b) = P;
       }
     }
-    for (int t = 0; t < FK_LANES; t++) {
-      const int j = b * FK_LANES + t;
+    for (int t = 0; t < FK_WIDTH; t++) {
+      const int j = b * FK_WIDTH + t;
       out[j] = j < M2 ? log(fabs(column[t])) + top[t] : FK_LOG_ZERO;
       if (out_sign) out_sign[j] = column[t] < 0.0 ? -1.0 : 1.0;
       if (j < M2 && out[j] > peak) peak = out[j];
     }
   }
-  for (int b = 0; b < k->blocks; b++) {
-    fk_v8 mass = FK_NAME(fk_exp)(*(fk_v8 *)(out + b * FK_LANES) - peak);
-    if (out_sign) mass *= *(fk_v8 *)(out_sign + b * FK_LANES);
-    total += fk_sum(mass * k->mask[b]);
+  for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
+    FK_V mass = FK_NAME(fk_exp)(FK_AT(out, b) - peak);
+    if (out_sign) mass *= FK_AT(out_sign, b);
+    total += FK_NAME(fk_sum)(mass * FK_READ(k->mask, b));
   }
   /* the caller looks at negative masses */
   const double log_likelihood = peak + (total > 0.0 ? log(total) : NAN);
-  for (int j = 0; j < M2; j++) out[j] -= log_likelihood;
+  for (int j = 0; j < to; j++) out[j] = j < M2 ? out[j] - log_likelihood : 0.0; /* padding stays zero */
   return log_likelihood;
 }
 
@@ -110,48 +110,48 @@ FK_TARGET static double FK_NAME(fk_step)(const fk_kernel *k, const double *table
  * Returns 0, and nothing else of use, where a sum comes near the ends of the range of numbers. */
 FK_TARGET static int FK_NAME(fk_step_scalar)(const fk_kernel *k, const double *table, double w, double y,
                                              double *out, double *total, double *scratch) {
-  const int M1 = k->M1, blocks = k->blocks, ld = fk_padded(M1), to = fk_padded(k->M2);
+  const int M1 = k->M1, blocks = FK_AS_VECTORS(k->M2), ld = fk_padded(M1), to = fk_padded(k->M2);
   const double *p = table, *x = table + ld, *P = table + 2 * ld;
-  fk_v8 *weight = (fk_v8 *)scratch, *X = weight + M1, sum = fk_all(0.0), least = fk_all(DBL_MAX);
+  FK_V *weight = (FK_V *)scratch, *X = weight + M1, sum = FK_NAME(fk_all)(0.0), least = FK_NAME(fk_all)(DBL_MAX);
   for (int b = 0; b < blocks; b++) {
-    fk_v8 column = fk_all(0.0), S = fk_all(0.0), V = fk_all(0.0);
+    FK_V column = FK_NAME(fk_all)(0.0), S = FK_NAME(fk_all)(0.0), V = FK_NAME(fk_all)(0.0);
     for (int i = 0; i < M1; i++) {
-      const fk_v8 *cell = k->cells + ((size_t)i * blocks + b) * k->stride;
-      const fk_v8 z = cell[2] + cell[3] * w + cell[4] * y;
-      const fk_v8 e = FK_NAME(fk_exp)(cell[0] - z * z) * p[i];
-      const fk_v8 moved = cell[5] + cell[6] * w + cell[7] * y + cell[8] * x[i];
+      const double *cell = FK_CELL(k->cells, k->stride, i, b);
+      const FK_V z = FK_ROW(cell, 2) + FK_ROW(cell, 3) * w + FK_ROW(cell, 4) * y;
+      const FK_V e = FK_NAME(fk_exp)(FK_ROW(cell, 0) - z * z) * p[i];
+      const FK_V moved = FK_ROW(cell, 5) + FK_ROW(cell, 6) * w + FK_ROW(cell, 7) * y + FK_ROW(cell, 8) * x[i];
       weight[i] = e;
       X[i] = moved;
       column += e;
       S += e * moved;
     }
-    const fk_v8 inverse = 1.0 / column;
+    const FK_V inverse = 1.0 / column;
     S *= inverse;
     for (int i = 0; i < M1; i++) {
-      const fk_v8 *cell = k->cells + ((size_t)i * blocks + b) * k->stride;
-      const fk_v8 d = X[i] - S;
-      V += weight[i] * (d * d + (cell[8] * P[i] * cell[8] + cell[9]));
+      const double *cell = FK_CELL(k->cells, k->stride, i, b);
+      const FK_V d = X[i] - S;
+      V += weight[i] * (d * d + (FK_ROW(cell, 8) * P[i] * FK_ROW(cell, 8) + FK_ROW(cell, 9)));
     }
-    *(fk_v8 *)(out + b * FK_LANES) = column * k->mask[b];
-    *(fk_v8 *)(out + to + b * FK_LANES) = S;
-    *(fk_v8 *)(out + 2 * to + b * FK_LANES) = V * inverse;
-    sum += column * k->mask[b];
+    FK_AT(out, b) = column * FK_READ(k->mask, b);
+    FK_AT(out + to, b) = S;
+    FK_AT(out + 2 * to, b) = V * inverse;
+    sum += column * FK_READ(k->mask, b);
     /* lanes beyond M2 have columns of one */
-    least = FK_NAME(fk_max)(-column, b ? least : fk_all(-DBL_MAX));
+    least = FK_NAME(fk_max)(-column, b ? least : FK_NAME(fk_all)(-DBL_MAX));
   }
-  const double all = fk_sum(sum), scale = 1.0 / all;
-  for (int b = 0; b < blocks; b++) *(fk_v8 *)(out + b * FK_LANES) *= scale;
+  const double all = FK_NAME(fk_sum)(sum), scale = 1.0 / all;
+  for (int b = 0; b < blocks; b++) FK_AT(out, b) *= scale;
   *total = all;
   double smallest = DBL_MAX;
-  for (int t = 0; t < FK_LANES; t++) smallest = -least[t] < smallest ? -least[t] : smallest;
+  for (int t = 0; t < FK_WIDTH; t++) smallest = -least[t] < smallest ? -least[t] : smallest;
   return smallest > FK_TINY && smallest * scale > FK_TINY && all < FK_HUGE;
 }
 
 /* p = exp(log_p) for `blocks` vectors; the smallest of the first M. */
 FK_TARGET static double FK_NAME(fk_exp_row)(const double *log_p, int M, double *p) {
   double smallest = DBL_MAX;
-  for (int b = 0; b < fk_padded(M) / FK_LANES; b++)
-    *(fk_v8 *)(p + b * FK_LANES) = FK_NAME(fk_exp)(*(const fk_v8 *)(log_p + b * FK_LANES));
+  for (int b = 0; b < FK_AS_VECTORS(M); b++)
+    FK_AT(p, b) = FK_NAME(fk_exp)(FK_READ(log_p, b));
   for (int i = 0; i < M; i++) smallest = p[i] < smallest ? p[i] : smallest;
   return smallest;
 }
@@ -160,17 +160,17 @@ FK_TARGET static double FK_NAME(fk_exp_row)(const double *log_p, int M, double *
 FK_TARGET static void FK_NAME(fk_log_pairs)(const fk_kernel *k, const double *u, double *out) {
   const int q = k->q, n = 1 + k->w + q;
   for (int i = 0; i < k->M1; i++)
-    for (int b = 0; b < k->blocks; b++) {
-      const fk_v8 *cell = k->cells + ((size_t)i * k->blocks + b) * k->stride;
-      fk_v8 log_w = cell[0];
+    for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
+      const double *cell = FK_CELL(k->cells, k->stride, i, b);
+      FK_V log_w = FK_ROW(cell, 0);
       for (int r = 0; r < q; r++) {
-        const fk_v8 *row = cell + 2 + r * n;
-        fk_v8 z = row[0];
-        for (int t = 1; t < n; t++) z += row[t] * u[t];
+        const double *row = cell + (2 + r * n) * FK_LANES;
+        FK_V z = FK_ROW(row, 0);
+        for (int t = 1; t < n; t++) z += FK_ROW(row, t) * u[t];
         log_w -= z * z;
       }
-      for (int t = 0; t < FK_LANES && b * FK_LANES + t < k->M2; t++)
-        out[(size_t)i * k->M2 + b * FK_LANES + t] = log_w[t];
+      for (int t = 0; t < FK_WIDTH && b * FK_WIDTH + t < k->M2; t++)
+        out[(size_t)i * k->M2 + b * FK_WIDTH + t] = log_w[t];
     }
 }
 
@@ -179,25 +179,25 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
     const fk_kernel *k, const fk_summary *s, const int m, const int w, const double *p, const double *table,
     const double *u, double *x, double *P, double *scratch) {
   const int M1 = k->M1, ld = fk_padded(M1), matrix = 2 + (k->q + m) * (1 + w + k->q);
-  fk_v8 *V = (fk_v8 *)scratch, *S = V + m * m;
+  FK_V *V = (FK_V *)scratch, *S = V + m * m;
   double within[m * m]; /* sizes are small: the caller bounds m */
   for (int r = 0; r < m; r++) x[r] = 0.0;
   for (int r = 0; r < m * m; r++) within[r] = 0.0;
   /* the means of the pairs are made twice: that is cheaper than to keep them */
   for (int pass = 0; pass < 2; pass++) {
-    for (int r = 0; r < m; r++) S[r] = fk_all(0.0);
-    for (int r = 0; r < m * m; r++) V[r] = fk_all(0.0);
+    for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
+    for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
     for (int i = 0; i < M1; i++)
-      for (int b = 0; b < k->blocks; b++) {
-        const fk_v8 *cell = s->cells + ((size_t)i * k->blocks + b) * s->stride;
-        const fk_v8 *A = k->cells + ((size_t)i * k->blocks + b) * k->stride + matrix;
-        const fk_v8 weight = cell[0] * p[i];
-        fk_v8 d[m];
+      for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
+        const double *cell = FK_CELL(s->cells, s->stride, i, b);
+        const double *A = FK_CELL(k->cells, k->stride, i, b) + (size_t)matrix * FK_LANES;
+        const FK_V weight = FK_ROW(cell, 0) * p[i];
+        FK_V d[m];
         for (int r = 0; r < m; r++) {
-          const fk_v8 *row = cell + 1 + r * (1 + w);
-          fk_v8 a = row[0];
-          for (int t = 1; t <= w; t++) a += row[t] * u[t];
-          for (int l = 0; l < m; l++) a += A[r * m + l] * table[(size_t)(1 + l) * ld + i];
+          const double *row = cell + (1 + r * (1 + w)) * FK_LANES;
+          FK_V a = FK_ROW(row, 0);
+          for (int t = 1; t <= w; t++) a += FK_ROW(row, t) * u[t];
+          for (int l = 0; l < m; l++) a += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
           if (pass == 0)
             S[r] += weight * a;
           else
@@ -208,7 +208,7 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
             for (int l = r; l < m; l++) V[r * m + l] += weight * d[r] * d[l];
       }
     if (pass == 0)
-      for (int r = 0; r < m; r++) x[r] = fk_sum(S[r]);
+      for (int r = 0; r < m; r++) x[r] = FK_NAME(fk_sum)(S[r]);
   }
   for (int i = 0; i < M1; i++) {
     const double *noise = s->noise + (size_t)i * m * m, *twice = s->twice + (size_t)i * m * m * m * m;
@@ -220,7 +220,7 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
   }
   for (int r = 0; r < m; r++)
     for (int l = r; l < m; l++)
-      P[r * m + l] = P[l * m + r] = fk_sum(V[r * m + l]) + 0.5 * (within[r * m + l] + within[l * m + r]);
+      P[r * m + l] = P[l * m + r] = FK_NAME(fk_sum)(V[r * m + l]) + 0.5 * (within[r * m + l] + within[l * m + r]);
 }
 
 FK_TARGET static void FK_NAME(fk_prior)(const fk_kernel *k, const fk_summary *s, const double *p,
@@ -237,25 +237,25 @@ FK_TARGET static void FK_NAME(fk_prior)(const fk_kernel *k, const fk_summary *s,
 /* Mean and covariance of X, the mixture of M nodes with probabilities p (eqs. 21, 22). */
 FK_TARGET static void FK_NAME(fk_posterior)(int M, int m, const double *p, const double *table, double *x,
                                             double *P) {
-  const int ld = fk_padded(M), blocks = ld / FK_LANES;
+  const int ld = fk_padded(M), blocks = FK_AS_VECTORS(M);
   for (int r = 0; r < m; r++) {
-    fk_v8 S = fk_all(0.0);
+    FK_V S = FK_NAME(fk_all)(0.0);
     for (int b = 0; b < blocks; b++)
-      S += *(const fk_v8 *)(p + b * FK_LANES) * *(const fk_v8 *)(table + (size_t)(1 + r) * ld + b * FK_LANES);
-    x[r] = fk_sum(S);
+      S += FK_READ(p, b) * FK_READ(table + (size_t)(1 + r) * ld, b);
+    x[r] = FK_NAME(fk_sum)(S);
   }
   if (!P) return;
   for (int r = 0; r < m; r++)
     for (int l = r; l < m; l++) {
-      fk_v8 S = fk_all(0.0);
+      FK_V S = FK_NAME(fk_all)(0.0);
       for (int b = 0; b < blocks; b++) {
-        const double *at = table + b * FK_LANES;
-        const fk_v8 d = *(const fk_v8 *)(at + (size_t)(1 + r) * ld) - x[r];
-        const fk_v8 e = *(const fk_v8 *)(at + (size_t)(1 + l) * ld) - x[l];
-        const fk_v8 both = *(const fk_v8 *)(at + (size_t)(1 + m + r * m + l) * ld) +
-                           *(const fk_v8 *)(at + (size_t)(1 + m + l * m + r) * ld);
-        S += *(const fk_v8 *)(p + b * FK_LANES) * (d * e + 0.5 * both);
+        const double *at = table + b * FK_WIDTH;
+        const FK_V d = *(const FK_V *)(at + (size_t)(1 + r) * ld) - x[r];
+        const FK_V e = *(const FK_V *)(at + (size_t)(1 + l) * ld) - x[l];
+        const FK_V both = *(const FK_V *)(at + (size_t)(1 + m + r * m + l) * ld) +
+                           *(const FK_V *)(at + (size_t)(1 + m + l * m + r) * ld);
+        S += FK_READ(p, b) * (d * e + 0.5 * both);
       }
-      P[r * m + l] = P[l * m + r] = fk_sum(S);
+      P[r * m + l] = P[l * m + r] = FK_NAME(fk_sum)(S);
     }
 }
