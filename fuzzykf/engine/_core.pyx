@@ -246,7 +246,7 @@ cdef class Summary:
 
     cdef fk_summary s
     cdef Buffer memory
-    cdef cnp.ndarray twice, noise, nodes, weights, atoms
+    cdef cnp.ndarray nodes, weights, atoms
 
     def __cinit__(self, Kernel kernel, transition, offset, twice, noise, nodes, weights, atoms):
         cdef fk_kernel *k = &kernel.k
@@ -254,13 +254,23 @@ cdef class Summary:
         cdef cnp.ndarray T = doubles(transition, "transition", (M1, M2))
         cdef cnp.ndarray b = doubles(offset, "offset", (1 + w, M1 * M2 * m))
         cdef double *cell
-        self.twice = doubles(twice, "twice", (M1 * m * m, m * m))
-        self.noise = doubles(noise, "noise", (M1, m * m))
+        cdef cnp.ndarray twice_ = doubles(twice, "twice", (M1 * m * m, m * m))
+        cdef cnp.ndarray noise_ = doubles(noise, "noise", (M1, m * m))
+        cdef size_t cells = <size_t> M1 * k.blocks * size * 8, ld = fk_padded(M1)
+        cdef double *to_noise
+        cdef double *to_twice
         self.nodes, self.weights = doubles(nodes, "nodes", (M2,)), doubles(weights, "weights", (M2,))
         self.atoms = np.array(atoms, dtype=np.uint8)
         if self.atoms.shape[0] != M2:
             raise ValueError(f"atoms: expected shape ({M2},)")
-        self.memory = Buffer(<size_t> M1 * k.blocks * size * 8)
+        self.memory = Buffer(cells + (m * m + m * m * m * m) * ld)
+        to_noise = self.memory.data + cells
+        to_twice = to_noise + m * m * ld
+        for i in range(M1):
+            for r in range(m * m):
+                to_noise[r * ld + i] = at(noise_)[i * m * m + r]
+                for t in range(m * m):
+                    to_twice[(t * m * m + r) * ld + i] = at(twice_)[(i * m * m + t) * m * m + r]
         for i in range(M1):
             for j in range(M2):
                 cell = self.memory.data + (<size_t> i * k.blocks + j // 8) * size * 8 + j % 8
@@ -269,7 +279,7 @@ cdef class Summary:
                     for t in range(1 + w):
                         cell[8 * (1 + r * (1 + w) + t)] = at(b)[<size_t> t * M1 * M2 * m + (i * M2 + j) * m + r]
         self.s.stride, self.s.cells = size, self.memory.data
-        self.s.twice, self.s.noise = at(self.twice), at(self.noise)
+        self.s.twice, self.s.noise = to_twice, to_noise
         self.s.nodes, self.s.weights = at(self.nodes), at(self.weights)
         self.s.atoms = <const unsigned char *> cnp.PyArray_DATA(self.atoms)
 

@@ -203,7 +203,7 @@ class SwitchingFilter(Stepper, Filter):
     def _filter_steady(self, ys: FloatArray, index: object) -> FilterResult:
         """Let the engine filter a complete series at once."""
         shapes = many.field_shapes(self._system)
-        out = {name: np.empty((1, len(ys), *shape)) for name, shape in shapes.items()}
+        out = many.allocate((1, len(ys)), shapes)
         before, last = filter_steady(self._system, ys[None], out)
         self._start()
         self._n, self._belief = len(ys), Belief(NodeState(last), ys[-1].copy())

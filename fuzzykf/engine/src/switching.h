@@ -23,8 +23,8 @@ typedef struct {
 
 /* Tables of the moments of X' before Y' is seen, and of the estimate of the switch.
  *
- * A cell (i, block) is 1 + m (1 + w) vectors: transition, offset of the mean.  `twice` (M1, m m,
- * m m) and `noise` (M1, m m) carry p_i P_i and p_i to the covariance. */
+ * A cell (i, block) is 1 + m (1 + w) rows: transition, offset of the mean.  `noise` (m m, padded
+ * M1) and `twice` (m m, m m, padded M1) carry p_i and p_i P_i to the covariance. */
 typedef struct {
   int stride;
   const double *cells;
@@ -37,8 +37,8 @@ typedef struct {
 FK_INLINE int fk_padded(int M) { return (M + FK_LANES - 1) / FK_LANES * FK_LANES; }
 FK_INLINE size_t fk_table_size(int M, int m) { return (size_t)(1 + m + m * m) * fk_padded(M); }
 FK_INLINE int fk_cell_size(int m, int q, int w) { return 2 + (m + q) * (1 + w + q) + 2 * m * m; }
-FK_INLINE size_t fk_scratch_size(int M1, int m) {
-  return (size_t)FK_LANES * ((size_t)M1 * (1 + m) + 3 * m * m + 3 * m + 4);
+FK_INLINE size_t fk_scratch_size(int M, int m) {
+  return (size_t)FK_LANES * (3 * m * m + 3 * m + 4) + (size_t)fk_padded(M) * M * (1 + m) + FK_LANES * (size_t)M;
 }
 
 /* Fill cell column j of row i from the coefficients of its pair; factor is the lower Cholesky

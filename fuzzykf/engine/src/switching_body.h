@@ -179,48 +179,46 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
     const fk_kernel *k, const fk_summary *s, const int m, const int w, const double *p, const double *table,
     const double *u, double *x, double *P, double *scratch) {
   const int M1 = k->M1, ld = fk_padded(M1), matrix = 2 + (k->q + m) * (1 + w + k->q);
-  FK_V *V = (FK_V *)scratch, *S = V + m * m;
-  double within[m * m]; /* sizes are small: the caller bounds m */
-  for (int r = 0; r < m; r++) x[r] = 0.0;
-  for (int r = 0; r < m * m; r++) within[r] = 0.0;
-  /* the means of the pairs are made twice: that is cheaper than to keep them */
-  for (int pass = 0; pass < 2; pass++) {
-    for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
-    for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
-    for (int i = 0; i < M1; i++)
-      for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
-        const double *cell = FK_CELL(s->cells, s->stride, i, b);
-        const double *A = FK_CELL(k->cells, k->stride, i, b) + (size_t)matrix * FK_LANES;
-        const FK_V weight = FK_ROW(cell, 0) * p[i];
-        FK_V d[m];
-        for (int r = 0; r < m; r++) {
-          const double *row = cell + (1 + r * (1 + w)) * FK_LANES;
-          FK_V a = FK_ROW(row, 0);
-          for (int t = 1; t <= w; t++) a += FK_ROW(row, t) * u[t];
-          for (int l = 0; l < m; l++) a += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
-          if (pass == 0)
-            S[r] += weight * a;
-          else
-            d[r] = a - x[r];
-        }
-        if (pass == 1)
-          for (int r = 0; r < m; r++)
-            for (int l = r; l < m; l++) V[r * m + l] += weight * d[r] * d[l];
+  const int blocks = FK_AS_VECTORS(k->M2);
+  FK_V *V = (FK_V *)scratch, *S = V + m * m, *mean = S + m, *now = mean; /* of the pairs: M1 blocks m */
+  for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
+  for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
+  for (int i = 0; i < M1; i++)
+    for (int b = 0; b < blocks; b++, now += m) {
+      const double *cell = FK_CELL(s->cells, s->stride, i, b);
+      const double *A = FK_CELL(k->cells, k->stride, i, b) + (size_t)matrix * FK_LANES;
+      for (int r = 0; r < m; r++) {
+        const double *row = cell + (1 + r * (1 + w)) * FK_LANES;
+        FK_V a = FK_ROW(row, 0);
+        for (int t = 1; t <= w; t++) a += FK_ROW(row, t) * u[t];
+        for (int l = 0; l < m; l++) a += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
+        now[r] = a;
+        S[r] += FK_ROW(cell, 0) * p[i] * a;
       }
-    if (pass == 0)
-      for (int r = 0; r < m; r++) x[r] = FK_NAME(fk_sum)(S[r]);
-  }
-  for (int i = 0; i < M1; i++) {
-    const double *noise = s->noise + (size_t)i * m * m, *twice = s->twice + (size_t)i * m * m * m * m;
-    for (int r = 0; r < m * m; r++) within[r] += p[i] * noise[r];
-    for (int a = 0; a < m * m; a++) {
-      const double pP = p[i] * table[(size_t)(1 + m + a) * ld + i];
-      for (int r = 0; r < m * m; r++) within[r] += pP * twice[a * m * m + r];
     }
-  }
+  for (int r = 0; r < m; r++) x[r] = FK_NAME(fk_sum)(S[r]);
+  now = mean;
+  for (int i = 0; i < M1; i++)
+    for (int b = 0; b < blocks; b++, now += m) {
+      const double *cell = FK_CELL(s->cells, s->stride, i, b);
+      for (int r = 0; r < m; r++) now[r] -= x[r];
+      for (int r = 0; r < m; r++) {
+        const FK_V weighted = FK_ROW(cell, 0) * p[i] * now[r];
+        for (int l = r; l < m; l++) V[r * m + l] += weighted * now[l];
+      }
+    }
   for (int r = 0; r < m; r++)
-    for (int l = r; l < m; l++)
-      P[r * m + l] = P[l * m + r] = FK_NAME(fk_sum)(V[r * m + l]) + 0.5 * (within[r * m + l] + within[l * m + r]);
+    for (int l = r; l < m; l++) {
+      FK_V within = FK_NAME(fk_all)(0.0);
+      for (int b = 0; b < FK_AS_VECTORS(M1); b++) { /* here the nodes i are side by side, not j */
+        FK_V all = FK_READ(s->noise + (size_t)(r * m + l) * ld, b);
+        for (int a = 0; a < m * m; a++)
+          all += FK_READ(table + (size_t)(1 + m + a) * ld, b) *
+                 FK_READ(s->twice + ((size_t)a * m * m + r * m + l) * ld, b);
+        within += FK_READ(p, b) * all;
+      }
+      P[r * m + l] = P[l * m + r] = FK_NAME(fk_sum)(V[r * m + l] + within);
+    }
 }
 
 FK_TARGET static void FK_NAME(fk_prior)(const fk_kernel *k, const fk_summary *s, const double *p,
