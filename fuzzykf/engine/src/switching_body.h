@@ -9,8 +9,10 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
     const fk_kernel *k, const int m, const int q, const int w, const double *table, const double *sign,
     const double *u, double *out, double *out_sign, double *scratch) {
   const int n = 1 + w + q, M1 = k->M1, M2 = k->M2, ld = fk_padded(M1), to = fk_padded(M2);
-  FK_V *weight = (FK_V *)scratch, *X = weight + M1, *T = X + (size_t)M1 * m, *V = T + m * m;
-  FK_V *S = V + m * m, *D = S + m;
+  FK_V few_T[16], few_V[16], few_S[4], few_D[4]; /* sums of a small system stay in registers */
+  FK_V *weight = (FK_V *)scratch, *X = weight + M1, *rest = X + (size_t)M1 * m;
+  FK_V *T = m <= 4 ? few_T : rest, *V = m <= 4 ? few_V : rest + m * m;
+  FK_V *S = m <= 4 ? few_S : rest + 2 * m * m, *D = m <= 4 ? few_D : rest + 2 * m * m + m;
   double peak = -INFINITY, total = 0.0;
   for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
     FK_V top = FK_NAME(fk_all)(-DBL_MAX), column = FK_NAME(fk_all)(0.0);
@@ -180,7 +182,9 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
     const double *u, double *x, double *P, double *scratch) {
   const int M1 = k->M1, ld = fk_padded(M1), matrix = 2 + (k->q + m) * (1 + w + k->q);
   const int blocks = FK_AS_VECTORS(k->M2);
-  FK_V *V = (FK_V *)scratch, *S = V + m * m, *mean = S + m, *now = mean; /* of the pairs: M1 blocks m */
+  FK_V few_V[16], few_S[4];
+  FK_V *rest = (FK_V *)scratch, *V = m <= 4 ? few_V : rest, *S = m <= 4 ? few_S : rest + m * m;
+  FK_V *mean = rest + m * m + m, *now = mean; /* of the pairs: M1 blocks m */
   for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
   for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
   for (int i = 0; i < M1; i++)
