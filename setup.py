@@ -4,6 +4,8 @@ This file exists because the headers of NumPy have to be found when the package 
 core is optional: where it cannot be compiled, installation goes on and fuzzykf runs on NumPy.
 """
 
+from pathlib import Path
+
 import numpy
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
@@ -24,8 +26,6 @@ class BuildOptional(build_ext):
 
     def built(self, extension):
         """Whether the library of an extension has been made."""
-        from pathlib import Path
-
         return Path(self.get_ext_fullpath(extension.name)).exists() or (
             Path(self.build_lib, self.get_ext_filename(extension.name)).exists()
         )
@@ -37,10 +37,7 @@ setup(
         Extension(
             "fuzzykf.engine._core",
             ["fuzzykf/engine/_core.pyx"],
-            depends=[
-                f"fuzzykf/engine/src/{name}.h"
-                for name in ("lanes", "lanes_body", "bodies", "switching", "switching_body", "hmm_body", "series")
-            ],
+            depends=sorted(str(header) for header in Path("fuzzykf/engine/src").glob("*.h")),
             include_dirs=["fuzzykf/engine", numpy.get_include()],
             define_macros=[("NPY_NO_DEPRECATED_API", "NPY_1_7_API_VERSION")],
             extra_compile_args=["-O3", "-Wno-psabi"],

@@ -5,9 +5,15 @@ This is the one place that binds them; `fuzzykf.engine.info` says which they are
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from fuzzykf import engine
 
-if engine.info().name == "compiled":
+#: Whether the engine summarises whole series by itself (`Summary`, `filter_series`).  NumPy
+#: summarises a series after it has been filtered, in `fuzzykf.switching.series`.
+SUMMARISES = engine.info().name == "compiled"
+
+if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     from fuzzykf.engine._core import (
         Kernel,
         Stepper,
@@ -28,14 +34,10 @@ else:
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.switching_many import step_many
 
-    #: NumPy summarises a series after it has been filtered, in `fuzzykf.switching.series`.
-    Summary = filter_series = None
-
 __all__ = [
+    "SUMMARISES",
     "Kernel",
     "Stepper",
-    "Summary",
-    "filter_series",
     "first_step",
     "forward_backward",
     "log_pairs",
@@ -45,3 +47,6 @@ __all__ = [
     "step",
     "step_many",
 ]
+
+if SUMMARISES:
+    __all__ += ["Summary", "filter_series"]

@@ -137,7 +137,8 @@ class SwitchingFilter(Stepper, Filter):
         """Do a step with any observation; `step` comes here unless it can be compiled."""
         y = as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
         if y is not None and self._hand_over() and not np.isnan(y).any():
-            return self.step(y)
+            estimate: FloatArray = self.step(y)
+            return estimate
         self.predict()
         self._take(np.full(self.dim_z, np.nan) if y is None else y)
         return self.x

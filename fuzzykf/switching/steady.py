@@ -7,9 +7,8 @@ negative; everything else goes through `fuzzykf.switching.series`.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from fuzzykf.engine import selected as engine
 from fuzzykf.gaussian import cholesky, mixture_moments
@@ -25,7 +24,7 @@ __all__ = ["filter_steady", "is_steady"]
 def is_steady(system: SwitchingSystem, ys: FloatArray) -> bool:
     """Whether `filter_steady` can filter the series ``ys`` (s, n, q), as far as the system is concerned."""
     return (
-        engine.filter_series is not None
+        engine.SUMMARISES
         and ys.size > 0
         and system.order == 1
         and system.steady_from == 0
@@ -67,14 +66,13 @@ def filter_steady(
             if name in out:
                 out[name][:, 0] = value
     cuts = [len(ys) * k // threads for k in range(threads + 1)]
-    blocks = [slice(a, b) for a, b in zip(cuts, cuts[1:], strict=False) if b > a]
+    blocks = [slice(a, b) for a, b in pairwise(cuts) if b > a]
 
-    def work(block: slice) -> Any:
+    def work(block: slice) -> tuple[FloatArray, FloatArray]:
         part = {name: values[block] for name, values in out.items()}
         return engine.filter_series(kernel, summary, start, ys[block], part)
 
     if len(blocks) == 1:
-        states: tuple[FloatArray, FloatArray] = work(blocks[0])
-        return states
+        return work(blocks[0])
     with ThreadPoolExecutor(len(blocks)) as pool:
         return list(pool.map(work, blocks))[-1]

@@ -16,10 +16,16 @@ FK_TARGET static void FK_NAME(fk_forward_backward)(int T, int M, const double *f
     for (int rescued = 0;; rescued = 1) {
       for (size_t k = 0; k < pairs; k += FK_WIDTH) {
         const int lanes = pairs - k < FK_WIDTH ? (int)(pairs - k) : FK_WIDTH;
-        FK_V a = FK_NAME(fk_all)(0.0);
-        for (int t = 0; t < lanes; t++) a[t] = log_e[k + t] - peak < 600.0 ? log_e[k + t] - peak : 600.0;
+        FK_V a = FK_NAME(fk_all)(0.0), small = FK_NAME(fk_all)(1.0);
+        for (int t = 0; t < lanes; t++) {
+          a[t] = log_e[k + t] - peak < 600.0 ? log_e[k + t] - peak : 600.0;
+          if (a[t] < -600.0) { /* beta may be so large that numbers below the normal ones count */
+            a[t] += 300.0;
+            small[t] = 5.148200222412013e-131; /* exp(-300) */
+          }
+        }
         a = FK_NAME(fk_exp)(a);
-        for (int t = 0; t < lanes; t++) moves[k + t] = a[t] * transition[k + t];
+        for (int t = 0; t < lanes; t++) moves[k + t] = a[t] * small[t] * transition[k + t];
       }
       for (int j = 0; j < M; j++) next[j] = 0.0;
       for (int i = 0; i < M; i++)
