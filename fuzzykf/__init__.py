@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from fuzzykf.base import Filter, FilterResult
     from fuzzykf.errors import FuzzykfError
     from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
+    from fuzzykf.model_choice import compare_models
     from fuzzykf.possibility import (
         CauchyMembership,
         FunctionMembership,
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
         SingletonMembership,
         TriangularMembership,
     )
+    from fuzzykf.preprocessing import DailyProfile, Standardizer
     from fuzzykf.switching import (
         CGLSSM,
         CGOFMSModel,
@@ -42,6 +44,7 @@ _HOMES = {
     "CGOMSMFilter": "fuzzykf.switching",
     "CGOMSModel": "fuzzykf.switching",
     "CauchyMembership": "fuzzykf.possibility",
+    "DailyProfile": "fuzzykf.preprocessing",
     "ExtendedKalmanFilter": "fuzzykf.kalman",
     "Filter": "fuzzykf.base",
     "FilterResult": "fuzzykf.base",
@@ -58,8 +61,10 @@ _HOMES = {
     "OFSRFilter": "fuzzykf.switching",
     "ParabolicMembership": "fuzzykf.possibility",
     "SingletonMembership": "fuzzykf.possibility",
+    "Standardizer": "fuzzykf.preprocessing",
     "SwitchChain": "fuzzykf.switching",
     "TriangularMembership": "fuzzykf.possibility",
+    "compare_models": "fuzzykf.model_choice",
 }
 
 __all__ = [
@@ -68,6 +73,7 @@ __all__ = [
     "CGOMSMFilter",
     "CGOMSModel",
     "CauchyMembership",
+    "DailyProfile",
     "ExtendedKalmanFilter",
     "Filter",
     "FilterResult",
@@ -84,9 +90,11 @@ __all__ = [
     "OFSRFilter",
     "ParabolicMembership",
     "SingletonMembership",
+    "Standardizer",
     "SwitchChain",
     "TriangularMembership",
     "__version__",
+    "compare_models",
 ]
 
 if not TYPE_CHECKING:  # type checkers read the imports above instead

@@ -276,12 +276,14 @@ class Filter(ABC):
         arrays = {name: np.array(values).reshape(shapes[name]) for name, values in collected.items()}
         return FilterResult(**arrays, index=getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None)
 
-    def batch_filter(self, zs: Sequence[ArrayLike | None] | ArrayLike) -> tuple[FloatArray, ...]:
+    def batch_filter(
+        self, zs: Sequence[ArrayLike | None] | ArrayLike, *args: Any, **kwargs: Any
+    ) -> tuple[FloatArray, ...]:
         """Filter a series and return filterpy's four arrays.
 
         Parameters
         ----------
-        zs : array_like
+        zs, *args, **kwargs
             As in `filter`.
 
         Returns
@@ -290,7 +292,7 @@ class Filter(ABC):
             Shapes (n, dim_x, 1) and (n, dim_x, dim_x): after and before each
             observation.
         """
-        result = self.filter(zs)
+        result = self.filter(zs, *args, **kwargs)
         x, P, x_prior, P_prior = result.x, result.P, result.x_prior, result.P_prior
         if x is None or P is None or x_prior is None or P_prior is None:
             raise NotImplementedError(f"{type(self).__name__} keeps no x, P, x_prior and P_prior")

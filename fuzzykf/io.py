@@ -82,8 +82,8 @@ def read_document(path: str | PathLike[str], kinds: tuple[str, ...]) -> dict[str
         If the file is no JSON, not from fuzzykf, of another version or another kind.
     """
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        document = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+    except ValueError as error:  # not UTF-8, not JSON, or NaN
         raise FileFormatError(f"{path}: damaged, or not a JSON file: {error}") from error
     if not isinstance(document, dict) or document.get("format") != "fuzzykf":
         raise FileFormatError(f"{path}: not a file written by fuzzykf")
@@ -95,6 +95,10 @@ def read_document(path: str | PathLike[str], kinds: tuple[str, ...]) -> dict[str
     if document.get("kind") not in kinds:
         raise FileFormatError(f"{path}: holds a {document.get('kind')!r}, expected {' or '.join(kinds)}")
     return document
+
+
+def _refuse_constant(name: str) -> Any:
+    raise ValueError(f"{name} is no number of JSON")
 
 
 # --------------------------------------------------------------------------- models
@@ -169,7 +173,7 @@ def model_from_dict(kind: str, values: dict[str, Any]) -> Any:
 def _rebuild(path: str | PathLike[str], build: Any) -> Any:
     try:
         return build()
-    except (KeyError, TypeError, IndexError, AttributeError, FuzzykfError) as error:
+    except (KeyError, TypeError, IndexError, AttributeError, ValueError, FuzzykfError) as error:
         raise FileFormatError(f"{path}: damaged: {type(error).__name__}: {error}") from error
 
 

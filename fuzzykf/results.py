@@ -11,6 +11,7 @@ from fuzzykf.errors import MissingDependencyError, ParameterError
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
     from fuzzykf.base import FloatArray
 
@@ -64,23 +65,24 @@ class FilterResult:
     array([1.96])
     """
 
-    x: FloatArray | None = None
-    P: FloatArray | None = None
-    x_prior: FloatArray | None = None
-    P_prior: FloatArray | None = None
-    log_likelihood: FloatArray | None = None
-    mu: FloatArray | None = None
-    nodes: FloatArray | None = None
-    switch: FloatArray | None = None
-    switch_mean: FloatArray | None = None
-    switch_path: FloatArray | None = None
-    z_prior: FloatArray | None = None
-    S: FloatArray | None = None
-    node_x: FloatArray | None = None
-    node_P: FloatArray | None = None
-    possibility: FloatArray | None = None
-    lower: FloatArray | None = None
-    upper: FloatArray | None = None
+    # "| Any" and not "| None": code that filters and reads x should not have to narrow it first
+    x: FloatArray | Any = None
+    P: FloatArray | Any = None
+    x_prior: FloatArray | Any = None
+    P_prior: FloatArray | Any = None
+    log_likelihood: FloatArray | Any = None
+    mu: FloatArray | Any = None
+    nodes: FloatArray | Any = None
+    switch: FloatArray | Any = None
+    switch_mean: FloatArray | Any = None
+    switch_path: FloatArray | Any = None
+    z_prior: FloatArray | Any = None
+    S: FloatArray | Any = None
+    node_x: FloatArray | Any = None
+    node_P: FloatArray | Any = None
+    possibility: FloatArray | Any = None
+    lower: FloatArray | Any = None
+    upper: FloatArray | Any = None
     index: Any = None
 
     #: Fields whose leading axis is not time.
@@ -132,6 +134,24 @@ class FilterResult:
             )
         half = normal_quantile(1.0 - tail) * np.sqrt(np.diagonal(self.P, axis1=-2, axis2=-1))
         return self.x - half, self.x + half
+
+    def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
+        """Draw the state with its band, and the switch as a shaded strip.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; by default a new figure.
+        **options
+            See `fuzzykf.plotting.plot_result`: component, level, truth, label, unit.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from fuzzykf.plotting.results import plot_result
+
+        return plot_result(self, ax, **options)
 
     def to_dataframe(self, index: Any = None) -> pd.DataFrame:
         """Return the result of one series as a pandas DataFrame, one row per step.

@@ -31,6 +31,7 @@ def fuzzy_model():
         K = cross[j].copy()
         if (i, j) == (1, 1):
             K[1, 1] = 0.3
+        K[1, 0] = K[1, 1] * S[i, 0, 1] / S[i, 1, 1]  # Y2 and X1 are independent given Y1
         gamma[i, j] = np.block([[S[i], K.T], [K, S[j]]])
     law = FuzzyMarkovLaw.fmc1(alpha=0.07, delta=0.05, eta=0.16)
     return CGOFMSModel(law, [[0.0, 3.0], [0.0, 0.0]], gamma, dim_x=1)

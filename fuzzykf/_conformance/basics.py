@@ -143,7 +143,7 @@ def check_batch_filter(case: Case) -> None:
 def check_observation_forms(case: Case) -> None:
     """Check that lists, flat, row and column vectors are the same observation."""
     z = case.zs[2]
-    forms: list[Any] = [z.tolist(), z[:, None], z[None, :], z[:, None].tolist()]
+    forms: list[Any] = [z.tolist(), z[:, None].copy(), z[None, :].copy(), z[:, None].tolist()]
     if case.dim_z == 1:
         forms += [float(z[0]), np.array(z[0])]
     expected = case.state(case.stepped(3))

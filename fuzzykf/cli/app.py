@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 import fuzzykf
-from fuzzykf.cli import compare
+from fuzzykf.cli import compare, reproduce
 
 __all__ = ["app"]
 
@@ -37,3 +37,4 @@ def root(
 
 
 app.command("compare", epilog=compare.EXAMPLE)(compare.command)
+app.command("reproduce", epilog=reproduce.EXAMPLE)(reproduce.command)

@@ -1,4 +1,4 @@
-"""``fuzzykf compare``: fuzzy switches, hard switches, Kalman filter, regression, side by side."""
+"""``fuzzykf compare``: fuzzy and hard switches, IMM, Kalman filter, regressions, side by side."""
 
 from __future__ import annotations
 
@@ -36,9 +36,18 @@ TIME_COLUMNS = ("time", "timestamp", "datetime", "date")
 class SwitchSource(StrEnum):
     """Where the switch of the learning part comes from."""
 
-    AUTO = "auto"
+    LEARNED = "learned"
     CLOCK = "clock"
     QUANTILES = "quantiles"
+
+
+class Law(StrEnum):
+    """Family of the law of the fuzzy switch."""
+
+    AUTO = "auto"
+    FMC1 = "fmc1"
+    FMC2 = "fmc2"
+    FREE = "free"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +112,18 @@ def command(
     switch: Annotated[
         SwitchSource,
         typer.Option(
-            help="Where the switch of the learning part comes from: the hours in which the state is lowest "
-            "(0) and highest (1), or the quantiles of 20 % (0) and 80 % (1) of the observation. "
-            "auto: the clock if there are times at most six hours apart."
+            help="Where the switch of the learning part comes from. learned: it is hidden, and each model "
+            "learns it. Else by a rule: the hours in which the state is lowest (0) and highest (1), or the "
+            "quantiles of 20 % (0) and 80 % (1) of the observation."
         ),
-    ] = SwitchSource.AUTO,
+    ] = SwitchSource.LEARNED,
+    law: Annotated[
+        Law,
+        typer.Option(
+            help="Family of the law of the fuzzy switch. auto: the one that filters best on the last quarter "
+            "of the learning part (fmc1, if the switch is not learned)."
+        ),
+    ] = Law.AUTO,
     nodes: Annotated[
         int,
         typer.Option(
@@ -116,7 +132,7 @@ def command(
         ),
     ] = 5,
 ) -> None:
-    """Compare filters with fuzzy and hard switches, a Kalman filter and regression on one series.
+    """Compare filters with fuzzy and hard switches, IMM, Kalman filter and regressions on one series.
 
     The methods learn on the first rows, where state and observation are known, and then see the observation
     alone. Prints a table, and writes it with a picture.
@@ -134,9 +150,12 @@ def command(
             profile=data is None if profile is None else profile,
             switch=switch.value,
         )
+        methods = comparison.main_methods(law.value)
         check_folder(out)
-        with progress_bar(6) as progress:
-            result = comparison.compare(task, np.random.default_rng(seed), n_nodes=nodes, progress=progress)
+        with progress_bar(sum(method.pieces for method in methods) + 2) as progress:
+            result = comparison.compare(
+                task, np.random.default_rng(seed), methods=methods, n_nodes=nodes, progress=progress
+            )
             progress("picture")
             label = source.state_label + (", less its daily profile" if task.profile else "")
             figure = plotting.plot_comparison(result, state_label=label, unit=source.unit)
@@ -230,7 +249,7 @@ def _print(result: Comparison, source: Source, label: str, files: list[Path]) ->
     console.print(
         Text(
             f"Learned on {task.n_train:,} rows, compared on {task.n_test:,}{when}. "
-            f"Switch of the learning part: {task.switch_source}. "
+            f"Switch: {task.switch_source}. "
             f"Always answering the mean of the learning part would have an RMSE of "
             f"{result.baseline_rmse:.4g}{unit}."
         )
@@ -253,10 +272,13 @@ def _print(result: Comparison, source: Source, label: str, files: list[Path]) ->
     console.print(
         Text(
             f"Intervals: block bootstrap, blocks of {result.block_length} steps. Log-likelihood: of the "
-            "observations, each given the earlier ones; regression has no law of them.",
+            "observations, each given the earlier ones; regressions have no law of them.",
             "dim",
         )
     )
+    for restoration in result.restorations:
+        if restoration.description:
+            console.print(Text(f"{restoration.name}: {restoration.description}."))
     for restoration in result.restorations:
         for note in restoration.notes:
             console.print(Text(f"Note on {restoration.name}: {note}."))

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
+from fuzzykf._progress import progress_bar
 from fuzzykf.errors import FuzzykfError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
 __all__ = ["check_folder", "progress_bar", "report_errors"]
@@ -34,34 +34,6 @@ def _message(error: FuzzykfError | OSError) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return str(error)
-
-
-@contextmanager
-def progress_bar(pieces: int) -> Iterator[Callable[[str], None]]:
-    """Show a bar on the terminal while work goes on.
-
-    Parameters
-    ----------
-    pieces : int
-        Number of pieces of work.
-
-    Yields
-    ------
-    callable
-        To be told the name of each piece of work before it begins.
-    """
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("", total=pieces)
-        begun = 0
-
-        def begin(name: str) -> None:
-            nonlocal begun
-            progress.update(task, description=name, completed=begun)
-            begun += 1
-
-        yield begin
 
 
 def check_folder(folder: Path) -> None:

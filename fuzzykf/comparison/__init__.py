@@ -3,25 +3,46 @@
 `prepare` turns columns into a `Task`: a part to learn on and a part in which
 the methods see the observation alone.  `compare` runs the methods and scores
 them.  The command ``fuzzykf compare`` only reads, prints and writes.
+
+A method is a `Candidate`: from a `LearningPart` it makes something `Learned`, which gives
+`Estimates` of any later stretch.  `fuzzykf.compare_models` takes the same candidates
+to several held-out parts.
 """
 
 from __future__ import annotations
 
-from fuzzykf.comparison.methods import Restoration
-from fuzzykf.comparison.prepare import ClockSwitch, DailyProfile, Task, prepare, quantile_switch
+from fuzzykf.comparison.candidates import Candidate, Estimates, Learned, LearningPart
+from fuzzykf.comparison.methods import Restoration, main_methods
+from fuzzykf.comparison.prepare import ClockSwitch, Task, prepare, quantile_switch
+from fuzzykf.comparison.rolling import Fold, ModelComparison, ModelScore
 from fuzzykf.comparison.run import Comparison, compare, score
-from fuzzykf.comparison.scores import Score, block_length, circular_block_means
+from fuzzykf.comparison.scores import (
+    Bootstrap,
+    Score,
+    block_length,
+    bootstrap_rmse,
+    circular_block_means,
+)
 
 __all__ = [
+    "Bootstrap",
+    "Candidate",
     "ClockSwitch",
     "Comparison",
-    "DailyProfile",
+    "Estimates",
+    "Fold",
+    "Learned",
+    "LearningPart",
+    "ModelComparison",
+    "ModelScore",
     "Restoration",
     "Score",
     "Task",
     "block_length",
+    "bootstrap_rmse",
     "circular_block_means",
     "compare",
+    "main_methods",
     "prepare",
     "quantile_switch",
     "score",

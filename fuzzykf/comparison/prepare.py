@@ -9,6 +9,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array
+from fuzzykf.preprocessing import DailyProfile, hour_of_day
 
 if TYPE_CHECKING:
     from typing import Self
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import FloatArray
 
-__all__ = ["ClockSwitch", "DailyProfile", "Task", "hour_of_day", "prepare", "quantile_switch"]
+__all__ = ["ClockSwitch", "Task", "prepare", "quantile_switch"]
 
 #: Fewest rows to learn on, and fewest to compare on.
 MIN_TRAIN, MIN_TEST = 100, 50
@@ -29,96 +30,8 @@ PLATEAU = 4.0
 #: Quantiles of the observation between which `quantile_switch` rises from 0 to 1.
 QUANTILES = (0.2, 0.8)
 
-
-def hour_of_day(time: NDArray[np.datetime64]) -> FloatArray:
-    """Hours since midnight, fractions included.
-
-    Parameters
-    ----------
-    time : ndarray of datetime64, shape (n,)
-
-    Returns
-    -------
-    ndarray of shape (n,)
-        Between 0 and 24.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> hour_of_day(np.array(["2014-01-31T16:30"], dtype="datetime64[s]"))
-    array([16.5])
-    """
-    seconds = (time - time.astype("datetime64[D]")) / np.timedelta64(1, "s")
-    return np.asarray(seconds / 3600.0, dtype=np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class DailyProfile:
-    """Mean of a series for each time of day, on working days and on other days.
-
-    Attributes
-    ----------
-    slot : float
-        Hours that share one mean.
-    means : ndarray, shape (2, slots)
-        Means on other days (first row) and on working days, in the unit of the
-        series; NaN where the learning part has no row.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> time = np.datetime64("2014-01-01T00:00", "s") + np.arange(48) * np.timedelta64(3600, "s")
-    >>> profile = DailyProfile.learn(time, np.ones(48, dtype=bool), np.arange(48.0))
-    >>> profile(time[:2], np.ones(2, dtype=bool))
-    array([12., 13.])
-    """
-
-    slot: float
-    means: FloatArray
-
-    @classmethod
-    def learn(
-        cls,
-        time: NDArray[np.datetime64],
-        workday: NDArray[np.bool_],
-        values: FloatArray,
-        slot: float = 1.0,
-    ) -> Self:
-        """Average ``values`` over the rows of each time of day and kind of day.
-
-        Parameters
-        ----------
-        time : ndarray of datetime64, shape (n,)
-        workday : ndarray of bool, shape (n,)
-        values : ndarray, shape (n,)
-        slot : float
-            Hours that share one mean.
-        """
-        slots = round(24.0 / slot)
-        cell = workday * slots + (hour_of_day(time) // slot).astype(int)
-        count = np.bincount(cell, minlength=2 * slots)
-        total = np.bincount(cell, weights=values, minlength=2 * slots)
-        means = np.full(2 * slots, np.nan)
-        np.divide(total, count, out=means, where=count > 0)
-        return cls(slot, means.reshape(2, slots))
-
-    def __call__(self, time: NDArray[np.datetime64], workday: NDArray[np.bool_]) -> FloatArray:
-        """Return the profile at the given times, shape (n,).
-
-        Raises
-        ------
-        ParameterError
-            If the learning part had no row of that time and kind of day.
-        """
-        values: FloatArray = self.means[workday.astype(int), (hour_of_day(time) // self.slot).astype(int)]
-        if np.isnan(values).any():
-            row = int(np.flatnonzero(np.isnan(values))[0])
-            kind = "a working day" if workday[row] else "a day off"
-            raise ParameterError(
-                f"profile: {time[row]} is {kind}, and the learning part has no row at that time of such a "
-                "day; learn on a longer part, or without the profile"
-            )
-        return values
+#: What `Task.switch_source` says if the switch is not given.
+LEARNED = "hidden, learned with each model"
 
 
 @dataclass(frozen=True)
@@ -227,25 +140,27 @@ class Task:
 
     Attributes
     ----------
-    state, observation, switch : ndarray, shape (n,)
+    state, observation : ndarray, shape (n,)
         The methods learn on the first ``n_train`` rows; of the others they see the
         observation alone.
     n_train : int
         Rows to learn on.
+    switch : ndarray, shape (n,), or None
+        The switch, if it is given on the rows to learn on; else it is learned as well.
+    switch_source : str
+        Where the switch comes from, in words.
     time : ndarray of datetime64, shape (n,), or None
         For the axis of pictures.
-    switch_source : str
-        How the switch was made, in words.
     profile : DailyProfile or None
         What was taken from the state, if anything.
     """
 
     state: FloatArray
     observation: FloatArray
-    switch: FloatArray
     n_train: int
+    switch: FloatArray | None = None
+    switch_source: str = LEARNED
     time: NDArray[np.datetime64] | None = None
-    switch_source: str
     profile: DailyProfile | None = None
 
     @property
@@ -262,7 +177,7 @@ def prepare(
     time: NDArray[np.datetime64] | None = None,
     workday: NDArray[np.bool_] | None = None,
     profile: bool = False,
-    switch: Literal["auto", "clock", "quantiles"] = "auto",
+    switch: Literal["learned", "clock", "quantiles"] = "learned",
 ) -> Task:
     """Cut a series in two and learn, on the first part, what the methods start from.
 
@@ -279,12 +194,12 @@ def prepare(
     profile : bool
         Take the mean of the state at each time of day, on working days and on other
         days, from the state.
-    switch : {"auto", "clock", "quantiles"}
-        Where the switch of the learning part comes from: from the clock
-        (`ClockSwitch`, learned on the state before the profile is taken from it), or
-        from the observation, 0 below its quantile of 20 %, 1 above that of 80 %, linear
-        in between.  "auto" takes the clock where there is a time and rows are at most
-        six hours apart.
+    switch : {"learned", "clock", "quantiles"}
+        Where the switch of the learning part comes from.  "learned": it is hidden, and every
+        model learns it with its parameters.  Else it is given: by the clock
+        (`ClockSwitch`, learned on the state before the profile is taken from it), or by
+        the observation, 0 below its quantile of 20 %, 1 above that of 80 %, linear
+        in between.
 
     Returns
     -------
@@ -308,26 +223,24 @@ def prepare(
     for name, values in (("state", x), ("observation", y)):
         if np.ptp(values[:n_train]) == 0.0:
             raise ParameterError(f"{name}: it is {values[0]:g} in all {n_train} rows to learn on")
-    if switch not in ("auto", "clock", "quantiles"):
-        raise ParameterError(f"switch: got {switch!r}, expected 'auto', 'clock' or 'quantiles'")
+    if switch not in ("learned", "clock", "quantiles"):
+        raise ParameterError(f"switch: got {switch!r}, expected 'learned', 'clock' or 'quantiles'")
     if time is None and (profile or switch == "clock"):
         needs = "profile" if profile else "switch"
         raise ParameterError(f"{needs}: the time of day needs a column of times, and there is none")
-    if switch == "auto":
-        fine = time is not None and np.median(np.diff(time)) <= np.timedelta64(6, "h")
-        switch = "clock" if fine else "quantiles"
+    r, source = None, LEARNED
     if switch == "clock" and time is not None:
         clock = ClockSwitch.learn(time[:n_train], x[:n_train])
         r, source = clock(time), str(clock)
-    else:
+    elif switch == "quantiles":
         low, high = quantile_switch(y[:n_train])
         r = np.clip((y - low) / (high - low), 0.0, 1.0)
         source = f"the observation, 0 below {low:g}, 1 above {high:g}, linear in between"
     learned = None
     if profile and time is not None:
-        days = np.is_busday(time.astype("datetime64[D]")) if workday is None else workday
-        learned = DailyProfile.learn(time[:n_train], days[:n_train], x[:n_train], _slot(time))
-        x = x - learned(time, days)
+        days = None if workday is None else workday[:n_train]
+        learned = DailyProfile().fit(x[:n_train], time[:n_train], days)
+        x = learned.transform(x, time, workday)
     return Task(
         state=x, observation=y, switch=r, n_train=n_train, time=time, switch_source=source, profile=learned
     )
@@ -343,9 +256,3 @@ def _split(n: int, train: float) -> int:
             f"expected at least {MIN_TRAIN} and {MIN_TEST}"
         )
     return n_train
-
-
-def _slot(time: NDArray[np.datetime64]) -> float:
-    """Hours between rows where they divide the day, else one hour."""
-    step = float(np.median(np.diff(time)) / np.timedelta64(1, "h"))
-    return step if (24.0 / step).is_integer() else 1.0

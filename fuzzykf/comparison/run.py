@@ -7,20 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.comparison import methods
-from fuzzykf.comparison.scores import Score, block_length, circular_block_means
-from fuzzykf.errors import FuzzykfError, ParameterError
+from fuzzykf.comparison.candidates import LearningPart
+from fuzzykf.comparison.methods import main_methods, restore
+from fuzzykf.comparison.scores import INTERVAL_FACTOR, LIMITS, Score, bootstrap_rmse, difference_in_words
+from fuzzykf.errors import FuzzykfError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
+    from fuzzykf.comparison.candidates import Candidate
     from fuzzykf.comparison.methods import Restoration
     from fuzzykf.comparison.prepare import Task
 
-__all__ = ["INTERVAL_FACTOR", "Comparison", "compare", "score"]
-
-#: Half the width of a central interval of 90 % of a normal law, in standard deviations.
-INTERVAL_FACTOR = 1.6448536269514722
+__all__ = ["Comparison", "compare", "score"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,40 +68,41 @@ class Comparison:
         unit : str
             Unit of the state.
         """
-        space = f" {unit}" if unit else ""
-        rmse = {score.name: score.rmse for score in self.scores}
-        certainty = "more than its uncertainty" if self.is_certain else "no more than its uncertainty"
-        return (
-            f"{self.best} has the lowest RMSE, {rmse[self.best]:.4g}{space}: {self.difference:.2g}{space} "
-            f"below {self.second}, which is {certainty} (95 % interval of the difference "
-            f"{self.difference_low:.2g} to {self.difference_high:.2g}{space})."
-        )
+        rmse = next(score.rmse for score in self.scores if score.name == self.best)
+        limits = self.difference_low, self.difference_high
+        return difference_in_words(self.best, rmse, self.second, self.difference, limits, unit) + "."
 
 
 def compare(
     task: Task,
     rng: np.random.Generator,
     *,
+    methods: Sequence[Candidate] | None = None,
     n_nodes: int = 5,
     n_resamples: int = 2000,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Restore the second part of a task by four methods and score them.
+    """Restore the second part of a task by several methods and score them.
 
-    The methods are `OFSRFilter` on fuzzy switches, `CGOMSMFilter` on hard ones, filterpy's
-    KalmanFilter on the best single linear model, and plain linear regression.
+    The methods are `OFSRFilter` on fuzzy switches, `CGOMSMFilter` on two hard regimes,
+    `IMMEstimator` on one linear model per regime, filterpy's KalmanFilter on the best single
+    linear model, and regressions: on the observation, and on earlier ones as well, straight
+    and piecewise-linear.
 
     Parameters
     ----------
     task : Task
     rng : numpy.random.Generator
         For the bootstrap.
+    methods : sequence of Candidate
+        By default those of `main_methods`.
     n_nodes : int
         Nodes of the fuzzy switch between 0 and 1; time grows as ``(n_nodes + 2) ** 2``.
     n_resamples : int
         Resamples of the bootstrap.
     progress : callable
-        Is told the name of each piece of work before it begins.
+        Is told the name of each piece of work before it begins: all pieces of all methods,
+        and the bootstrap.
 
     Returns
     -------
@@ -113,23 +113,25 @@ def compare(
     MissingDependencyError
         If filterpy is not installed.
     FuzzykfError
-        If a method finds numbers that are not finite.
+        If a method cannot be learned, or finds numbers that are not finite.
 
     Notes
     -----
     The log-likelihoods are those of the same observations, in the same unit, given the
-    earlier ones, so they may be compared; linear regression has none.
+    earlier ones, so they may be compared; regressions have none.
     """
-    work: dict[str, Callable[[], Restoration]] = {
-        "fuzzy switches": lambda: methods.fuzzy_switches(task, n_nodes),
-        "hard switches": lambda: methods.hard_switches(task),
-        "Kalman filter": lambda: methods.kalman_filter(task),
-        "linear regression": lambda: methods.linear_regression(task),
-    }
+    n = task.n_train
+    x, y = task.state[:, None], task.observation[:, None]
+    r = None if task.switch is None else task.switch[:n]
+    part = LearningPart(x=x[:n], y=y[:n], r=r, n_nodes=n_nodes, progress=progress)
     restorations = []
-    for name, method in work.items():
-        progress(name)
-        restorations.append(method())
+    for method in main_methods() if methods is None else methods:
+        progress(method.name)
+        try:
+            learned = method.learn(part)
+        except FuzzykfError as error:
+            raise FuzzykfError(f"{method.name}: {error}") from error
+        restorations.append(restore(method.name, learned, y[:n], y[n:]))
         _check_finite(restorations[-1])
     progress("bootstrap")
     return score(task, tuple(restorations), rng, n_resamples=n_resamples)
@@ -167,19 +169,14 @@ def score(
     ParameterError
         If ``n_resamples`` is less than 100: quantiles of 2.5 % would mean nothing.
     """
-    if n_resamples < 100:
-        raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
     truth = task.state[task.n_train :]
     errors = np.column_stack([r.mean - truth for r in restorations])
-    squared = errors**2
-    length = max(block_length(column) for column in squared.T)
-    resampled = np.sqrt(circular_block_means(squared, length, n_resamples, rng))
-    rmse = np.sqrt(squared.mean(axis=0))
-    low, high = np.quantile(resampled, [0.025, 0.975], axis=0)
+    found = bootstrap_rmse(errors**2, n_resamples, rng)
+    low, high = np.quantile(found.resampled, LIMITS, axis=0)
     scores = tuple(
         Score(
             name=r.name,
-            rmse=float(rmse[k]),
+            rmse=float(found.rmse[k]),
             rmse_low=float(low[k]),
             rmse_high=float(high[k]),
             coverage=float((np.abs(errors[:, k]) <= INTERVAL_FACTOR * r.std).mean()),
@@ -188,8 +185,8 @@ def score(
         )
         for k, r in enumerate(restorations)
     )
-    best, second = (int(k) for k in np.argsort(rmse, kind="stable")[:2])
-    difference_low, difference_high = np.quantile(resampled[:, second] - resampled[:, best], [0.025, 0.975])
+    best, second = (int(k) for k in np.argsort(found.rmse, kind="stable")[:2])
+    difference_low, difference_high = found.difference(second, best)
     baseline = task.state[: task.n_train].mean()
     return Comparison(
         task=task,
@@ -198,8 +195,8 @@ def score(
         baseline_rmse=float(np.sqrt(((truth - baseline) ** 2).mean())),
         best=restorations[best].name,
         second=restorations[second].name,
-        difference=float(rmse[second] - rmse[best]),
-        difference_low=float(difference_low),
-        difference_high=float(difference_high),
-        block_length=length,
+        difference=float(found.rmse[second] - found.rmse[best]),
+        difference_low=difference_low,
+        difference_high=difference_high,
+        block_length=found.block_length,
     )

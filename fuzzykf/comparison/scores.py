@@ -12,7 +12,23 @@ from fuzzykf.errors import ParameterError
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
 
-__all__ = ["Score", "block_length", "circular_block_means"]
+__all__ = [
+    "INTERVAL_FACTOR",
+    "LIMITS",
+    "Bootstrap",
+    "Score",
+    "block_length",
+    "bootstrap_rmse",
+    "circular_block_means",
+    "difference_in_words",
+]
+
+#: Half the width of a central interval of 90 % of a normal law, in standard deviations.
+INTERVAL_FACTOR = 1.6448536269514722
+
+
+#: Shares of the resamples below the ends of an interval of 95 %.
+LIMITS = (0.025, 0.975)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,3 +150,78 @@ def circular_block_means(
     sums = running[starts + lengths] - running[starts]
     means: FloatArray = centre + sums.sum(axis=1) / n
     return means
+
+
+@dataclass(frozen=True, eq=False)
+class Bootstrap:
+    """Root mean squared errors of several methods on the same steps, and their resamples.
+
+    Attributes
+    ----------
+    rmse : ndarray, shape (k,)
+    resampled : ndarray, shape (n_resamples, k)
+        All methods share their blocks, so that differences are paired.
+    block_length : int
+        Steps in a block.
+    """
+
+    rmse: FloatArray
+    resampled: FloatArray
+    block_length: int
+
+    def difference(self, a: int, b: int) -> tuple[float, float]:
+        """Return the interval of 95 % of the RMSE of method ``a`` less that of ``b``."""
+        low, high = np.quantile(self.resampled[:, a] - self.resampled[:, b], LIMITS)
+        return float(low), float(high)
+
+
+def bootstrap_rmse(squared: FloatArray, n_resamples: int, rng: np.random.Generator) -> Bootstrap:
+    """Resample root mean squared errors by the circular block bootstrap.
+
+    Parameters
+    ----------
+    squared : ndarray, shape (n, k)
+        Squared errors of k methods at n steps.
+    n_resamples : int
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Bootstrap
+        With blocks of the length that the most dependent column needs.
+
+    Raises
+    ------
+    ParameterError
+        If ``n_resamples`` is less than 100: quantiles of 2.5 % would mean nothing.
+    """
+    if n_resamples < 100:
+        raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
+    length = max(block_length(column) for column in squared.T)
+    resampled = np.sqrt(circular_block_means(squared, length, n_resamples, rng))
+    return Bootstrap(np.sqrt(squared.mean(axis=0)), resampled, length)
+
+
+def difference_in_words(
+    best: str, rmse: float, second: str, difference: float, limits: tuple[float, float], unit: str
+) -> str:
+    """Say which method has the lowest error, and whether its lead exceeds its uncertainty.
+
+    Parameters
+    ----------
+    best, second : str
+    rmse : float
+        Of the best method.
+    difference : float
+        RMSE of the second method less that of the best.
+    limits : tuple of float
+        Interval of 95 % of the difference.
+    unit : str
+        Unit of the error; may be empty.
+    """
+    space = f" {unit}" if unit else ""
+    certainty = "more than its uncertainty" if limits[0] > 0.0 else "no more than its uncertainty"
+    return (
+        f"{best} has the lowest RMSE, {rmse:.4g}{space}: {difference:.2g}{space} below {second}, which is "
+        f"{certainty} (95 % interval of the difference {limits[0]:.2g} to {limits[1]:.2g}{space})"
+    )

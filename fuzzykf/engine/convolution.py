@@ -25,6 +25,9 @@ IntArray: TypeAlias = NDArray[np.intp]
 #: Elements worked on at a time: the temporaries then stay in the cache.
 CHUNK = 1 << 16
 
+#: Admissible error of a refined cost, as told by the change of the second difference.
+RELATIVE_ERROR, ABSOLUTE_ERROR = 0.1, 0.02
+
 
 def convolve_parabola(
     cost: FloatArray, y0: float, dy: float, x0: float, dx: float, n_targets: int, curvature: float
@@ -55,30 +58,31 @@ def convolve_parabola(
         part = cost[start : start + block]
         best = envelope_of_parabolas(part, y0, dy, x0, dx, n_targets, curvature)
         offset = x - y[best]
-        padded = np.full((part.shape[0], n + 2), np.inf)
-        padded[:, 1:-1] = part
+        padded = np.full((part.shape[0], n + 4), np.inf)
+        padded[:, 2:-2] = part
         flat = padded.ravel()
-        here = best + 1 + (n + 2) * np.arange(part.shape[0])[:, None]
-        left = flat.take(here - 1) + curvature * (offset + dy) ** 2
-        middle = flat.take(here) + curvature * offset**2
-        right = flat.take(here + 1) + curvature * (offset - dy) ** 2
-        out[start : start + block] = refine(left, middle, right)
+        here = best + 2 + (n + 4) * np.arange(part.shape[0])[:, None]
+        near = [flat.take(here + k) + curvature * (offset - k * dy) ** 2 for k in range(-2, 3)]
+        out[start : start + block] = refine(*near)
     return out
 
 
-def refine(left: FloatArray, middle: FloatArray, right: FloatArray) -> FloatArray:
+def refine(
+    before: FloatArray, left: FloatArray, middle: FloatArray, right: FloatArray, after: FloatArray
+) -> FloatArray:
     """Minimum of the parabola through three equidistant costs, the middle one the least.
 
-    Where a neighbour is impossible, or the three are not convex, it is the least of them.
+    Where the costs beyond do not continue that parabola (an edge or a kink is near) it is
+    the least of the three.
     """
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         slope = right - left
         bend = left - 2.0 * middle + right
-        gain = slope * slope / (8.0 * bend)
-    usable = np.isfinite(gain) & (bend > 0.0) & (left >= middle) & (right >= middle)
-    least = np.minimum(np.minimum(left, middle), right)
-    refined: FloatArray = least - np.where(usable, gain, 0.0)
-    return refined
+        least = np.minimum(np.minimum(left, middle), right)
+        refined = np.maximum(least - slope * slope / (8.0 * bend), 0.0)  # no membership exceeds one
+        beside = np.where(left < right, before - 2.0 * left + middle, middle - 2.0 * right + after)
+        usable = np.abs(bend - beside) <= 8.0 * (RELATIVE_ERROR * refined + ABSOLUTE_ERROR)
+    return np.where(usable & (bend > 0.0) & (least == middle), refined, least)
 
 
 def envelope_of_parabolas(

@@ -1,11 +1,11 @@
 """Interpolation of costs on regular lattices.
 
 A lattice is given by its origin, its steps and its shape; positions are measured
-in steps from the origin.  Costs are interpolated by the parabola (in several
-dimensions, the product of parabolas) through the nearest node and its neighbours:
-quadratic costs, that is Gaussian memberships, come out exact at any resolution.
-Where one of these nodes is impossible, at the edge of a compact support, the
-memberships are interpolated linearly instead.
+in steps from the origin.  Within a cell costs are interpolated linearly and corrected
+for their second differences: quadratic costs, that is Gaussian memberships, come out
+exact at any resolution.  Where the second differences at the two ends of an edge do
+not agree (at the edge of a compact support, at a kink) the memberships are
+interpolated linearly instead.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ IntArray: TypeAlias = NDArray[np.intp]
 #: Elements worked on at a time: the temporaries then stay in the cache.
 CHUNK = 1 << 15
 
+#: Second differences agree if they differ by less than this part of them, or by this cost.
+ROUGHNESS, NEGLIGIBLE = 0.5, 0.02
+
 #: How far (in steps) beyond the last node a position still counts as on it.
 SLACK = 1e-9
 
@@ -39,7 +42,7 @@ def interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatAr
     Parameters
     ----------
     cost : ndarray, shape (n_1, ..., n_d)
-        At least three nodes along each axis.
+        At least four nodes along each axis.
     position : ndarray, shape (m, d)
         In steps from the first node; NaN for nowhere.
     scale : {"log", "reciprocal", "complement"}
@@ -65,26 +68,42 @@ def _interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatA
     """Interpolate at positions inside the lattice."""
     d = cost.ndim
     flat = cost.ravel()
-    strides = np.array(cost.strides) // cost.itemsize
-    node = np.zeros(position.shape[0], dtype=np.intp)
-    weights = []
+    strides = [int(stride) // cost.itemsize for stride in cost.strides]
+    corners, fractions = [], []
     for k in range(d):
-        u = position[:, k]
-        nearest = np.minimum(np.maximum(np.rint(u), 1.0), cost.shape[k] - 2.0)
-        t = u - nearest
-        node += nearest.astype(np.intp) * strides[k]
-        weights.append((0.5 * t * (t - 1.0), 1.0 - t * t, 0.5 * t * (t + 1.0)))
+        base = np.minimum(np.maximum(np.floor(position[:, k]), 0.0), cost.shape[k] - 2.0)
+        corners.append(base.astype(np.intp))
+        fractions.append(np.minimum(np.maximum(position[:, k] - base, 0.0), 1.0))
+    node = sum(corner * stride for corner, stride in zip(corners, strides, strict=True))
     value = np.zeros(position.shape[0])
     with np.errstate(invalid="ignore", over="ignore"):
-        for offsets in product((-1, 0, 1), repeat=d):
-            weight = weights[0][offsets[0] + 1]
-            for k in range(1, d):
-                weight = weight * weights[k][offsets[k] + 1]
-            value += weight * flat.take(node + int(strides @ np.array(offsets)))
+        for offsets in product((0, 1), repeat=d):
+            weight = np.ones(1)
+            for t, offset in zip(fractions, offsets, strict=True):
+                weight = weight * (t if offset else 1.0 - t)
+            shift = sum(stride * offset for stride, offset in zip(strides, offsets, strict=True))
+            value += weight * flat.take(node + shift)
+        for k, t in enumerate(fractions):
+            # Four nodes along the edge that is nearest in the other directions.
+            place = np.minimum(np.maximum(corners[k] - 1, 0), cost.shape[k] - 4) * strides[k]
+            for m in range(d):
+                if m != k:
+                    place += (corners[m] + (fractions[m] > 0.5)) * strides[m]
+            four = [flat.take(place + j * strides[k]) for j in range(4)]
+            value -= 0.5 * t * (1.0 - t) * _bend(*four)
     edge = np.flatnonzero(~np.isfinite(value))
     if edge.size:
         value[edge] = _interpolate_memberships(cost, position[edge], scale)
     return np.maximum(value, 0.0, out=value)  # no membership exceeds one
+
+
+def _bend(first: FloatArray, second: FloatArray, third: FloatArray, fourth: FloatArray) -> FloatArray:
+    """Second difference between four nodes in a row; NaN where its two values disagree."""
+    slope = third - second
+    low, high = slope - (second - first), (fourth - third) - slope
+    allowed = ROUGHNESS * (np.abs(low) + np.abs(high)) + NEGLIGIBLE
+    agreed = (np.abs(low - high) <= allowed) & (allowed < np.inf)
+    return np.where(agreed, np.where(np.abs(low) < np.abs(high), low, high), np.nan)
 
 
 def _interpolate_memberships(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:
@@ -114,7 +133,7 @@ def interpolate_lines(cost: FloatArray, position: FloatArray, scale: Scale) -> F
     Parameters
     ----------
     cost : ndarray, shape (lines, n)
-        n >= 3.
+        n >= 4.
     position : ndarray, shape (m,)
         In steps from the first node.
 
@@ -124,20 +143,15 @@ def interpolate_lines(cost: FloatArray, position: FloatArray, scale: Scale) -> F
         Infinite outside the lines.
     """
     n = cost.shape[1]
-    nearest = np.minimum(np.maximum(np.rint(position), 1.0), n - 2.0)
-    t = position - nearest
-    node = nearest.astype(np.intp)
+    node = np.clip(np.floor(position), 0, n - 2).astype(np.intp)
+    t = np.clip(position - node, 0.0, 1.0)
     with np.errstate(invalid="ignore", over="ignore"):
-        value: FloatArray = (
-            0.5 * t * (t - 1.0) * cost[:, node - 1]
-            + (1.0 - t * t) * cost[:, node]
-            + 0.5 * t * (t + 1.0) * cost[:, node + 1]
-        )
+        value: FloatArray = (1.0 - t) * cost[:, node] + t * cost[:, node + 1]
+        first = np.clip(node - 1, 0, n - 4)
+        value -= 0.5 * t * (1.0 - t) * _bend(*(cost[:, first + j] for j in range(4)))
     line, edge = np.nonzero(~np.isfinite(value))
     if line.size:
-        base = np.clip(np.floor(position[edge]), 0, n - 2).astype(np.intp)
-        fraction = np.clip(position[edge] - base, 0.0, 1.0)
-        value[line, edge] = _between(cost[line, base], cost[line, base + 1], fraction, scale)
+        value[line, edge] = _between(cost[line, node[edge]], cost[line, node[edge] + 1], t[edge], scale)
     value[:, (position < -SLACK) | (position > n - 1 + SLACK)] = np.inf
     np.maximum(value, 0.0, out=value)
     return value
@@ -171,7 +185,11 @@ def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
     position = np.array(best, dtype=np.float64)
     value = float(cost[best])
     axes = [k for k in range(cost.ndim) if 0 < best[k] < cost.shape[k] - 1]
-    if axes:
+    smooth = all(
+        _is_smooth(cost[tuple(slice(None) if m == k else best[m] for m in range(cost.ndim))], int(best[k]))
+        for k in axes
+    )
+    if axes and smooth:
         window = cost[tuple(slice(b - 1, b + 2) if k in axes else b for k, b in enumerate(best))]
         if np.isfinite(window).all():
             slope, hessian = _quadratic(window)
@@ -181,6 +199,13 @@ def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
                     position[axes] += step
                     value += 0.5 * float(slope @ step)
     return value, position
+
+
+def _is_smooth(line: FloatArray, node: int) -> bool:
+    """Whether the second differences at a node and at its neighbours agree."""
+    with np.errstate(invalid="ignore"):
+        near = line[max(node - 2, 0) : node + 3]
+        return bool(np.isfinite([_bend(*near[j : j + 4]) for j in range(near.size - 3)]).all())
 
 
 def _quadratic(window: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -38,7 +38,7 @@ __all__ = [
 _HALF = np.array(0.5)  # numpy converts a Python float at every use
 
 #: A pivot that is smaller than this fraction of its diagonal entry is rounding error.
-PIVOT_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
+PIVOT_TOLERANCE = 16.0 * float(np.finfo(np.float64).eps)
 
 
 # --------------------------------------------------------------------------- one filter
@@ -80,9 +80,10 @@ def update(
     A = identity - K.dot(H)
     P = A.dot(P).dot(A.T)
     P += K.dot(R).dot(K.T)
-    P = P + P.T
-    P *= _HALF
-    return x + K.dot(y), P, S, SI, K
+    symmetric = P.T.copy()  # numpy adds arrays of one order much faster than P and P.T
+    symmetric += P
+    symmetric *= _HALF
+    return x + K.dot(y), symmetric, S, SI, K
 
 
 def update_correlated(
@@ -131,9 +132,12 @@ def inverse(S: FloatArray) -> FloatArray:
                 off = -ratio / pivot
                 return np.array(((1.0 / a - ratio * off, off), (off, 1.0 / pivot)))
         raise np.linalg.LinAlgError("S is not positive definite")
-    _, SI, info = _positive_solver()(S, _identity(m), lower=1)
+    factor, SI, info = _positive_solver()(S, _identity(m), lower=1)
     if info != 0:
         raise np.linalg.LinAlgError("S is not positive definite")
+    for pivot, entry in zip(factor.diagonal().tolist(), S.diagonal().tolist(), strict=True):
+        if not pivot * pivot > PIVOT_TOLERANCE * entry:
+            raise np.linalg.LinAlgError("S is singular, to rounding error")
     solution: FloatArray = SI
     return solution
 
@@ -224,6 +228,8 @@ def inverse_stack(S: FloatArray) -> tuple[FloatArray, FloatArray]:
         return SI, np.log(a) + np.log(pivot)
     factor = np.linalg.cholesky(S)
     pivots = np.diagonal(factor, axis1=-2, axis2=-1)
+    if not (pivots * pivots > PIVOT_TOLERANCE * np.diagonal(S, axis1=-2, axis2=-1)).all():
+        raise np.linalg.LinAlgError("S is singular, to rounding error")
     root = np.linalg.inv(factor)
     return root.mT @ root, 2.0 * np.log(pivots).sum(axis=-1)
 
@@ -276,9 +282,10 @@ def correct_stack(P: FloatArray, K: FloatArray, H: FloatArray, R: FloatArray) ->
     A = _identity(P.shape[-1]) - K @ H
     P = A @ P @ A.mT
     P += K @ R @ K.mT
-    P = P + P.mT
-    P *= _HALF
-    return P
+    symmetric: FloatArray = P.mT.copy()
+    symmetric += P
+    symmetric *= _HALF
+    return symmetric
 
 
 def log_normal_stack(

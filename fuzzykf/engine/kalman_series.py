@@ -61,11 +61,10 @@ def filter_many(
             out["x_prior"][:, t] = x
         if "P_prior" in out:
             out["P_prior"][:, t] = P if len(P) == n_series else P[group]
-        y, seen = zs[:, t] - x @ H.T, all_seen[:, t]
+        y, seen = zs[:, t] - x @ H.T, all_seen[:, t]  # the gain is zero where nothing was seen
         pattern = None
         if not seen.all():
             P, group, pattern = _split(P, group, seen)
-            y = np.where(seen, y, 0.0)
         _, SI, K, log_det = gain_stack(P, H, R, pattern)
         P = correct_stack(P, K, H, R)
         x = x + _apply(K, y, group)
@@ -95,7 +94,7 @@ def _split(
         label = np.unique(2 * label + column, return_inverse=True)[1]
     _, first, label = np.unique(label, return_index=True, return_inverse=True)
     if len(first) == len(group):
-        return P[group], np.arange(len(group)), seen
+        return P[group], group, seen
     return P[group[first]], label, seen[first]
 
 

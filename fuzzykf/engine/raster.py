@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import FloatArray
 
-__all__ = ["Cover", "cover", "flat_cells", "samples"]
+__all__ = ["Cover", "cover", "flat_cells", "live_cells", "samples"]
 
 IntArray: TypeAlias = NDArray[np.intp]
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -75,15 +75,15 @@ def cover(image: FloatArray, alive: BoolArray, shape: tuple[int, ...]) -> Iterat
     """
     sources, d = image.ndim - 1, image.shape[-1]
     for axes in combinations(range(sources), d):
-        base = _cells(alive, axes)
+        base = live_cells(alive, axes)
         for start in range(0, base.shape[0], CHUNK):
             for order in permutations(axes):
                 yield from _cover_simplices(image, base[start : start + CHUNK], order, shape)
 
 
-def _cells(alive: BoolArray, axes: tuple[int, ...]) -> IntArray:
-    """Lowest corners (c, s) of the cells spanned by ``axes`` that have a live corner."""
-    for axis in axes:
+def live_cells(alive: BoolArray, axes: tuple[int, ...] | None = None) -> IntArray:
+    """Lowest corners (c, s) of the cells, or faces spanned by ``axes``, that have a live corner."""
+    for axis in range(alive.ndim) if axes is None else axes:
         n = alive.shape[axis]
         alive = alive.take(range(n - 1), axis=axis) | alive.take(range(1, n), axis=axis)
     return np.argwhere(alive)
@@ -173,7 +173,7 @@ def flat_cells(image: FloatArray, alive: BoolArray) -> IntArray:
         Their lowest corners.
     """
     sources, d = image.ndim - 1, image.shape[-1]
-    base = _cells(alive, tuple(range(sources)))
+    base = live_cells(alive)
     if sources < d:
         return base
     centre = tuple(base.T)

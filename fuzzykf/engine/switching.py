@@ -164,7 +164,7 @@ def first_step(
     log_w = log_initial - 0.5 * (white * white).sum(axis=-1) - log_det - q * _HALF_LOG_2PI
     top = log_w.max()
     log_likelihood = float(top) + log(float(np.exp(log_w - top).sum()))
-    table = np.concatenate([(log_w - log_likelihood)[None], x.T, P.reshape(-1, m * m).T])
+    table = _table(log_w - log_likelihood, x, P)
     return table, log_likelihood
 
 
@@ -257,6 +257,14 @@ def _collapse_few(
     return table, _log_sum(log_p, None)
 
 
+def _table(log_p: FloatArray, mean: FloatArray, P: FloatArray) -> FloatArray:
+    """Lay out (M,), (M, m) and (M, m, m) as a table, always in the same order of memory.
+
+    Sums over a state that was saved and read again are then the same to the last bit.
+    """
+    return np.ascontiguousarray(np.concatenate([log_p[None], mean.T, P.reshape(len(P), -1).T]))
+
+
 def _bury(table: FloatArray, top: FloatArray) -> None:
     """Set the moments of nodes that no path reaches to zero, or they might grow without bound."""
     if float(top.min()) < DEAD:
@@ -305,7 +313,7 @@ def _collapse(
     log_p = np.log(column if sign is None else np.abs(column)) + top
     log_likelihood = _log_sum(log_p, sign)
     log_p -= log_likelihood
-    table = np.concatenate([log_p[None], mean.T, P_node.reshape(M2, m * m).T])
+    table = _table(log_p, mean, P_node)
     _bury(table, top)
     return table, sign, log_likelihood
 

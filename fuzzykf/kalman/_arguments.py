@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 _FLOAT64 = np.dtype(np.float64)
+_ARRAY = np.ndarray
 
 
 #: Said when a `SingularInnovationError` is raised.
@@ -61,7 +62,7 @@ def fits(n: int, m: int, x: Any, P: Any, A: Any, V: Any) -> bool:
     The usual case in one look; where it is False, `as_state` and the others convert
     what can be converted and name what cannot.
     """
-    if not (type(x) is type(P) is type(A) is type(V) is np.ndarray):
+    if not (type(x) is type(P) is type(A) is type(V) is _ARRAY):
         return False
     if not (x.dtype is P.dtype is A.dtype is V.dtype is _FLOAT64):
         return False
@@ -140,8 +141,12 @@ def as_vector(name: str, value: Any, like: FloatArray) -> FloatArray:
 def observation_matrix(name: str, value: Any, n: int) -> FloatArray:
     """Return an observation matrix given in a call: any number of rows, n columns."""
     if type(value) is np.ndarray and value.ndim == 2 and value.shape[1] == n and value.dtype == _FLOAT64:
-        return value
-    return as_array(name, value, (None, n))
+        matrix: FloatArray = value
+    else:
+        matrix = as_array(name, value, (None, n))
+    if len(matrix) == 0:
+        raise ShapeError(f"{name}: got shape {matrix.shape}, expected at least one row")
+    return matrix
 
 
 def control_term(B: Any, u: Any, x: FloatArray) -> FloatArray | float:

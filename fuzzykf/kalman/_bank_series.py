@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import Filter, FilterResult, as_observations
+from fuzzykf.base import Filter, FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine import imm as engine
 from fuzzykf.errors import ParameterError
 from fuzzykf.kalman import _bank as bank
@@ -14,13 +14,11 @@ from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError
 from fuzzykf.kalman._series import (
     FIELDS,
     as_batch,
-    as_many,
     as_result,
-    check_keep,
     collect,
     field_shapes,
     filter_each,
-    per_step,
+    given_per_step,
     unchanged_on_error,
 )
 
@@ -80,13 +78,13 @@ class BankSeries(Filter):
 
     def _collect(self, zs: Any, us: Sequence[Any] | None) -> dict[str, FloatArray]:
         series = as_observations(zs, self.dim_z)
-        controls = per_step("us", us, len(series))
+        controls = given_per_step({"us": us}, len(series))
         self._remember()
         with unchanged_on_error(self, *self.filters):
             return collect(
                 self,
                 series,
-                lambda k: self.predict(controls[k]),
+                lambda k: self.predict(**controls[k]),
                 lambda _, z: self.update(z),
                 {**field_shapes(self.dim_x), "mu": (self.N,)},
             )

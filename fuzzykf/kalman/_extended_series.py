@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fuzzykf.base import FilterResult, as_observations
+from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
 from fuzzykf.kalman._arguments import as_square
 from fuzzykf.kalman._gaussian import GaussianFilter
 from fuzzykf.kalman._series import (
     FIELDS,
     as_batch,
-    as_many,
     as_result,
-    check_keep,
     collect,
     field_shapes,
     filter_each,
+    given_per_step,
     per_step,
     unchanged_on_error,
 )
@@ -72,7 +71,7 @@ class ExtendedSeries(GaussianFilter):
         series = as_observations(zs, self.dim_z)
         n = len(series)
         controls, before, after = (
-            per_step("us", us, n),
+            given_per_step({"us": us}, n),
             per_step("fx_args", fx_args, n),
             per_step("hx_args", hx_args, n),
         )
@@ -81,7 +80,7 @@ class ExtendedSeries(GaussianFilter):
             return collect(
                 self,
                 series,
-                lambda k: self.predict(controls[k], **(before[k] or {})),
+                lambda k: self.predict(**controls[k], **(before[k] or {})),
                 lambda k, z: self.update(z, **(after[k] or {})),
                 shapes,
             )

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 __all__ = ["GaussianFilter", "describe", "seen_components"]
 
+_NUMPY_INVERSE = np.linalg.inv
+
 #: What filterpy reports as log-likelihood and likelihood before the first update.
 LEAST_LIKELIHOOD = sys.float_info.min
 LEAST_LOG_LIKELIHOOD = log(LEAST_LIKELIHOOD)
@@ -174,7 +176,7 @@ class GaussianFilter(Filter):
         seen: np.ndarray | None = None,
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return x, P, S, SI and K after conditioning on the components seen of y."""
-        block_inverse = engine.inverse if self.inv is np.linalg.inv else self.inv
+        block_inverse = engine.inverse if self.inv is _NUMPY_INVERSE else self.inv
         invert = block_inverse
         if seen is not None:
 

@@ -6,18 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import FilterResult, as_observations
+from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine import kalman_series as engine
 from fuzzykf.errors import ShapeError
 from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError, as_matrix, as_square
 from fuzzykf.kalman._series import (
     FIELDS,
-    as_many,
     as_result,
-    check_keep,
     collect,
     field_shapes,
-    per_step,
+    given_per_step,
     unchanged_on_error,
 )
 from fuzzykf.kalman._variants import LinearUpdates
@@ -75,13 +73,13 @@ class LinearSeries(LinearUpdates):
         array([0.667, 0.667, 1.636])
         """
         series = as_observations(zs, self.dim_z)
-        controls = per_step("us", us, len(series))
+        controls = given_per_step({"us": us}, len(series))
         self._remember()
         with unchanged_on_error(self):
             stored = collect(
                 self,
                 series,
-                lambda k: self.predict(controls[k]),
+                lambda k: self.predict(**controls[k]),
                 lambda _, z: self.update(z),
                 field_shapes(self.dim_x),
             )
@@ -241,8 +239,8 @@ class LinearSeries(LinearUpdates):
         if not hasattr(observations, "__len__"):
             observations = list(observations)  # type: ignore[arg-type]
         n, d = len(observations), self.dim_x  # type: ignore[arg-type]
-        given = {"F": Fs, "Q": Qs, "H": Hs, "R": Rs, "B": Bs, "u": us}
-        F, Q, H, R, B, u = (per_step(f"{name}s", values, n) for name, values in given.items())
+        moves = given_per_step({"us": us, "Bs": Bs, "Fs": Fs, "Qs": Qs}, n)
+        looks = given_per_step({"Rs": Rs, "Hs": Hs}, n)
         self._remember()
         x, _ = self._state()
         shape: tuple[int, ...] = (n, d) if x.ndim == 1 else (n, d, 1)
@@ -250,11 +248,11 @@ class LinearSeries(LinearUpdates):
         covariances, covariances_p = np.empty((n, d, d)), np.empty((n, d, d))
 
         def predict(k: int) -> None:
-            self.predict(u[k], B[k], F[k], Q[k])
+            self.predict(**moves[k])
             means_p[k], covariances_p[k] = self.x, self.P
 
         def update(k: int) -> None:
-            self.update(observations[k], R[k], H[k])  # type: ignore[index]
+            self.update(observations[k], **looks[k])  # type: ignore[index]
             means[k], covariances[k] = self.x, self.P
 
         verbs: tuple[Callable[[int], None], ...] = (update, predict) if update_first else (predict, update)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import FilterResult, as_many, check_keep
+from fuzzykf.base import FilterResult
 from fuzzykf.errors import ShapeError
 
 if TYPE_CHECKING:
@@ -17,12 +17,11 @@ if TYPE_CHECKING:
 __all__ = [
     "FIELDS",
     "as_batch",
-    "as_many",
     "as_result",
-    "check_keep",
     "collect",
     "field_shapes",
     "filter_each",
+    "given_per_step",
     "per_step",
     "unchanged_on_error",
 ]
@@ -58,6 +57,12 @@ def per_step(name: str, values: Sequence[Any] | None, n: int) -> Sequence[Any]:
     if len(values) < n:
         raise ShapeError(f"{name}: got {len(values)} values, expected one for each of the {n} observations")
     return values
+
+
+def given_per_step(given: dict[str, Sequence[Any] | None], n: int) -> list[dict[str, Any]]:
+    """Return keyword arguments for each step, of the lists that were given; "us" becomes u."""
+    lists = {name[:-1]: per_step(name, values, n) for name, values in given.items() if values is not None}
+    return [{name: values[k] for name, values in lists.items()} for k in range(n)]
 
 
 def collect(

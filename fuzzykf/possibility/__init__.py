@@ -11,6 +11,8 @@ from fuzzykf.possibility.memberships import (
     SingletonMembership,
     TriangularMembership,
 )
+from fuzzykf.possibility.norms import TConorm, TNorm
+from fuzzykf.possibility.relations import Rule, RuleBase, compose, extend, fuzzify
 
 __all__ = [
     "CauchyMembership",
@@ -20,6 +22,13 @@ __all__ = [
     "GridMembership",
     "IntervalMembership",
     "ParabolicMembership",
+    "Rule",
+    "RuleBase",
     "SingletonMembership",
+    "TConorm",
+    "TNorm",
     "TriangularMembership",
+    "compose",
+    "extend",
+    "fuzzify",
 ]

@@ -59,7 +59,11 @@ class EstimatorState(Filter):
     @x.setter
     def x(self, value: ArrayLike) -> None:
         self._require_closed_form("x", "membership")
-        self._belief = QuadraticBelief(self.representation, self._checked_x(value), self.P)
+        x = self._checked_x(value)
+        if x.shape != self.x.shape:  # flat or column: everything follows x
+            self.x_prior, self.x_post = self.x_prior.reshape(x.shape), self.x_post.reshape(x.shape)
+            self.y = self.y.reshape((-1,) if x.ndim == 1 else (-1, 1))
+        self._belief = QuadraticBelief(self.representation, x, self.P)
 
     @property
     def P(self) -> Any:

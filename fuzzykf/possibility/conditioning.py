@@ -85,20 +85,18 @@ def condition(
     if universe.domain is None:
         prior = _fitted(prior, measure, noise, z, universe, notes)
     t_norm = prior.t_norm
-    residual, reach = _residual(prior, measure, z)
+    residual = _residual(prior, measure, z)
     cost = t_norm.combine(prior.cost, noise.cost(residual, t_norm))
-    nearest = _nearest(residual, reach, noise)
-    lower, upper = noise.support(0.5)
-    judge = cost if (cost < t_norm.impossible).any() else prior.cost + noise.cost(nearest, t_norm)
-    if (reach.reshape(-1, z.size)[int(np.argmin(judge))] > 0.5 * (upper - lower)).any():
+    if not _resolves(prior, residual, cost, noise):
         notes.append(
             "the measurement is finer than the cells of the grid; every node was judged by the best of its "
             "cell (ask for more points)"
         )
-        cost = t_norm.combine(prior.cost, noise.cost(nearest, t_norm))
+        cost = t_norm.combine(prior.cost, noise.cost(_nearest(residual, noise), t_norm))
     best = float(cost.min())
     if best >= t_norm.impossible:
-        reachable = bool((noise.cost(nearest, t_norm) < t_norm.impossible).any())
+        explained = noise.cost(_nearest(residual, noise), t_norm)
+        reachable = bool((explained < t_norm.impossible).any())
         return Conditioned(None, 0.0, reachable, notes)
     if t_norm.additive:
         best = min(best, max(0.0, subgrid_minimum(cost)[0]))
@@ -106,25 +104,44 @@ def condition(
     return Conditioned(posterior, float(t_norm.membership(best)), True, notes)
 
 
-def _residual(prior: Lattice, measure: Mapping, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return z - h at the nodes, and by how much h differs within the cell of each, both (..., q)."""
+def _residual(prior: Lattice, measure: Mapping, z: FloatArray) -> FloatArray:
+    """Return z - h at the nodes (..., q), infinite where h is no number."""
     nodes = prior.points
     with np.errstate(all="ignore"):
         value = measure(nodes)
     measure.require_finite(nodes, value, prior.live(np.inf))
-    reach = np.zeros(value.shape)
-    for k in prior.free:
-        with np.errstate(invalid="ignore"):
-            change = np.moveaxis(np.abs(np.diff(value, axis=k)), k, 0)
-        change = np.where(np.isfinite(change), change, 0.0)
-        padded = np.concatenate([change[:1], change, change[-1:]])
-        reach += 0.5 * np.moveaxis(np.maximum(padded[1:], padded[:-1]), 0, k)
-    return np.where(np.isfinite(value), z - value, np.inf), reach
+    return np.where(np.isfinite(value), z - value, np.inf)
 
 
-def _nearest(residual: FloatArray, reach: FloatArray, noise: Membership) -> FloatArray:
+def _reach(residual: FloatArray) -> FloatArray:
+    """By how much h differs within the cell around each node (..., q): half-way to the neighbours."""
+    reach = np.zeros(residual.shape)
+    for k in range(residual.ndim - 1):
+        if residual.shape[k] > 1:
+            with np.errstate(invalid="ignore"):
+                change = np.moveaxis(np.abs(np.diff(residual, axis=k)), k, 0)
+            change = np.where(np.isfinite(change), change, 0.0)
+            padded = np.concatenate([change[:1], change, change[-1:]])
+            reach += 0.5 * np.moveaxis(np.maximum(padded[1:], padded[:-1]), 0, k)
+    return reach
+
+
+def _nearest(residual: FloatArray, noise: Membership) -> FloatArray:
     """Return the likeliest residual within the cell of each node."""
+    reach = _reach(residual)
     return residual - np.clip(residual - noise.peak, -reach, reach)
+
+
+def _resolves(prior: Lattice, residual: FloatArray, cost: FloatArray, noise: Membership) -> bool:
+    """Whether the cell around the best node is finer than the measurement noise."""
+    t_norm = prior.t_norm
+    if not (cost < t_norm.impossible).any():
+        cost = t_norm.combine(prior.cost, noise.cost(_nearest(residual, noise), t_norm))
+    best = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    window = tuple(slice(max(int(b) - 1, 0), int(b) + 2) for b in best)
+    reach = _reach(residual[window])[tuple(int(b) - part.start for b, part in zip(best, window, strict=True))]
+    lower, upper = noise.support(0.5)
+    return bool((reach <= 0.5 * (upper - lower)).all())
 
 
 def _fitted(
@@ -133,13 +150,13 @@ def _fitted(
     """Return the prediction on a lattice that fits the posterior."""
     t_norm, base, extended = prior.t_norm, prior, False
     for _ in range(ROUNDS):
-        residual, reach = _residual(prior, measure, z)
+        residual = _residual(prior, measure, z)
         cost = t_norm.combine(prior.cost, noise.cost(residual, t_norm))
         # The best that anything in the cell of a node could do, so that nothing is overlooked.
         around = minimum_filter(prior.cost, size=3, mode="nearest")
-        in_cell = t_norm.combine(around, noise.cost(_nearest(residual, reach, noise), t_norm))
+        in_cell = t_norm.combine(around, noise.cost(_nearest(residual, noise), t_norm))
         best = float(cost.min())
-        sides = _touched(prior, cost, best, universe.limit)
+        sides = _touched(prior, base, cost, best, universe.limit)
         if sides:
             base = prior = _extended(prior, sides, universe)
             extended = True
@@ -156,7 +173,9 @@ def _fitted(
     return prior
 
 
-def _touched(prior: Lattice, cost: FloatArray, best: float, limit: float) -> list[tuple[int, int]]:
+def _touched(
+    prior: Lattice, base: Lattice, cost: FloatArray, best: float, limit: float
+) -> list[tuple[int, int]]:
     """Sides (axis, end) at which the prediction was cut off and the posterior is not small."""
     t_norm = prior.t_norm
     if best >= t_norm.impossible:
@@ -167,7 +186,8 @@ def _touched(prior: Lattice, cost: FloatArray, best: float, limit: float) -> lis
         for end in (0, -1):
             edge, before = np.asarray(cost.take(end, axis=k)), prior.cost.take(end, axis=k)
             possible = np.asarray(t_norm.membership(t_norm.renormalise(edge, best)) > level)
-            if (possible & (before >= CUT * limit)).any():
+            outermost = prior.axes[k][end] == base.axes[k][end]
+            if outermost and (possible & (before >= CUT * limit)).any():
                 sides.append((k, end))
     return sides
 
@@ -234,9 +254,8 @@ def restart(
     t_norm = prior.t_norm
     for _ in range(ROUNDS):
         blank = Lattice(prior.axes, np.zeros(prior.cost.shape), t_norm)
-        residual, reach = _residual(blank, measure, z)
-        nearest = _nearest(residual, reach, noise)
-        cost = noise.cost(nearest, t_norm)
+        residual = _residual(blank, measure, z)
+        cost = noise.cost(_nearest(residual, noise), t_norm)
         if universe.domain is not None:
             break
         explained = (cost <= universe.limit) & (cost < t_norm.impossible)

@@ -113,22 +113,15 @@ class Lattice:
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Centroid (d,) and second central moments (d, d), by the trapezoidal rule."""
         mass = self.memberships()
-        for k, axis in enumerate(self.axes):
-            if axis.size > 1:
-                weight = np.ones(axis.size)
-                weight[[0, -1]] = 0.5
-                mass = mass * weight.reshape([-1 if m == k else 1 for m in range(mass.ndim)])
-        mass = mass / mass.sum()
         d = mass.ndim
-        margins = [mass.sum(axis=tuple(m for m in range(d) if m != k)) for k in range(d)]
-        mean = np.array([float(m @ a) for m, a in zip(margins, self.axes, strict=True)])
-        deviation = [axis - mean[k] for k, axis in enumerate(self.axes)]
-        P = np.diag([float(m @ (v * v)) for m, v in zip(margins, deviation, strict=True)])
-        for k in range(d):
-            for m in range(k):
-                pair = mass.sum(axis=tuple(i for i in range(d) if i not in (k, m)))
-                P[k, m] = P[m, k] = float(deviation[m] @ pair @ deviation[k])
-        return mean, P
+        unit = np.eye(d, dtype=np.intp)
+        best = np.unravel_index(int(np.argmax(mass)), mass.shape)
+        start = np.array([axis[k] for axis, k in zip(self.axes, best, strict=True)])
+        about = _moments_about(mass, self.axes, start)
+        mean = start + np.array([about[tuple(unit[k])] for k in range(d)]) / about[(0,) * d]
+        about = _moments_about(mass, self.axes, mean)
+        P = np.array([[about[tuple(unit[j] + unit[k])] for j in range(d)] for k in range(d)])
+        return mean, P / about[(0,) * d]
 
     def peak(self) -> FloatArray:
         """Return the point (d,) of largest membership, between the nodes."""
@@ -153,3 +146,14 @@ def grid_points(axes: tuple[FloatArray, ...]) -> FloatArray:
     for k, axis in enumerate(axes):
         points[..., k] = axis.reshape([-1 if m == k else 1 for m in range(len(axes))])
     return points
+
+
+def _moments_about(mass: FloatArray, axes: tuple[FloatArray, ...], center: FloatArray) -> FloatArray:
+    """All moments of order 0 to 2 per axis about a point, shape (3, ..., 3)."""
+    for axis, c in zip(reversed(axes), reversed(center), strict=True):
+        weight = np.ones(axis.size)
+        weight[[0, -1]] *= 0.5
+        deviation = axis - c
+        basis = np.stack([weight, weight * deviation, weight * deviation**2], axis=1)
+        mass = np.moveaxis(mass @ basis, -1, 0)
+    return mass

@@ -70,11 +70,16 @@ class Mapping:
     def __call__(self, x: FloatArray) -> FloatArray:
         """Map points; the user's function may return NaN, which callers judge."""
         if self.matrix is not None:
-            return x @ self.matrix.T + self.shift
+            return self._shifted(_apply(self.matrix, x))
         if self._function is None:
             raise ParameterError(f"{self.name}: neither a function nor a matrix")
         value = self._checked(self.name, self._function(x, **self._arguments), x, self.dim_out)
-        return value[..., self.components] + self.shift
+        if self.components.size < self.dim_out:
+            value = value[..., self.components]
+        return self._shifted(value)
+
+    def _shifted(self, value: FloatArray) -> FloatArray:
+        return value + self.shift if self.shift.any() else value
 
     def _checked(self, name: str, value: Any, x: FloatArray, dim: int) -> FloatArray:
         try:
@@ -96,6 +101,8 @@ class Mapping:
         ParameterError
             Names the function, the first such point and the value.
         """
+        if np.isfinite(value).all():
+            return
         bad = where & ~np.isfinite(value).all(axis=-1)
         if bad.any():
             first = tuple(np.argwhere(bad)[0])
@@ -145,8 +152,7 @@ class Mapping:
     def inverse(self, x: FloatArray) -> FloatArray:
         """Pre-images of points (..., dim_out); NaN where there is none."""
         if self.matrix is not None:
-            solved: FloatArray = (x - self.shift) @ np.linalg.inv(self.matrix).T
-            return solved
+            return _apply(np.asarray(np.linalg.inv(self.matrix)), x - self.shift if self.shift.any() else x)
         if self._inverse is None:
             raise ParameterError(f"{self.name}_inverse: is not given")
         value = self._inverse(x - self.shift, **self._arguments)
@@ -189,6 +195,14 @@ class Mapping:
             function=lambda x: (self(x) + shift) @ matrix.T,
             inverse=inverse,
         )
+
+
+def _apply(matrix: FloatArray, x: FloatArray) -> FloatArray:
+    """Apply a matrix to points (..., d); for many points and few components this is fastest."""
+    value = np.zeros((*x.shape[:-1], matrix.shape[0]))
+    for i, k in np.argwhere(matrix != 0.0):
+        value[..., i] += matrix[i, k] * x[..., k]
+    return value
 
 
 def matrix_of(mapping: Mapping) -> FloatArray:

@@ -68,6 +68,10 @@ class Universe:
             lower, upper = self.domain[k]
         return np.linspace(lower, upper, self.points[k])
 
+    def is_small(self, k: int, span: float) -> bool:
+        """Whether a span is so small a part of the domain that an axis of its own pays."""
+        return self.domain is not None and span < 0.5 * float(self.domain[k, 1] - self.domain[k, 0])
+
 
 def propagate(source: Lattice, move: Mapping, noise: Noise, universe: Universe) -> tuple[Lattice, float]:
     """Predict on a lattice.
@@ -196,12 +200,12 @@ def _convolve_tabulated(
         source = convolve_bounded(lines, table, combine)
     step = axis[1] - axis[0]
     if t_norm.additive:
-        left, out, right = (totals(lines, table, source, shift, combine) for shift in (-1, 0, 1))
-        near = target - axis[source]
+        near = [totals(lines, table, source, shift, combine) for shift in range(-2, 3)]
+        offset_used = target - axis[source]
         smooth = np.ones(source.shape, dtype=bool)
         for kink in kernel.kinks:
-            smooth &= np.abs(near - kink) >= step
-        out = np.where(smooth, refine(left, out, right), out)
+            smooth &= np.abs(offset_used - kink) >= step
+        out = np.where(smooth, refine(*near), near[2])
     else:
         out = crossing(lines, table, source)
     # Sources between the nodes: the likeliest noise, and the ends of a noise that stops short.

@@ -19,7 +19,8 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from fuzzykf.engine.grid import interpolate
-from fuzzykf.engine.raster import cover, flat_cells, samples
+from fuzzykf.engine.raster import cover, flat_cells, live_cells, samples
+from fuzzykf.engine.scales import scaled
 from fuzzykf.errors import SupportLostError
 from fuzzykf.possibility.lattice import Lattice, grid_points
 
@@ -36,7 +37,10 @@ __all__ = ["Image", "warp"]
 #: A spread of images below this part of their size is none.
 CONSTANT = 1e-13
 
-#: Live nodes at which a user's inverse is tried.
+#: Nodes pulled back at a time.
+SLAB = 1 << 15
+
+#: About so many live nodes try a user's inverse.
 TRIALS = 64
 
 
@@ -106,17 +110,24 @@ def warp(
     extra = {} if in_place else _extra_axes(len(source.free), moving, kernels, high - low, reached)
     axes: list[FloatArray] = [np.array([0.5 * (low[k] + high[k])]) for k in range(d)]
     for k in moving:
-        # Noise still to come starts from the image alone, at the best resolution.
-        axes[k] = universe.axis(k, *(reached[k] if in_place or k in extra else (low[k], high[k])))
+        if in_place or k in extra:
+            axes[k] = universe.axis(k, *reached[k])
+        elif kernels[k] is not None and universe.is_small(k, float(high[k] - low[k])):
+            axes[k] = np.linspace(low[k], high[k], universe.points[k])  # the noise will spread it
+        else:
+            axes[k] = universe.axis(k, float(low[k]), float(high[k]))
     shape = tuple(axis.size for axis in axes)
+    cost = np.full(shape, np.inf)
     if not moving:
         cost = np.full(shape, float(source.cost[live].min()))
     elif len(moving) == len(source.free) == d and move.is_invertible:
-        cost = _pull_back(source, move, nodes[live], tuple(axes)).reshape(shape)
-    else:
-        cost = _Drawing(source, move, image, universe, extra).draw(moving, axes)
-        cost = cost.reshape(shape)
-    lost = _lost(source, image, live, universe)
+        some = np.flatnonzero(live)[:: max(1, live.size // TRIALS)]
+        move.require_inverse(nodes.reshape(-1, d)[some], 1e-3 * source.step)
+        cost = _pull_back(source, move, tuple(axes)).reshape(shape)
+    if not (cost < source.t_norm.impossible).any():
+        # No inverse, or an image so small that it falls between the nodes.
+        cost = _Drawing(source, move, image, universe, extra).draw(moving, axes).reshape(shape)
+    lost = _lost(source, image, live, universe, low, high)
     if universe.domain is not None and lost <= source.cost.min():
         # A component known exactly keeps its value, wherever that is.
         outside = [axes[k][0] < a or axes[k][-1] > b for k, (a, b) in enumerate(universe.domain)]
@@ -149,8 +160,12 @@ def _extra_axes(
 
 def _span(image: FloatArray, live: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Bounds of the images of live nodes and of their neighbours, up to which cells reach."""
-    wide = binary_dilation(live, np.ones((3,) * live.ndim)) & np.isfinite(image).all(axis=-1)
-    return image[wide].min(axis=0), image[wide].max(axis=0)
+    if live.all():
+        parts = [image[..., k] for k in range(image.shape[-1])]
+    else:
+        wide = binary_dilation(live, np.ones((3,) * live.ndim)) & np.isfinite(image).all(axis=-1)
+        parts = list(image[wide].T)
+    return np.array([part.min() for part in parts]), np.array([part.max() for part in parts])
 
 
 def _reached(
@@ -172,25 +187,38 @@ def _reached(
     return min(low, float((image[live] + below).min())), max(high, float((image[live] + above).max()))
 
 
-def _lost(source: Lattice, image: FloatArray, live: np.ndarray, universe: Universe) -> float:
+def _lost(
+    source: Lattice,
+    image: FloatArray,
+    live: np.ndarray,
+    universe: Universe,
+    low: FloatArray,
+    high: FloatArray,
+) -> float:
     """Least cost of a live node mapped out of the domain."""
     if universe.domain is None:
         return np.inf
     slack = 1e-9 * (universe.domain[:, 1] - universe.domain[:, 0])
+    if (low >= universe.domain[:, 0] - slack).all() and (high <= universe.domain[:, 1] + slack).all():
+        return np.inf
+    outside = np.zeros(live.shape, dtype=bool)
     with np.errstate(invalid="ignore"):
-        outside = ((image < universe.domain[:, 0] - slack) | (image > universe.domain[:, 1] + slack)).any(
-            axis=-1
-        )
+        for k, (a, b) in enumerate(universe.domain):
+            outside |= (image[..., k] < a - slack[k]) | (image[..., k] > b + slack[k])
     return float(source.cost[outside & live].min(initial=np.inf))
 
 
-def _pull_back(source: Lattice, move: Mapping, live: FloatArray, axes: tuple[FloatArray, ...]) -> FloatArray:
+def _pull_back(source: Lattice, move: Mapping, axes: tuple[FloatArray, ...]) -> FloatArray:
     """Costs (n,) of the new nodes at their pre-images."""
-    trial = live[:: max(1, live.shape[0] // TRIALS)]
-    move.require_inverse(trial, 1e-3 * source.step)
-    with np.errstate(all="ignore"):
-        points = move.inverse(grid_points(axes).reshape(-1, len(axes)))
-    return source.at(np.where(np.isfinite(points), points, np.nan))
+    cost = []
+    rows = max(1, SLAB * axes[0].size // int(np.prod([axis.size for axis in axes])))
+    for start in range(0, axes[0].size, rows):
+        nodes = grid_points((axes[0][start : start + rows], *axes[1:])).reshape(-1, len(axes))
+        with np.errstate(all="ignore"):
+            points = move.inverse(nodes)
+        points[~np.isfinite(points)] = np.nan
+        cost.append(source.at(points))
+    return np.concatenate(cost)
 
 
 class _Drawing:
@@ -254,9 +282,26 @@ class _Drawing:
                     )
                 np.minimum.at(out, part.node, interpolate(self.cost, position, self.t_norm.scale))
         flat = flat_cells(image, self.live)
-        if flat.size:
-            self._draw_flat(image, flat, shape, out)
+        self._splat(image, flat, shape, out, np.ones(out.shape, dtype=bool))
+        thin = self._isolated(image, out.reshape(shape))
+        if thin.any():
+            self._splat(image, live_cells(thin), shape, out, np.isinf(out))
+        best = float(out.min())
+        if (flat.size or thin.any()) and best < self.t_norm.impossible:
+            out = self.t_norm.renormalise(out, best)
         return out
+
+    def _isolated(self, image: FloatArray, out: FloatArray) -> np.ndarray:
+        """Live source nodes none of whose surrounding target nodes has been drawn."""
+        drawn = np.pad(np.isfinite(out), 1)
+        near = np.zeros(self.live.shape, dtype=bool)
+        position = np.where(np.isfinite(image), image, -2.0)
+        inside = ((position > -1.0) & (position < np.array(out.shape))).all(axis=-1)
+        base = np.floor(np.clip(position, -1.0, np.array(out.shape) - 1.0)).astype(np.intp) + 1
+        for corner in np.ndindex(*(2,) * out.ndim):
+            near |= drawn[tuple(base[..., k] + corner[k] for k in range(out.ndim))]
+        isolated: np.ndarray = self.live & inside & ~near
+        return isolated
 
     def _corrected(self, position: FloatArray, change: FloatArray, axes: tuple[int, ...]) -> FloatArray:
         """One Newton step towards the exact pre-image, where it is as small as it should be."""
@@ -264,23 +309,28 @@ class _Drawing:
         moved = position.copy()
         moved[:, list(axes)] += change
         with np.errstate(invalid="ignore"):
-            inside = np.asarray((moved >= 0.0) & (moved <= last))
-            good = (np.abs(change) <= 0.5).all(axis=1) & inside.all(axis=1)
+            admissible = [np.abs(change) <= 0.5, moved >= 0.0, moved <= last]
+        good = np.asarray(np.concatenate(admissible, axis=1).all(axis=1))
         return np.where(good[:, None], moved, position)
 
-    def _draw_flat(
-        self, image: FloatArray, flat: np.ndarray, shape: tuple[int, ...], out: FloatArray
+    def _splat(
+        self, image: FloatArray, cells: np.ndarray, shape: tuple[int, ...], out: FloatArray, where: np.ndarray
     ) -> None:
-        """Draw cells whose image has no volume on all nodes around it: one step thick."""
-        points, position = samples(image, flat)
+        """Draw cells without volume or between the nodes on the nodes around them.
+
+        Memberships fall linearly to zero over one step, so that the centroid is kept.
+        """
+        points, position = samples(image, cells)
         there = np.isfinite(points).all(axis=1)
         points, value = points[there], interpolate(self.cost, position[there], self.t_norm.scale)
-        base = np.floor(points + 1e-9)
+        base = np.floor(points)
         for corner in np.ndindex(*(2,) * len(shape)):
-            node = base + np.array(corner) * (points - base > 1e-9)
-            inside = np.asarray((node >= 0) & (node < np.array(shape))).all(axis=1)
+            node = base + np.array(corner)
+            hat = (1.0 - np.abs(points - node)).prod(axis=1)
+            inside = np.concatenate([node >= 0, node < np.array(shape)], axis=1).all(axis=1) & (hat > 1e-12)
             index = np.ravel_multi_index(tuple(node[inside].astype(np.intp).T), shape)
-            np.minimum.at(out, index, value[inside])
+            lowered = scaled(value[inside], hat[inside], self.t_norm.scale)
+            np.minimum.at(out, index[where[index]], lowered[where[index]])
 
 
 def _offsets(kernel: Kernel, k: int, image: FloatArray, universe: Universe) -> FloatArray:

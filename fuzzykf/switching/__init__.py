@@ -8,6 +8,7 @@ from fuzzykf.switching.fuzzy_model import CGOFMSModel
 from fuzzykf.switching.hard_model import CGOMSModel
 from fuzzykf.switching.known_switch import KnownSwitchFilter
 from fuzzykf.switching.laws import FuzzyMarkovLaw
+from fuzzykf.switching.repair import shrink_covariances
 from fuzzykf.switching.simulation import Simulation
 from fuzzykf.switching.systems import StationarySystem
 
@@ -23,4 +24,5 @@ __all__ = [
     "StationarySystem",
     "SwitchChain",
     "SwitchingFilter",
+    "shrink_covariances",
 ]

@@ -7,7 +7,8 @@ recursion (`fuzzykf.switching.recursion`) and that for gaps (`fuzzykf.switching.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Belief",
+    "Source",
     "begin",
     "belief_from_dict",
     "belief_to_dict",
@@ -34,11 +36,23 @@ __all__ = [
 ]
 
 
-class Belief(NamedTuple):
+# no tuples: filterpy's Saver makes an array of whatever a filter holds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
     """What is known after an observation."""
 
     state: NodeState | GapState
     window: FloatArray  # (w,): the latest observations, newest first; NaN where missing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """From what an observation is predicted."""
+
+    belief: Belief
+    tables: PairTables
 
 
 def begin(law: InitialLaw, y: FloatArray) -> tuple[Belief, float]:
@@ -70,7 +84,7 @@ def proceed(tables: PairTables, belief: Belief, y: FloatArray, width: int) -> tu
     -------
     belief, log_likelihood
     """
-    state, window = belief
+    state, window = belief.state, belief.window
     if isinstance(state, NodeState) and _complete(y):
         new, log_likelihood = recursion.advance(tables, state, window, y)
         return Belief(new, y if width == y.size else np.concatenate([y, window])[:width]), log_likelihood
@@ -94,25 +108,25 @@ def node_state(belief: Belief, m: int) -> NodeState:
 
 def predict_state(tables: PairTables, belief: Belief) -> tuple[FloatArray, FloatArray]:
     """Mean (m,) and covariance (m, m) of X at the next observation."""
-    state, window = belief
+    state = belief.state
     if isinstance(state, NodeState):
-        return recursion.predict_state(tables, state, window)
+        return recursion.predict_state(tables, state, belief.window)
     m = tables.pairs.dim_x
     mean, covariance = missing.predicted_moments(tables, state)
     return mean[:m], covariance[:m, :m]
 
 
 def predict_observation(
-    source: tuple[Belief, PairTables] | None, law: InitialLaw | None, m: int
+    source: Source | None, law: InitialLaw | None, m: int
 ) -> tuple[FloatArray, FloatArray]:
     """Mean (q,) and covariance (q, q) of the next observation; of the first one without a source."""
     if source is None:
         assert law is not None
         return mixture_moments(law.probability, law.mean[:, m:], law.covariance[:, m:, m:])
-    belief, tables = source
-    if isinstance(belief.state, NodeState):
-        return recursion.predict_observation(tables, belief.state, belief.window)
-    mean, covariance = missing.predicted_moments(tables, belief.state)
+    state, tables = source.belief.state, source.tables
+    if isinstance(state, NodeState):
+        return recursion.predict_observation(tables, state, source.belief.window)
+    mean, covariance = missing.predicted_moments(tables, state)
     return mean[m:], covariance[m:, m:]
 
 
@@ -145,3 +159,20 @@ def belief_from_dict(values: dict[str, Any] | None) -> Belief | None:
         known=np.array(fields["known"], dtype=bool),
     )
     return Belief(gap, window)
+
+
+def is_sound(belief: Belief, m: int, q: int, M: int, order: int) -> bool:
+    """Whether a belief that comes from a file has the sizes of a system, and finite numbers."""
+    state, w = belief.state, belief.window.size
+    sizes: list[tuple[FloatArray, tuple[int, ...]]] = [(belief.window, (w,))]
+    if isinstance(state, NodeState):
+        sizes.append((state.table, (1 + m + m * m, M)))
+        complete = bool(np.isfinite(belief.window).all())
+    else:
+        sizes += [(state.log_p, (M,)), (state.mean, (M, m + w)), (state.covariance, (M, m + w, m + w))]
+        complete = state.known.shape == (w,)
+    if state.sign is not None:
+        sizes.append((state.sign, (M,)))
+    shaped = all(array.shape == shape for array, shape in sizes)
+    finite = all(np.isfinite(array).all() for array, _ in sizes[1:])
+    return bool(complete and shaped and finite and w % q == 0 and 0 < w <= order * q)

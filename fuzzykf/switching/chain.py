@@ -139,6 +139,16 @@ class SwitchChain:
         return hard
 
     @cached_property
+    def reachable(self) -> NDArray[np.bool_]:
+        """Which nodes some path visits, as a boolean array of shape (M,)."""
+        there = self.initial > 0.0
+        while True:
+            more = there | (self.transition[there] != 0.0).any(axis=0)
+            if (more == there).all():
+                return there
+            there = more
+
+    @cached_property
     def is_signed(self) -> bool:
         """Whether some entries of the transition matrix are negative."""
         return bool((self.transition < 0.0).any())

@@ -42,11 +42,14 @@ __all__ = ["CLOSENESS_LEVEL", "error_ratio", "error_step", "kalman_step", "warn_
 #: A ratio above this is worth a warning: an error a quarter larger than it could be.
 CLOSENESS_LEVEL = 1.25
 
-#: The recursions run until the ratio changes by less than this, relatively, from n to 2 n steps ...
+#: The recursions run until both errors change by less than this, relatively, from n to 2 n steps ...
 _SETTLED = 1e-6
 
 #: ... n being at least and at most (with constant tables, with others) these.
 _SHORTEST, _LONGEST_CONSTANT, _LONGEST = 16, 4096, 256
+
+#: An error of so small a part of the variance of the state is none.
+_ROUNDING = 1e-14
 
 
 def error_ratio(system: ConvertedSystem, weights: ArrayLike) -> float:
@@ -61,8 +64,8 @@ def error_ratio(system: ConvertedSystem, weights: ArrayLike) -> float:
     Returns
     -------
     float
-        The ratio of sums over steps n/2 to n, for the first n = 16, 32, ... at which it has
-        settled, but at most n = 256 where tables vary with time, and 4096 elsewhere.
+        The ratio of means over the steps n/2 to n, for the first n = 16, 32, ... at which both
+        errors have settled, but at most n = 256 where tables vary with time, and 4096 elsewhere.
 
     Raises
     ------
@@ -78,17 +81,18 @@ def error_ratio(system: ConvertedSystem, weights: ArrayLike) -> float:
     errors = _mean_squared_errors(system, chosen)
     longest = _LONGEST if system.steady_from is None else _LONGEST_CONSTANT
     seen = np.empty((longest, 2))
-    n, ratio = 0, np.nan
+    n, means = 0, np.full(2, np.nan)
     while n < longest:
-        goal, before = max(_SHORTEST, 2 * n), ratio
+        goal, before = max(_SHORTEST, 2 * n), means
         seen[n:goal] = [next(errors) for _ in range(n, goal)]
         n = goal
-        # halves, not single steps, so that the ratio settles for a periodic chain as well
-        converted, kalman = seen[n // 2 : n].sum(axis=0)
-        ratio = float(converted / kalman) if kalman > 0.0 else np.inf
-        if abs(ratio - before) <= _SETTLED * ratio:
+        # halves, not single steps, so that they settle for a periodic chain as well
+        means = seen[n // 2 : n].mean(axis=0)
+        if (np.abs(means - before) <= _SETTLED * means).all():
             break
-    return ratio
+    converted, kalman = means
+    without_kalman_error = np.inf if converted > 0.0 else 1.0
+    return float(converted / kalman) if kalman > 0.0 else without_kalman_error
 
 
 def warn_if_far(system: ConvertedSystem) -> None:
@@ -108,7 +112,7 @@ def warn_if_far(system: ConvertedSystem) -> None:
     warnings.warn(message, ClosenessWarning, stacklevel=3)
 
 
-def _mean_squared_errors(system: ConvertedSystem, weights: FloatArray) -> Iterator[tuple[float, float]]:
+def _mean_squared_errors(system: ConvertedSystem, weights: FloatArray) -> Iterator[tuple[float, ...]]:
     """Yield the weighted errors of the converted and of the Kalman filter, from the second observation on."""
     space, transition, m = system.cglssm.space, system.chain.transition, system.dim_x
     law = system.law(0)
@@ -125,10 +129,13 @@ def _mean_squared_errors(system: ConvertedSystem, weights: FloatArray) -> Iterat
         length = min(n + 2, system.order) * system.dim_z
         M = error_step(M, system.pair_tables(n).pairs, space, kernel, length)
         P = riccati(P[:, None], space) if before is None else kalman_step(P, space, before)
-        converted = np.exp(log_next) @ (np.diagonal(M[:, :m, :m], axis1=1, axis2=2) @ weights)
+        variances = np.diagonal(M, axis1=1, axis2=2)
+        p = np.exp(log_next)
+        converted, total = p @ (variances[:, :m] @ weights), p @ (variances[:, m : 2 * m] @ weights)
         joint = np.exp(law.log_p)[:, None] * transition
         kalman = np.sum(joint * (np.diagonal(P, axis1=2, axis2=3) @ weights))
-        yield float(converted), float(kalman)
+        # a state that is seen without noise leaves rounding errors, not errors
+        yield tuple(float(v) if v > _ROUNDING * total else 0.0 for v in (converted, kalman))
         n += 1
 
 

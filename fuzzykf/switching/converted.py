@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 import numpy as np
 
 from fuzzykf.errors import NotStableError, ParameterError
-from fuzzykf.gaussian import check_definite, semidefinite_root
+from fuzzykf.gaussian import check_definite, is_whole, semidefinite_root
 from fuzzykf.switching import conversion
 from fuzzykf.switching.cglssm import CGLSSM
 from fuzzykf.switching.chain import SwitchChain
@@ -30,6 +30,9 @@ _STRIDE = 64
 
 #: How many numbers the tables that are kept may hold, and how many tables they may be.
 _KEPT_NUMBERS, _KEPT_TABLES = 1 << 22, 256
+
+#: Standard deviations from here on are refused, while their squares still are finite.
+_LARGEST = 1e150
 
 #: Steps that are proved when a time-varying model is made; of a construction that may fail later, more.
 _PROVED_STEPS = 100
@@ -73,7 +76,7 @@ class ConvertedSystem:
                 raise ParameterError(
                     f"{name}: got {value!r}, expected one of {', '.join(map(repr, options))}"
                 )
-        if isinstance(order, bool) or int(order) != order or order < 1:
+        if not is_whole(order) or order < 1:
             raise ParameterError(f"order: got {order!r}, expected a whole number of at least 1")
         if order > 1 and construction != "gain":
             raise ParameterError(
@@ -141,9 +144,9 @@ class ConvertedSystem:
         moments = self._pair_moments(n, law)
         length = min(n + 2, self.order) * self.dim_z
         new = conversion.advance_window(law, moments, self.cglssm.A, kernel, log_next, length)
-        if not np.isfinite(new.factor).all():
+        if not np.abs(new.factor).max() < _LARGEST:
             raise NotStableError(
-                f"A: at step {n + 1} the covariance of the state exceeds the range of floating-point numbers"
+                f"A: the covariance of the state has grown beyond {_LARGEST**2:g} at step {n + 1}"
             )
         return new
 

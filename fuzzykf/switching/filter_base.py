@@ -13,6 +13,7 @@ from fuzzykf.gaussian import mixture_moments
 from fuzzykf.switching import many, recursion
 from fuzzykf.switching.belief import (
     Belief,
+    Source,
     begin,
     node_state,
     predict_observation,
@@ -78,10 +79,9 @@ class SwitchingFilter(Stepper, Filter):
         self._n = 0  # observations taken, missing ones included
         self._predicted = False
         self._belief: Belief | None = None
-        self._z: FloatArray | None = None
+        self._z: FloatArray = np.full(self.dim_z, np.nan)
         self._log_likelihood = 0.0
-        # belief and tables from which the latest observation was predicted
-        self._before: tuple[Belief, PairTables] | None = None
+        self._before: Source | None = None  # from which the latest observation was predicted
 
     def reset(self) -> None:
         """Return to the initial law, before any observation."""
@@ -140,7 +140,11 @@ class SwitchingFilter(Stepper, Filter):
             estimate: FloatArray = self.step(y)
             return estimate
         self.predict()
-        self._take(np.full(self.dim_z, np.nan) if y is None else y)
+        try:
+            self._take(np.full(self.dim_z, np.nan) if y is None else y)
+        except Exception:
+            self._predicted = False
+            raise
         return self.x
 
     def _hand_over(self) -> bool:
@@ -168,7 +172,7 @@ class SwitchingFilter(Stepper, Filter):
             tables = self._next_tables()
             width = min(self._n + 1, self._system.order) * self.dim_z
             belief, log_likelihood = proceed(tables, self._belief, y, width)
-            before = (self._belief, tables)
+            before = Source(self._belief, tables)
         self._belief, self._log_likelihood, self._before = belief, log_likelihood, before
         self._z = y
         self._n += 1
@@ -334,13 +338,12 @@ class SwitchingFilter(Stepper, Filter):
         if source is None:
             law = self._initial_law()
             return mixture_moments(law.probability, law.mean[:, :m], law.covariance[:, :m, :m])
-        belief, tables = source
-        return predict_state(tables, belief)
+        return predict_state(source.tables, source.belief)
 
-    def _source(self) -> tuple[Belief, PairTables] | None:
+    def _source(self) -> Source | None:
         """From what the latest observation was predicted, or the next one is after predict."""
         if self._predicted and self._belief is not None:
-            return self._belief, self._next_tables()
+            return Source(self._belief, self._next_tables())
         return self._before
 
     def _predicted_observation(self) -> tuple[FloatArray, FloatArray]:
@@ -407,13 +410,13 @@ class SwitchingFilter(Stepper, Filter):
         return self._log_likelihood
 
     @property
-    def z(self) -> FloatArray | None:
-        """The latest observation, (dim_z, 1)."""
-        return None if self._z is None else self._z[:, None].copy()
+    def z(self) -> FloatArray:
+        """The latest observation, (dim_z, 1); NaN where it is missing, and before any."""
+        return self._z[:, None].copy()
 
     def _innovation(self) -> tuple[FloatArray, FloatArray]:
         q = self.dim_z
-        if self._z is None:
+        if self._belief is None:
             return np.zeros(q), np.zeros((q, q))
         law = self._initial_law() if self._before is None else None
         mean, covariance = predict_observation(self._before, law, self.dim_x)
@@ -432,8 +435,10 @@ class SwitchingFilter(Stepper, Filter):
     @property
     def nis(self) -> float:
         """Normalised innovation squared, y' S^-1 y, of what was observed; 0 where nothing was."""
+        if self._belief is None:
+            return 0.0
         y, S = self._innovation()
-        there = np.flatnonzero(~np.isnan(y)) if self._z is not None else np.empty(0, dtype=int)
+        there = np.flatnonzero(~np.isnan(y))
         part = y[there]
         return float(part @ np.linalg.solve(S[there[:, None], there], part))
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Self
 
-from fuzzykf.errors import ParameterError
+import numpy as np
+
+from fuzzykf.errors import FileFormatError, ParameterError
 from fuzzykf.io import decode, encode
-from fuzzykf.switching.belief import belief_from_dict, belief_to_dict
+from fuzzykf.switching.belief import Source, belief_from_dict, belief_to_dict, is_sound
 from fuzzykf.switching.filter_base import SwitchingFilter
 from fuzzykf.switching.fuzzy_model import CGOFMSModel
 from fuzzykf.switching.hard_model import CGOMSModel
 
 if TYPE_CHECKING:
     from os import PathLike
-
 
 __all__ = ["CGOMSMFilter", "OFSRFilter"]
 
@@ -62,17 +63,23 @@ class _SavedFilter(SwitchingFilter):
             "n": self._n,
             "predicted": self._predicted,
             "belief": belief_to_dict(self._belief),
-            "before": belief_to_dict(None if self._before is None else self._before[0]),
+            "before": belief_to_dict(None if self._before is None else self._before.belief),
             "z": encode(self._z),
             "log_likelihood": self._log_likelihood,
         }
 
     def _import_state(self, values: dict[str, Any]) -> None:
-        self._n, self._predicted = int(values["n"]), bool(values["predicted"])
-        self._belief = belief_from_dict(values["belief"])
-        self._z, self._log_likelihood = decode(values["z"], 1), float(values["log_likelihood"])
-        before = belief_from_dict(values["before"])
-        self._before = None if before is None else (before, self._system.pair_tables(self._n - 2))
+        n, belief, before = values["n"], *(belief_from_dict(values[k]) for k in ("belief", "before"))
+        sizes = self.dim_x, self.dim_z, len(self._system.chain), self._system.order
+        sound = all(is_sound(one, *sizes) for one in (belief, before) if one is not None)
+        z, log_likelihood = decode(values["z"], 1), float(values["log_likelihood"])
+        if not sound or (belief is None) != (n == 0) or (before is None) != (n < 2) or n < 0:
+            raise FileFormatError(f"the state after {n} observations does not fit the model")
+        if z.shape != (self.dim_z,) or not np.isfinite(log_likelihood):
+            raise FileFormatError(f"z and log_likelihood: got {z.tolist()} and {log_likelihood}")
+        self._n, self._predicted, self._belief = int(n), bool(values["predicted"]), belief
+        self._z, self._log_likelihood = z, log_likelihood
+        self._before = None if before is None else Source(before, self._system.pair_tables(self._n - 2))
 
 
 class OFSRFilter(_SavedFilter):

@@ -267,6 +267,7 @@ class CGOFMSModel(SwitchingModel):
             return f"pair r_n = {r[index[0]]:.6g}, r_n+1 = {r[index[1]]:.6g}"
 
         self.form.pairs(u[:, None], u[None, :], describe, self.law.joint_density(r[:, None], r) > 0.0)
+        self.form.marginal(u[self.law.marginal_density(r) > 0.0])
 
     def class_weights(self, r: ArrayLike) -> FloatArray:
         """Return the shares of the two regimes in values of the switch: (..., 2)."""

@@ -154,9 +154,9 @@ class CGOMSModel(SwitchingModel):
             X' = A_j X + C_j U,    Y' = B_j X' + D_j V.
 
         It has no exact filter of bounded cost.  The model made here (a CMSHLM) has one, and an
-        exact likelihood and smoother.  It agrees with the given one in the law of the regimes,
-        the covariance of (X, Y) given the regime, and the law of an observation given the
-        regimes and the ``order`` observations before; what older ones say, it forgets.
+        exact likelihood and smoother.  It agrees with the given one in the law of the regimes
+        and, given those of two consecutive times, in the covariance of the new state and
+        observation and the ``order`` observations before; what older ones say, it forgets.
 
         Parameters
         ----------

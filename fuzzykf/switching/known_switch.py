@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["KnownSwitchFilter"]
 
+_GIVEN_ONCE = "r: got {} after {}; the switch is given once per observation"
+
 
 class KnownSwitchFilter(SwitchingFilter):
     """Exact filter for a switch that is known: the best that any filter can do.
@@ -71,6 +73,7 @@ class KnownSwitchFilter(SwitchingFilter):
         super()._start()
         self._r = np.nan  # value of the switch at the latest observation
         self._r_next: float | None = None  # at the next one, once known
+        self._tables: PairTables | None = None  # of the step between them
         self._told_at_predict = False
 
     # ------------------------------------------------------------------ tables
@@ -80,9 +83,14 @@ class KnownSwitchFilter(SwitchingFilter):
         return self.model.along(np.array([r])).initial()
 
     def _next_tables(self) -> PairTables:
-        if self._r_next is None:
+        if self._tables is None:
             raise ParameterError("r: the value of the switch at the next observation is not known yet")
-        return self.model.along(np.array([self._r, self._r_next]), start=self._n - 1).pair_tables(0)
+        return self._tables
+
+    def _tables_between(self, n: int, before: float, after: float) -> PairTables | None:
+        """Prove the step from observation ``n`` - 1 to ``n``; nothing changes if it is refused."""
+        path = self.model.along(np.array([before, after]), start=n - 1) if n else None
+        return None if path is None else path.pair_tables(0)
 
     def _prior_is_known(self) -> bool:
         return self._told_at_predict
@@ -100,15 +108,21 @@ class KnownSwitchFilter(SwitchingFilter):
         Raises
         ------
         ParameterError
-            If ``r`` is not a value of the switch, or was given before.
+            If ``r`` is not a value of the switch, or another one was given before.
+        NotPositiveDefiniteError
+            If the noise of the model is indefinite between the values.
         """
-        if self._predicted and self._n > 0 and self._r_next is not None:
-            super().predict()  # the observation at the value given before is missing
-            self._predicted = False
-        value = None if r is None else self._checked(r)
+        value, n, now = None if r is None else self._checked(r), self._n, self._r
+        if self._predicted and n > 0:  # the observation at the value given before is missing
+            if self._r_next is None:
+                raise ParameterError("r: the value of the switch at the missing observation was never given")
+            n, now = n + 1, self._r_next
+        elif value is not None and self._r_next not in (None, value):
+            raise ParameterError(_GIVEN_ONCE.format(value, self._r_next))
+        tables = self._tables if value is None else self._tables_between(n, now, value)
         super().predict()
         if value is not None:
-            self._r_next = value
+            self._r_next, self._tables = value, tables
         self._told_at_predict = self._r_next is not None
 
     def update(self, z: ArrayLike | None, r: float | None = None) -> None:
@@ -131,18 +145,23 @@ class KnownSwitchFilter(SwitchingFilter):
                 "r: missing; the value of the switch has to be given to predict or to update (use an "
                 "OFSRFilter or a CGOMSMFilter if it is not known)"
             )
-        before = self._r_next
-        self._r_next = before if r is None else self._checked(r)
+        before = self._r_next, self._tables
+        if r is not None:
+            value = self._checked(r)
+            if self._r_next is not None:
+                raise ParameterError(_GIVEN_ONCE.format(value, self._r_next))
+            self._tables = self._tables_between(self._n, self._r, value)
+            self._r_next = value
         try:
             super().update(z)
         except Exception:
-            self._r_next = before
+            self._r_next, self._tables = before
             raise
 
     def _take(self, y: FloatArray) -> None:
         super()._take(y)
         assert self._r_next is not None
-        self._r, self._r_next = self._r_next, None
+        self._r, self._r_next, self._tables = self._r_next, None, None
 
     def step(self, z: ArrayLike | None, r: float | None = None) -> FloatArray:
         """Predict, then update with ``z``, at the value ``r`` of the switch.
@@ -166,9 +185,7 @@ class KnownSwitchFilter(SwitchingFilter):
         return self.x
 
     def _checked(self, r: float) -> float:
-        if self._r_next is not None:
-            raise ParameterError(f"r: got {r} after {self._r_next}; the switch is given once per observation")
-        value = np.asarray(r, dtype=np.float64)
+        value = _as_switches(r)
         if value.size != 1:
             raise ShapeError(f"r: got shape {value.shape}, expected one value of the switch")
         self.model.class_weights(value.reshape(1))
@@ -261,7 +278,7 @@ class KnownSwitchFilter(SwitchingFilter):
         self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike
     ) -> tuple[FloatArray, KnownPath | ConvertedPath]:
         ys = as_observations(zs, self.dim_z)
-        switches = np.array(r, dtype=np.float64).reshape(-1)
+        switches = _as_switches(r).reshape(-1)
         if switches.shape != (len(ys),):
             raise ShapeError(f"r: got {switches.size} values, expected {len(ys)}, one per observation")
         return ys, self.model.along(switches)
@@ -289,3 +306,10 @@ class KnownSwitchFilter(SwitchingFilter):
     def switch(self) -> float:
         """The known value of the switch."""
         return float(self.nodes[0])
+
+
+def _as_switches(r: ArrayLike) -> FloatArray:
+    try:
+        return np.array(r, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"r: expected values of the switch, got {r!r}") from error

@@ -20,6 +20,7 @@ from fuzzykf.switching.values import Immutable
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
     from fuzzykf.base import FloatArray
@@ -370,6 +371,21 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         """Invert the distribution function of the values in ]0, 1[ that follow ``r``."""
         cuts = np.concatenate([self.lines.breaks, np.clip(r + self.lines.kinks, 0.0, 1.0)])
         return invert_line(lambda s: self.joint_density(r, s), u, np.unique(cuts))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the joint density as bars, as in Fig. 2 of the paper.
+
+        Parameters
+        ----------
+        ax : matplotlib 3-D axes, optional
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from fuzzykf.plotting.laws import plot_law
+
+        return plot_law(self, ax)
 
     # ------------------------------------------------------------------ value semantics
 

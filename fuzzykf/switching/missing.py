@@ -71,7 +71,8 @@ def close_gap(state: GapState, m: int) -> tuple[NodeState | GapState, FloatArray
 def marginal_state(state: GapState, m: int) -> NodeState:
     """Forget the window: probabilities and moments of X alone."""
     P = state.covariance[:, :m, :m].reshape(-1, m * m)
-    return NodeState(np.concatenate([state.log_p[None], state.mean[:, :m].T, P.T]), state.sign)
+    table = np.concatenate([state.log_p[None], state.mean[:, :m].T, P.T])
+    return NodeState(np.ascontiguousarray(table), state.sign)
 
 
 def start_gap(law: InitialLaw, log_initial: FloatArray, y: FloatArray) -> tuple[GapState, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from fuzzykf.switching.forms import GaussianForm
 from fuzzykf.switching.systems import KnownPath
@@ -11,6 +11,7 @@ from fuzzykf.switching.values import Immutable
 if TYPE_CHECKING:
     from os import PathLike
 
+    from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
     from fuzzykf.base import FloatArray
@@ -57,6 +58,24 @@ class SwitchingModel(Immutable):
         if isinstance(self.form, GaussianForm):
             return KnownPath(self.form, shares, r)
         return self.form.along(r, start)
+
+    def plot(self, ax: Axes | None = None, *, component: int = 0) -> Axes:
+        """Draw mean and spread of state and observation for every value of the switch.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+        component : int
+            Which component of the state and of the observation.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from fuzzykf.plotting.laws import plot_model
+
+        model: Any = self
+        return plot_model(model, ax, component=component)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the model to a JSON file, atomically.

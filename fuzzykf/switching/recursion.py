@@ -114,10 +114,12 @@ def log_pair_weights(tables: PairTables, windows: FloatArray, ys: FloatArray) ->
 def _check_masses(state: NodeState) -> None:
     negative = np.maximum(-node_probabilities(state), 0.0).sum(axis=-1)
     if not (negative <= NEGATIVE_MASS).all():  # NaN where the total is not positive
+        worst = f"a negative mass of {np.max(negative):.3g} (at most {NEGATIVE_MASS} is tolerated)"
+        if np.isnan(negative).any():
+            worst = "no positive mass"
         raise QuadratureError(
-            "the rule 'product' is too coarse for this law and these observations: its interpolant has a "
-            f"negative mass of {np.max(negative):.3g} (at most {NEGATIVE_MASS} is tolerated); use more nodes "
-            "or the rule 'cell', whose weights are never negative"
+            "the rule 'product' is too coarse for this law and these observations: its interpolant has "
+            f"{worst}; use more nodes or the rule 'cell', whose weights are never negative"
         )
 
 
@@ -211,9 +213,12 @@ def most_likely_switch(chain: SwitchChain, mu: FloatArray) -> FloatArray:
     hard_nodes = chain.atoms
     atoms, inner = np.flatnonzero(hard_nodes)[::-1], np.flatnonzero(~hard_nodes)
     # on a tie the paper's rule takes the regime 1, hence the reversed order
-    hard: FloatArray = chain.nodes[atoms][np.argmax(mu[..., atoms], axis=-1)]
-    if inner.size == 0:
-        return hard
-    soft = chain.nodes[inner][np.argmax(mu[..., inner] / chain.weights[inner], axis=-1)]
+    hard = soft = np.empty(0)
+    if atoms.size:
+        hard = chain.nodes[atoms][np.argmax(mu[..., atoms], axis=-1)]
+    if inner.size:
+        soft = chain.nodes[inner][np.argmax(mu[..., inner] / chain.weights[inner], axis=-1)]
+    if not (atoms.size and inner.size):
+        return hard if atoms.size else soft
     estimate: FloatArray = np.where(mu[..., atoms].sum(axis=-1) > 0.5, hard, soft)
     return estimate

@@ -14,19 +14,19 @@ import numpy as np
 from fuzzykf.base import FilterResult
 from fuzzykf.gaussian import mixture_moments
 from fuzzykf.switching import recursion
-from fuzzykf.switching.belief import Belief, begin, node_state, predict_state, proceed
+from fuzzykf.switching.belief import Belief, Source, begin, node_state, predict_state, proceed
 from fuzzykf.switching.missing import GapState
 from fuzzykf.switching.recursion import NodeState
 
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
     from fuzzykf.switching.chain import SwitchChain
-    from fuzzykf.switching.tables import PairTables, SwitchingSystem
+    from fuzzykf.switching.tables import SwitchingSystem
 
 __all__ = ["Trajectory", "index_of", "run_series", "summarise", "windows_of"]
 
-#: Observations whose prior moments are computed at once.
-_CHUNK = 512
+#: Observations whose prior moments are computed at once, and how many numbers they may take.
+_CHUNK, _NUMBERS = 512, 1 << 20
 
 #: Shorter stretches go step by step.
 _SHORT = 3
@@ -46,7 +46,7 @@ class Trajectory:
     x_prior, P_prior : ndarray, shapes (n, m) and (n, m, m)
     last : Belief
         After the last observation.
-    before : Belief and PairTables, or None
+    before : Source or None
         From which the last observation was predicted.
     """
 
@@ -56,7 +56,7 @@ class Trajectory:
     x_prior: FloatArray
     P_prior: FloatArray
     last: Belief | None
-    before: tuple[Belief, PairTables] | None
+    before: Source | None
 
     def at(self, k: int) -> NodeState:
         """Return the state of the nodes after observation ``k``."""
@@ -81,7 +81,7 @@ def run_series(system: SwitchingSystem, ys: FloatArray) -> Trajectory:
     holes = np.append(np.flatnonzero(np.isnan(ys).any(axis=1)), n)
     windows = windows_of(ys, system.order)
     belief: Belief | None = None
-    before: tuple[Belief, PairTables] | None = None
+    before: Source | None = None
     k = 0
     while k < n:
         stop = int(holes[np.searchsorted(holes, k)])
@@ -95,14 +95,15 @@ def run_series(system: SwitchingSystem, ys: FloatArray) -> Trajectory:
             table[part] = rest.table
             if signs is not None and rest.sign is not None:
                 signs[part] = rest.sign
-            for a in range(k, stop, _CHUNK):
-                b = min(a + _CHUNK, stop)
+            chunk = max(1, min(_CHUNK, _NUMBERS // (M * M * m)))
+            for a in range(k, stop, chunk):
+                b = min(a + chunk, stop)
                 x_prior[a:b], P_prior[a:b] = recursion.predict_state(
                     tables, _at(states, slice(a - 1, b - 1)), windows[a - 1 : b - 1]
                 )
             k = stop
-            before = (Belief(_at(states, k - 2), windows[k - 2]), tables)
-            belief = Belief(_at(states, k - 1), windows[k - 1])
+            before = Source(_belief_at(states, windows, k - 2), tables)
+            belief = _belief_at(states, windows, k - 1)
             continue
         if belief is None:
             law = system.initial()
@@ -113,7 +114,7 @@ def run_series(system: SwitchingSystem, ys: FloatArray) -> Trajectory:
         else:
             tables = system.pair_tables(k - 1)
             x_prior[k], P_prior[k] = predict_state(tables, belief)
-            before = (belief, tables)
+            before = Source(belief, tables)
             belief, log_likelihood[k] = proceed(tables, belief, ys[k], min(k + 1, system.order) * q)
         state = node_state(belief, m)
         table[k] = state.table
@@ -128,6 +129,12 @@ def run_series(system: SwitchingSystem, ys: FloatArray) -> Trajectory:
 def _at(states: NodeState, where: Any) -> NodeState:
     sign = None if states.sign is None else states.sign[where]
     return NodeState(states.table[where], sign)
+
+
+def _belief_at(states: NodeState, windows: FloatArray, k: int) -> Belief:
+    """Copy what a filter keeps, which would otherwise hold on to the whole series."""
+    sign = None if states.sign is None else states.sign[k].copy()
+    return Belief(NodeState(states.table[k].copy(), sign), windows[k].copy())
 
 
 def windows_of(ys: FloatArray, order: int) -> FloatArray:

@@ -29,7 +29,7 @@ class StationarySystem:
     ------
     NotPositiveDefiniteError
         If the noise is indefinite at a pair of nodes of positive probability; the
-        message names the pair and the eigenvalue.
+        message names the pair and the eigenvalue.  Nodes that no path visits are not asked.
     """
 
     order: int = 1
@@ -38,7 +38,7 @@ class StationarySystem:
     def __init__(self, chain: SwitchChain, form: GaussianForm) -> None:
         self.chain, self.form = chain, form
         self.dim_x, self.dim_z = form.dim_x, form.dim_z
-        self.tables  # noqa: B018  (a system that exists is valid: the tables are proved now)
+        self.tables, self.first  # noqa: B018  (a system that exists is valid: both are proved now)
 
     @cached_property
     def tables(self) -> PairTables:
@@ -49,13 +49,21 @@ class StationarySystem:
             i, j = index
             return f"pair of nodes ({i}, {j}), r_n = {nodes[i]:.6g} and r_n+1 = {nodes[j]:.6g}"
 
-        reached = self.chain.transition != 0.0
+        reached = (self.chain.transition != 0.0) & self.chain.reachable[:, None]
         pairs = self.form.pairs(u[:, None, :], u[None, :, :], describe, reached)
         return PairTables(self.chain.transition, pairs)
 
+    @cached_property
+    def first(self) -> InitialLaw:
+        """The law of (r_1, Z_1)."""
+        M, d, there = len(self.chain), self.dim_x + self.dim_z, self.chain.initial > 0.0
+        mean, covariance = np.zeros((M, d)), np.broadcast_to(np.eye(d), (M, d, d)).copy()
+        mean[there], covariance[there] = self.form.marginal(self.chain.class_weights[there])
+        return InitialLaw(self.chain.initial, mean, covariance)
+
     def initial(self) -> InitialLaw:
         """Return the law of (r_1, Z_1)."""
-        return InitialLaw(self.chain.initial, *self.form.marginal(self.chain.class_weights))
+        return self.first
 
     def pair_tables(self, n: int) -> PairTables:
         """Return the tables of the step from observation ``n``, the same for all."""

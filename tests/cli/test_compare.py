@@ -14,13 +14,27 @@ import pytest
 from typer.testing import CliRunner
 
 from fuzzykf.cli.app import app
-from fuzzykf.comparison import methods
+from fuzzykf.comparison import switching
 
-METHODS = ["OFSRFilter", "CGOMSMFilter", "KalmanFilter (filterpy)", "linear regression"]
+METHODS = [
+    "OFSRFilter",
+    "CGOMSMFilter",
+    "IMMEstimator",
+    "KalmanFilter (filterpy)",
+    "linear regression",
+    "regression with lags",
+    "piecewise-linear with lags",
+]
+REGRESSIONS = METHODS[4:]
 
 
 def run(*arguments: object):
     return CliRunner().invoke(app, ["compare", *map(str, arguments)], env={"COLUMNS": "100"})
+
+
+def quick(path, *arguments: object):
+    """Compare on a file, with the switch from the clock: nothing hidden has to be learned."""
+    return run(path, "--state", "load", "--obs", "temperature", "--switch", "clock", *arguments)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +70,7 @@ def table_of(path) -> list[dict[str, str]]:
 
 def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(write, tmp_path) -> None:
     out = tmp_path / "out"
-    result = run(write(), "--state", "load", "--obs", "temperature", "--out", out)
+    result = quick(write(), "--out", out)
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in out.iterdir()) == ["comparison.csv", "comparison.png"]
     table = table_of(out / "comparison.csv")
@@ -66,33 +80,31 @@ def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(write, tmp_p
         assert 0 < low <= rmse <= high
         assert 0 <= float(row["coverage_90"]) <= 1
         assert float(row["microseconds_per_step"]) > 0
-        assert (row["log_likelihood_per_step"] == "") == (row["method"] == "linear regression")
+        assert (row["log_likelihood_per_step"] == "") == (row["method"] in REGRESSIONS)
         assert f"{rmse:.4g}" in result.output
     best = min(table, key=lambda row: float(row["rmse"]))["method"]
     printed = " ".join(result.output.split())
     assert f"{best} has the lowest RMSE" in printed
     assert re.search(r"which is (no )?more than its uncertainty", printed)
     assert "Learned on 302 rows, compared on 202, from 2014-01-18T14:00" in printed
-    assert "Switch of the learning part: the clock, 0 from" in printed
+    assert "Switch: the clock, 0 from" in printed
     assert (out / "comparison.png").read_bytes().startswith(b"\x89PNG\r\n")
 
 
 def test_the_errors_in_the_table_are_those_of_the_rows_that_were_held_back(write, rows, tmp_path) -> None:
     # Oracle: the regression row of the table, computed here from the file.
-    result = run(
-        write(), "--state", "load", "--obs", "temperature", "--out", tmp_path / "out", "--train", 0.7
-    )
+    result = quick(write(), "--out", tmp_path / "out", "--train", 0.7)
     assert result.exit_code == 0, result.output
     x, y = np.array([[float(r[1]), float(r[2])] for r in rows]).T
     line = np.polyfit(y[:353], x[:353], 1)
     expected = np.sqrt(np.mean((np.polyval(line, y[353:]) - x[353:]) ** 2))
-    assert float(table_of(tmp_path / "out" / "comparison.csv")[3]["rmse"]) == pytest.approx(expected)
+    assert float(table_of(tmp_path / "out" / "comparison.csv")[4]["rmse"]) == pytest.approx(expected)
 
 
 def test_the_seed_decides_the_intervals_and_nothing_else(write, tmp_path) -> None:
     path, tables = write(), []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        run(path, "--state", "load", "--obs", "temperature", "--out", tmp_path / name, "--seed", seed)
+        quick(path, "--out", tmp_path / name, "--seed", seed)
         tables.append(
             [{**row, "microseconds_per_step": ""} for row in table_of(tmp_path / name / "comparison.csv")]
         )
@@ -102,21 +114,33 @@ def test_the_seed_decides_the_intervals_and_nothing_else(write, tmp_path) -> Non
     assert [row["rmse_low"] for row in a] != [row["rmse_low"] for row in c]
 
 
-def test_without_a_column_of_times_the_observation_makes_the_switch(write, tmp_path) -> None:
-    path = write(header=("row", "load", "temperature", "remark"))
-    result = run(path, "--state", "load", "--obs", "temperature", "--out", tmp_path / "out")
+def test_the_switch_is_learned_and_its_law_chosen_unless_it_is_said_how(write, tmp_path) -> None:
+    common = [write(), "--state", "load", "--obs", "temperature", "--nodes", 0]
+    result = run(*common, "--out", tmp_path / "auto")
     assert result.exit_code == 0, result.output
-    assert "Switch of the learning part: the observation, 0 below" in " ".join(result.output.split())
+    printed = " ".join(result.output.split())
+    assert "Switch: hidden, learned with each model." in printed
+    law = re.search(r"OFSRFilter: law (fmc1|fmc2|free), of least error on the last quarter", printed)
+    assert law
+    # The law that was chosen gives the same by name.
+    run(*common, "--law", law[1], "--out", tmp_path / "named")
+    tables = [table_of(tmp_path / name / "comparison.csv") for name in ("auto", "named")]
+    assert [row["rmse"] for row in tables[0]] == [row["rmse"] for row in tables[1]]
+
+
+def test_without_a_column_of_times_the_observation_can_make_the_switch(write, tmp_path) -> None:
+    path = write(header=("row", "load", "temperature", "remark"))
+    result = quick(path, "--switch", "quantiles", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "Switch: the observation, 0 below" in " ".join(result.output.split())
 
 
 def test_a_column_of_times_can_be_named_and_the_profile_taken_away(write, tmp_path) -> None:
     path = write(header=("When", "load", "temperature", "remark"))
-    common = [path, "--state", "load", "--obs", "temperature", "--time", "When", "--profile"]
-    result = run(*common, "--out", tmp_path / "out")
+    common = [path, "--time", "When", "--profile"]
+    result = quick(*common, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert "load, less its daily profile" in result.output
-    result = run(*common, "--switch", "quantiles", "--out", tmp_path / "out")
-    assert "the observation, 0 below" in " ".join(result.output.split())
 
 
 def test_a_column_of_working_days_counts_more_than_the_calendar(write, rows, tmp_path) -> None:
@@ -126,7 +150,7 @@ def test_a_column_of_working_days_counts_more_than_the_calendar(write, rows, tmp
             [[*cells, workday(k)] for k, cells in enumerate(rows)],
             ("time", "load", "temperature", "remark", "workday"),
         )
-        run(path, "--state", "load", "--obs", "temperature", "--profile", "--out", tmp_path / name)
+        quick(path, "--profile", "--out", tmp_path / name)
         tables.append([row["rmse"] for row in table_of(tmp_path / name / "comparison.csv")])
     assert tables[0] != tables[1]
 
@@ -135,15 +159,15 @@ def test_the_number_of_nodes_concerns_the_fuzzy_filter_alone(write, tmp_path) ->
     path, tables = write(), []
     for nodes in (0, 5):
         out = tmp_path / str(nodes)
-        run(path, "--state", "load", "--obs", "temperature", "--nodes", nodes, "--out", out)
+        quick(path, "--nodes", nodes, "--out", out)
         tables.append([row["rmse"] for row in table_of(out / "comparison.csv")])
     assert tables[0][0] != tables[1][0]
     assert tables[0][1:] == tables[1][1:]
 
 
 def test_notes_are_printed_with_the_name_of_the_method(write, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(methods, "growth_notes", lambda system: [f"it has {len(system.chain.nodes)} nodes"])
-    result = run(write(), "--state", "load", "--obs", "temperature", "--out", tmp_path / "out")
+    monkeypatch.setattr(switching, "growth_notes", lambda system: [f"it has {len(system.chain.nodes)} nodes"])
+    result = quick(write(), "--out", tmp_path / "out")
     assert "Note on OFSRFilter: it has 7 nodes." in result.output
     assert "Note on CGOMSMFilter: it has 2 nodes." in result.output
 
@@ -156,6 +180,8 @@ def test_a_terminal_that_knows_ascii_only_gets_its_table(write, tmp_path) -> Non
         "load",
         "--obs",
         "temperature",
+        "--switch",
+        "clock",
         "--out",
         str(tmp_path / "out"),
     ]
@@ -173,7 +199,7 @@ def test_earlier_results_are_replaced(write, tmp_path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "comparison.csv").write_text("old")
-    assert run(write(), "--state", "load", "--obs", "temperature", "--out", out).exit_code == 0
+    assert quick(write(), "--out", out).exit_code == 0
     assert table_of(out / "comparison.csv")[0]["method"] == "OFSRFilter"
     assert len(list(out.iterdir())) == 2
 
@@ -182,7 +208,8 @@ def test_earlier_results_are_replaced(write, tmp_path) -> None:
 
 
 def test_without_a_file_it_runs_on_the_packaged_data(tmp_path) -> None:
-    result = run("--out", tmp_path / "out")
+    # The law is the one that --law auto chooses here: trying all three takes three times as long.
+    result = run("--law", "free", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     printed = " ".join(result.output.split())
     assert "Victoria, 2014, hourly means: demand, less its daily profile" in printed

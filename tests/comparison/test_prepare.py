@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf.comparison import ClockSwitch, DailyProfile, prepare, quantile_switch
+from fuzzykf.comparison import ClockSwitch, prepare, quantile_switch
 from fuzzykf.errors import ParameterError, ShapeError
 
 HOUR = np.timedelta64(3600, "s")
@@ -23,16 +23,6 @@ def series(n=400, seed=1):
 # ------------------------------------------------------------------ the profile
 
 
-def test_the_profile_is_the_mean_of_each_hour_and_kind_of_day() -> None:
-    # Oracle: two weeks of a series that is 100 on working days plus the hour, which it must return.
-    time = hours(14 * 24)
-    workday = np.is_busday(time.astype("datetime64[D]"))
-    hour = np.arange(14 * 24) % 24
-    values = 100.0 * workday + hour + np.where(np.arange(14 * 24) < 7 * 24, -1.0, 1.0)
-    profile = DailyProfile.learn(time, workday, values)
-    np.testing.assert_allclose(profile(time, workday), 100.0 * workday + hour)
-
-
 def test_the_profile_does_not_see_the_part_to_be_compared() -> None:
     time = hours(600)
     x, y = series(600)
@@ -40,7 +30,7 @@ def test_the_profile_does_not_see_the_part_to_be_compared() -> None:
     changed = x.copy()
     changed[300:] += 50.0
     other = prepare(changed, y, time=time, profile=True, train=0.5)
-    np.testing.assert_array_equal(task.profile.means, other.profile.means)
+    np.testing.assert_array_equal(task.profile.means_, other.profile.means_)
     np.testing.assert_allclose(other.state[300:] - task.state[300:], 50.0)
     assert task.switch_source == other.switch_source
 
@@ -56,18 +46,9 @@ def test_a_time_of_day_without_a_row_to_learn_on_is_an_error_that_names_it() -> 
 def test_a_given_working_day_counts_more_than_the_calendar() -> None:
     time = hours(480)
     x, y = series(480)
-    workday = np.zeros(480, dtype=bool)
-    task = prepare(x, y, time=time, workday=workday, profile=True)
-    assert np.isnan(task.profile.means[1]).all()
-    assert np.isfinite(task.profile.means[0]).all()
-
-
-def test_quarter_hours_have_a_mean_each_and_odd_steps_share_hours() -> None:
-    x, y = series(2000)
-    quarter = np.datetime64("2014-01-06", "s") + np.arange(2000) * np.timedelta64(900, "s")
-    odd = np.datetime64("2014-01-06", "s") + np.arange(2000) * np.timedelta64(17 * 60, "s")
-    assert prepare(x, y, time=quarter, profile=True).profile.means.shape == (2, 96)
-    assert prepare(x, y, time=odd, profile=True).profile.means.shape == (2, 24)
+    task = prepare(x, y, time=time, workday=np.zeros(480, dtype=bool), profile=True)
+    assert np.isnan(task.profile.means_[1]).all()
+    assert np.isfinite(task.profile.means_[0]).all()
 
 
 # ------------------------------------------------------------------ the switch
@@ -103,13 +84,19 @@ def test_the_clock_switch_comes_from_the_state_before_its_profile_is_taken_away(
     time = hours(24 * 30)
     rng = np.random.default_rng(2)
     x = -np.cos(2 * np.pi * (np.arange(720) % 24 - 4) / 24) + 0.1 * rng.normal(size=720)
-    task = prepare(x, rng.normal(size=720), time=time, profile=True)
+    task = prepare(x, rng.normal(size=720), time=time, profile=True, switch="clock")
     assert task.switch_source.startswith("the clock, 0 from 2:00 to 6:00, 1 from 14:00 to 18:00")
 
 
-def test_without_times_the_quantiles_of_the_observation_make_the_switch() -> None:
+def test_the_switch_is_hidden_unless_a_rule_is_asked_for() -> None:
+    task = prepare(*series(), time=hours(400))
+    assert task.switch is None
+    assert task.switch_source == "hidden, learned with each model"
+
+
+def test_the_quantiles_of_the_observation_can_make_the_switch() -> None:
     x, y = series(1000)
-    task = prepare(x, y, train=0.5)
+    task = prepare(x, y, train=0.5, switch="quantiles")
     low, high = np.quantile(y[:500], [0.2, 0.8])
     assert quantile_switch(y[:500]) == pytest.approx((low, high))
     np.testing.assert_array_equal(task.switch == 0.0, y <= low)
@@ -117,10 +104,9 @@ def test_without_times_the_quantiles_of_the_observation_make_the_switch() -> Non
     assert task.switch_source.startswith("the observation")
 
 
-def test_daily_rows_have_no_time_of_day_so_the_quantiles_make_the_switch() -> None:
+def test_daily_rows_have_no_time_of_day_for_the_clock() -> None:
     x, y = series()
     time = np.datetime64("2014-01-01", "s") + np.arange(400) * np.timedelta64(86400, "s")
-    assert prepare(x, y, time=time).switch_source.startswith("the observation")
     with pytest.raises(ParameterError, match="no row between 1:00 and 5:00"):
         prepare(x, y, time=time, switch="clock")
 
@@ -151,7 +137,7 @@ def test_a_constant_column_is_refused() -> None:
 def test_an_observation_that_mostly_stands_still_cannot_make_the_switch() -> None:
     x, y = series()
     with pytest.raises(ParameterError, match="are both 0, so they cannot make the switch"):
-        prepare(x, np.where(np.arange(400) % 10 == 0, y, 0.0))
+        prepare(x, np.where(np.arange(400) % 10 == 0, y, 0.0), switch="quantiles")
 
 
 def test_what_needs_a_time_says_so() -> None:

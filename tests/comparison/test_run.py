@@ -2,16 +2,36 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fuzzykf import FuzzykfError
-from fuzzykf.comparison import Restoration, Task, compare, methods, prepare, score
+from fuzzykf.comparison import (
+    Candidate,
+    LearningPart,
+    Restoration,
+    Task,
+    compare,
+    main_methods,
+    methods,
+    prepare,
+    score,
+)
 from fuzzykf.errors import ParameterError
 
 N_TRAIN, N_TEST = 150, 600
+NAMES = [
+    "OFSRFilter",
+    "CGOMSMFilter",
+    "IMMEstimator",
+    "KalmanFilter (filterpy)",
+    "linear regression",
+    "regression with lags",
+    "piecewise-linear with lags",
+]
 
 
 @pytest.fixture
@@ -21,9 +41,7 @@ def task() -> Task:
     return Task(
         state=rng.normal(size=n) + 1.0,
         observation=rng.normal(size=n),
-        switch=np.zeros(n),
         n_train=N_TRAIN,
-        switch_source="",
     )
 
 
@@ -112,19 +130,25 @@ def two_regimes() -> Task:
     return replace(prepare(x, y), switch=r)
 
 
-def test_four_methods_are_compared_in_order_and_progress_is_told(two_regimes) -> None:
+@pytest.fixture(scope="module")
+def all_methods(two_regimes):
+    """The comparison of all methods, and what was told of its progress."""
     told: list[str] = []
-    found = compare(two_regimes, np.random.default_rng(0), n_resamples=200, progress=told.append)
+    return compare(two_regimes, np.random.default_rng(0), n_resamples=200, progress=told.append), told
+
+
+def test_the_methods_are_compared_in_order_and_progress_is_told(two_regimes, all_methods) -> None:
+    found, told = all_methods
     names = [s.name for s in found.scores]
-    assert names == ["OFSRFilter", "CGOMSMFilter", "KalmanFilter (filterpy)", "linear regression"]
-    assert told == ["fuzzy switches", "hard switches", "Kalman filter", "linear regression", "bootstrap"]
+    assert names == NAMES
+    assert told == [*NAMES, "bootstrap"]
     for s, r in zip(found.scores, found.restorations, strict=True):
         assert s.rmse == pytest.approx(np.sqrt(np.mean((r.mean - two_regimes.state[1200:]) ** 2)))
         assert s.microseconds > 0.0
 
 
-def test_on_switching_data_the_filters_with_switches_win_and_know_how_well_they_do(two_regimes) -> None:
-    found = compare(two_regimes, np.random.default_rng(0), n_resamples=200)
+def test_on_switching_data_the_filters_with_switches_win_and_know_how_well_they_do(all_methods) -> None:
+    found, _ = all_methods
     by_name = {s.name: s for s in found.scores}
     hard, kalman = by_name["CGOMSMFilter"], by_name["KalmanFilter (filterpy)"]
     assert found.best in ("OFSRFilter", "CGOMSMFilter")
@@ -134,34 +158,69 @@ def test_on_switching_data_the_filters_with_switches_win_and_know_how_well_they_
     assert hard.log_likelihood > kalman.log_likelihood
 
 
+def test_a_hidden_switch_is_learned_about_as_well_as_one_that_is_told(two_regimes) -> None:
+    hard = [m for m in main_methods("fmc1") if m.name in ("CGOMSMFilter", "linear regression")]
+    hidden, told = (
+        compare(task, np.random.default_rng(0), methods=hard, n_resamples=200)
+        for task in (replace(two_regimes, switch=None), two_regimes)
+    )
+    assert hidden.scores[0].rmse < 1.05 * told.scores[0].rmse
+    assert hidden.scores[0].rmse != told.scores[0].rmse
+    assert hidden.scores[1].rmse == told.scores[1].rmse
+
+
 def test_the_same_seed_gives_the_same_comparison(two_regimes) -> None:
-    one, two = (compare(two_regimes, np.random.default_rng(3), n_resamples=200) for _ in range(2))
+    quick = main_methods("fmc1")[3:5]
+    one, two = (
+        compare(two_regimes, np.random.default_rng(3), methods=quick, n_resamples=200) for _ in range(2)
+    )
     for a, b in zip(one.scores, two.scores, strict=True):
         assert replace(a, microseconds=0.0) == replace(b, microseconds=0.0)
     assert one.verdict() == two.verdict()
 
 
-def test_the_methods_see_nothing_of_the_state_to_be_restored(two_regimes) -> None:
-    hidden = two_regimes.state.copy()
-    hidden[1200:] += 1000.0
-    switch = two_regimes.switch.copy()
-    switch[1200:] = 0.5
-    changed = replace(two_regimes, state=hidden, switch=switch)
-    for method in (
-        lambda task: methods.fuzzy_switches(task, 3),
-        methods.hard_switches,
-        methods.kalman_filter,
-        methods.linear_regression,
-    ):
-        np.testing.assert_array_equal(method(two_regimes).mean, method(changed).mean)
+@pytest.mark.parametrize("told", [True, False])
+def test_the_methods_see_nothing_of_the_state_to_be_restored(two_regimes, told) -> None:
+    n = 300  # rows to learn on, of 400
+    state, observation = two_regimes.state[:400], two_regimes.observation[:400]
+    hidden = state.copy()
+    hidden[n:] += 1000.0
+    switch = two_regimes.switch[:400] if told else None
+    changed = None if switch is None else np.where(np.arange(400) < n, switch, 0.5)
+    chosen = [m for m in main_methods("fmc1") if told or m.name != "OFSRFilter"]
+    task = Task(state=state, observation=observation, switch=switch, n_train=n)
+    other = Task(state=hidden, observation=observation, switch=changed, n_train=n)
+    one, two = (compare(t, np.random.default_rng(0), methods=chosen, n_resamples=100) for t in (task, other))
+    for a, b in zip(one.restorations, two.restorations, strict=True):
+        np.testing.assert_array_equal(a.mean, b.mean)
+        np.testing.assert_array_equal(a.std, b.std)
 
 
-def test_numbers_that_are_not_finite_are_an_error_that_names_the_method(two_regimes, monkeypatch) -> None:
-    def broken(task: Task) -> Restoration:
-        found = linear(task)
-        return replace(found, std=np.where(np.arange(len(found.std)) == 4, np.nan, found.std))
+def broken(part: LearningPart):
+    raise FuzzykfError("nothing can be learned from this")
 
-    linear = methods.linear_regression
-    monkeypatch.setattr(methods, "linear_regression", broken)
-    with pytest.raises(FuzzykfError, match="linear regression: its std at step 4 is nan"):
-        compare(two_regimes, np.random.default_rng(0))
+
+def test_a_method_that_fails_is_named(two_regimes) -> None:
+    with pytest.raises(FuzzykfError, match="odd: nothing can be learned from this"):
+        compare(two_regimes, np.random.default_rng(0), methods=[Candidate("odd", broken)])
+
+
+def test_numbers_that_are_not_finite_are_an_error_that_names_the_method(two_regimes) -> None:
+    def learn(part: LearningPart):
+        learned = linear.learn(part)
+        learned.std = np.array([np.nan])
+        return learned
+
+    linear = next(m for m in main_methods("fmc1") if m.name == "linear regression")
+    with pytest.raises(FuzzykfError, match="linear regression: its std at step 0 is nan"):
+        compare(two_regimes, np.random.default_rng(0), methods=[Candidate("linear regression", learn)])
+
+
+def test_the_time_of_a_step_is_in_microseconds() -> None:
+    assert 1000.0 <= methods._microseconds(lambda _: time.sleep(0.001), np.zeros((5, 1))) < 100_000.0
+
+
+def test_the_law_has_to_be_one_that_there_is() -> None:
+    assert [m.name for m in main_methods("free")] == NAMES
+    with pytest.raises(ParameterError, match="law: got 'fmc3', expected 'auto', 'fmc1', 'fmc2', 'free'"):
+        main_methods("fmc3")

@@ -38,7 +38,8 @@ def _enumerate(initial, transition, first, step, y, m):
     for n in range(1, len(y) + 1):
         paths = np.array(list(itertools.product(range(len(initial)), repeat=n)))
         p = initial[paths[:, 0]] * np.prod(transition[paths[:, :-1], paths[:, 1:]], axis=1)
-        paths, p = paths[p > 0], p[p > 0]
+        paths, p = paths[p != 0], p[p != 0]
+        sign, log_p = np.sign(p), np.log(np.abs(p))  # a rule of quadrature may have negative weights
         mean, cov = _joint(paths, first, step)
         d = first[0].shape[1]
         hidden = np.arange((n - 1) * d, (n - 1) * d + m)
@@ -46,20 +47,20 @@ def _enumerate(initial, transition, first, step, y, m):
         q = d - m
         # before and after the last observation is seen; target is Z_n before, X_n after
         before = _condition(mean, cov, np.arange((n - 1) * d, n * d), seen[:-q], y[: n - 1].ravel())
-        weights = _normalise(np.log(p) + before[2])
+        weights = _normalise(log_p + before[2], sign)
         centre, spread = _mix(weights, *before[:2])
         out["x_prior"].append(centre[:m])
         out["P_prior"].append(spread[:m, :m])
         out["y_prior"].append(centre[m:])
         out["S"].append(spread[m:, m:])
         x, P, log_w = _condition(mean, cov, hidden, seen, y[:n].ravel())
-        log_w = log_w + np.log(p)
-        weights = _normalise(log_w)
+        log_w = log_w + log_p
+        weights = _normalise(log_w, sign)
         centre, spread = _mix(weights, x, P)
         out["x"].append(centre)
         out["P"].append(spread)
         out["mu"].append([weights[paths[:, -1] == j].sum() for j in range(len(initial))])
-        total = log_w.max() + np.log(np.exp(log_w - log_w.max()).sum())
+        total = log_w.max() + np.log((sign * np.exp(log_w - log_w.max())).sum())
         out["log_likelihood"].append(total - total_before)
         total_before = total
     return {name: np.array(values) for name, values in out.items()}
@@ -96,8 +97,8 @@ def _condition(mean, cov, target, seen, y):
     return x, P, log_density
 
 
-def _normalise(log_w):
-    w = np.exp(log_w - log_w.max())
+def _normalise(log_w, sign):
+    w = sign * np.exp(log_w - log_w.max())
     return w / w.sum()
 
 

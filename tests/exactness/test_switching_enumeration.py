@@ -21,7 +21,11 @@ from fuzzykf import (
     FuzzyMarkovLaw,
     KnownSwitchFilter,
     OFSRFilter,
+    SwitchChain,
 )
+from fuzzykf.switching import SwitchingFilter
+from fuzzykf.switching.forms import TransitionForm
+from fuzzykf.switching.tables import InitialLaw, PairTables
 
 TOLERANCE = {"rtol": 1e-9, "atol": 1e-11}
 
@@ -314,3 +318,32 @@ def test_other_rules_are_exact_for_their_chain(rule, fuzzy_model, enumerate_sequ
     first = moments(form.means, Sigma, nodes)
     truth = enumerate_sequences(chain.initial, chain.transition, first, step, y, 1)
     check(OFSRFilter(fuzzy_model, F, rule), y, truth)
+
+
+@pytest.mark.parametrize("m", [1, 2])
+def test_negative_masses(m, make_transitions, enumerate_sequences):
+    # a chain with small negative weights, which lead to nodes of negative mass and back
+    A, Q, means, Sigma = make_transitions(2, m, 1, seed=15)
+    means[:, m] = 0.0
+    chain = SwitchChain([0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [[1.001, -0.001], [0.7, 0.3]])
+
+    class System:
+        dim_x, dim_z, order, steady_from = m, 1, 1, 0
+
+        def __init__(self):
+            self.chain = chain
+            self.form = TransitionForm(A, Q, means, Sigma, m)
+            u = np.eye(2)
+            self.tables = PairTables(chain.transition, self.form.pairs(u[:, None], u[None, :], str))
+
+        def initial(self):
+            return InitialLaw(chain.initial, means, Sigma)
+
+        def pair_tables(self, n):
+            return self.tables
+
+    y = np.array([[0.1], [0.3], [-0.2], [0.4], [0.0], [-0.1]])
+    N = means[None] - np.einsum("ijkl,il->ijk", A, means)
+    truth = enumerate_sequences(chain.initial, chain.transition, (means, Sigma), (A, N, Q), y, m)
+    assert (truth["mu"][1:] < 0).any()
+    check(SwitchingFilter(System()), y, truth)

@@ -130,6 +130,24 @@ def test_functions_of_a_call_get_x_as_the_filter_holds_it(flat):
     assert f.y.shape == ((1,) if flat else (1, 1))
 
 
+def test_functions_given_at_construction_get_a_flat_x():
+    shapes = []
+
+    def note(result):
+        def function(x):
+            shapes.append(x.shape)
+            return result
+
+        return function
+
+    functions = {"fx": [1.0, 2.0], "FJacobian": np.eye(2), "hx": [0.0], "HJacobian": np.ones((1, 2))}
+    f = ExtendedKalmanFilter(2, 1, **{name: note(result) for name, result in functions.items()})
+    f.x = np.zeros((2, 1))
+    f.step(1.0)
+    assert shapes == [(2,)] * 4
+    assert f.x.shape == (2, 1)
+
+
 def test_calls_and_construction_give_the_same():
     f, g = make(), ExtendedKalmanFilter(2, 2, Q=0.1, R=0.2)
     g.x = np.array([0.3, 0.2])

@@ -8,6 +8,7 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
+from fuzzykf import FuzzyRelationEstimator
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
 from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
 
@@ -262,6 +263,37 @@ def test_kalman_and_extended_filters_in_one_bank(method):
         compare(linear, mixed, rtol=1e-6)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_three_kinds_of_filters_in_one_bank(method):
+    # with Gaussian memberships the fuzzy estimator is the Kalman filter too
+    linear, mixed = make(method), make(method)
+    fuzzy, f = FuzzyRelationEstimator(2, 1), mixed.filters[0]
+    fuzzy.F, fuzzy.Q, fuzzy.H, fuzzy.R = f.F, f.Q, f.H, f.R
+    f = mixed.filters[1]
+    extended = ExtendedKalmanFilter(
+        2, 1, F=f.F, Q=f.Q, R=f.R, hx=lambda x, H=f.H: H @ x, HJacobian=lambda x, H=f.H: H
+    )
+    mixed = IMMEstimator([fuzzy, extended, mixed.filters[2]], mixed.mu, M, method=method)
+    for z in (0.3, -1.0, None, 0.4, np.nan, 2.0):
+        linear.step(z)
+        mixed.step(z)
+        compare(linear, mixed)
+    np.testing.assert_allclose(
+        mixed.copy().filter([0.1, 0.2]).x, linear.copy().filter([0.1, 0.2]).x, rtol=1e-9
+    )
+    mixed.predict()
+    linear.predict()
+    with pytest.raises(ShapeError, match="z: got shape"):
+        mixed.update([1.0, 2.0])
+    mixed.update(0.3)
+    linear.update(0.3)
+    compare(linear, mixed)
+    for imm in (linear, mixed):
+        imm.reset()
+        imm.step(0.5)
+    compare(linear, mixed)
+
+
 @pytest.mark.parametrize("flat", [False, True])
 @pytest.mark.parametrize("method", METHODS)
 def test_filters_of_filterpy_in_the_bank(method, flat):
@@ -332,6 +364,41 @@ def test_a_foreign_filter_may_offer_only_a_likelihood():
         ours.step(z)
         theirs.step(z)
         compare(ours, theirs)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_foreign_filter_gets_observations_in_the_form_of_its_state(flat):
+    class Foreign:
+        dim_z, log_likelihood = 2, 0.0
+
+        def __init__(self):
+            self.x, self.P, self.shapes = np.zeros(2 if flat else (2, 1)), np.eye(2), []
+
+        def predict(self):
+            pass
+
+        def update(self, z):
+            self.shapes.append(np.shape(z))
+
+    filters = [Foreign(), Foreign()]
+    IMMEstimator(filters, [1, 1], np.eye(2)).step([1.0, 2.0])
+    assert filters[0].shapes == filters[1].shapes == [(2,) if flat else (2, 1)]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_verbs_that_a_subclass_overrides_are_called(method):
+    class Doubling(KalmanFilter):
+        def predict(self, *args, **kwargs):
+            super().predict(*args, **kwargs)
+            self.P = 2.0 * self.P
+
+    plain, own = make(method), make(method)
+    own.filters[0] = Doubling(
+        2, 1, F=own.filters[0].F, H=own.filters[0].H, Q=own.filters[0].Q, R=own.filters[0].R
+    )
+    own.predict()
+    plain.predict()
+    np.testing.assert_allclose(own.filters[0].P, 2.0 * plain.filters[0].P)
 
 
 # ------------------------------------------------------------------ weights
@@ -479,6 +546,30 @@ def test_members_stay_readable_objects(method, kind):
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_members_and_mixture_keep_what_was_predicted(method):
+    imm = make(method)
+    imm.step(0.4)
+    imm.predict()
+    priors = [f.x.copy() for f in imm.filters]
+    imm.update(1.0)
+    for f, prior in zip(imm.filters, priors, strict=True):
+        assert np.array_equal(f.x_prior, prior)
+        assert np.array_equal(f.x_post, f.x)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_likelihoods_of_the_modes_add_up_to_that_of_the_mixture(method):
+    imm = make(method)
+    for z in (0.4, -1.0, 2.0):
+        imm.predict()
+        cbar = imm.cbar
+        imm.update(z)
+        assert np.log(cbar @ imm.likelihood) == pytest.approx(imm.log_likelihood)
+        np.testing.assert_allclose(np.exp(imm.mode_log_likelihood), imm.likelihood)
+        np.testing.assert_allclose(imm.mu, cbar * imm.likelihood / (cbar @ imm.likelihood))
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_reset_returns_the_same_members_to_their_origin(method):
     filters = members()
     imm = IMMEstimator(filters, [1, 1, 1], M, method=method)
@@ -609,6 +700,10 @@ def test_an_observation_that_no_mode_can_explain_is_an_error(method, kind):
     assert state(imm) == before
     with pytest.raises(ParameterError, match="no mode gives"):
         imm.filter_many([[0.1, 1e200]])
+    with pytest.raises(
+        ParameterError, match="series 1 .*no mode gives" if kind is KalmanFilter else "no mode gives"
+    ):
+        make(method, kind).filter_many([[0.1, 0.2], [0.1, 1e200]])
     imm.update(1e100)
     assert np.isfinite(imm.mu).all()
     assert np.isfinite(imm.log_likelihood)

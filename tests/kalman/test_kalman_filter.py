@@ -198,6 +198,11 @@ def test_results_are_copies(system):
     for one, other in (("x", "x_post"), ("P", "P_post")):
         getattr(f, one)[:] = 0.0
         assert getattr(f, other).any()
+    f.x, f.P = np.ones((3, 1)), np.eye(3)
+    f.predict()
+    for one, other in (("x", "x_prior"), ("P", "P_prior")):
+        getattr(f, one)[:] = 0.0
+        assert getattr(f, other).any()
 
 
 # ------------------------------------------------------------------ defaults
@@ -306,6 +311,23 @@ def test_a_singular_innovation_is_an_error_and_a_pseudo_inverse_may_take_it(syst
     assert f.log_likelihood == -np.inf
 
 
+@pytest.mark.parametrize("m", [2, 3, 4])
+def test_sensors_without_noise_that_say_the_same_are_singular_to_rounding(m):
+    # the exact S has rank one; rounding may leave tiny positive pivots, which are no information
+    rng = np.random.default_rng(m)
+    for _ in range(20):
+        row, root = rng.normal(size=3), rng.normal(size=(3, 3))
+        f = KalmanFilter(3, m, H=np.outer(rng.uniform(0.5, 2.0, m), row), P=root @ root.T, R=0.0)
+        with pytest.raises(NotPositiveDefiniteError):
+            f.update(np.zeros(m))
+        f.Q = 0.0
+        with pytest.raises(NotPositiveDefiniteError):
+            f.filter_many(np.zeros((2, 3, m)))
+    f.inv = np.linalg.pinv
+    f.update(f.H @ np.ones(3))
+    np.testing.assert_allclose(f.H @ f.x, (f.H @ np.ones(3))[:, None], rtol=1e-10)
+
+
 @pytest.mark.parametrize("m", [1, 2, 3])
 def test_an_indefinite_innovation_is_an_error(m):
     f = KalmanFilter(3, m, H=np.eye(3)[:m])
@@ -376,6 +398,7 @@ def test_a_wrong_attribute_is_named_when_it_is_used(system, change, message):
             ShapeError,
             r"H: got shape \(2, 2\), expected \(n, 3\)",
         ),
+        (lambda f: f.update([], H=np.empty((0, 3))), ShapeError, "H: .*at least one row"),
         (lambda f: setattr(f, "alpha", 0.9), ParameterError, "alpha: got 0.9"),
         (lambda f: setattr(f, "alpha", [1.0]), ParameterError, "alpha"),
     ],

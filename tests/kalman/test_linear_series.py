@@ -217,6 +217,20 @@ def test_batch_filter_takes_everything_step_by_step(system, flat, update_first):
         assert np.array_equal(calls[k], g.x)
 
 
+def test_a_subclass_may_have_shorter_verbs(system):
+    # what was not given is not passed on
+    class Short(KalmanFilter):
+        def predict(self):
+            super().predict()
+
+        def update(self, z):
+            super().update(z)
+
+    f, g = Short(2, 1, H=[[1.0, 0.0]]), KalmanFilter(2, 1, H=[[1.0, 0.0]])
+    assert np.array_equal(f.copy().filter([1.0, 2.0]).x, g.copy().filter([1.0, 2.0]).x)
+    assert np.array_equal(f.batch_filter([1.0, 2.0])[0], g.batch_filter([1.0, 2.0])[0])
+
+
 def test_batch_filter_names_a_list_that_is_too_short(system):
     with pytest.raises(ShapeError, match="Fs: got 1 values"):
         make(system).batch_filter([[1.0, 2.0]] * 2, Fs=[np.eye(3)])

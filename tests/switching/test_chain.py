@@ -44,6 +44,17 @@ def test_classes():
     np.testing.assert_allclose(chain.initial, [0.4, 0.3, 0.2, 0.1])
 
 
+def test_reachable_nodes():
+    # 0 -> 1 -> 2 -> 1; 3 leads elsewhere, but nothing leads to it
+    P = [[0, 1, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0.5, 0, 0.5, 0]]
+    for initial, expected in (
+        ([1, 0, 0, 0], [1, 1, 1, 0]),
+        ([0, 0, 1, 0], [0, 1, 1, 0]),
+        ([0, 0, 0, 1], [1] * 4),
+    ):
+        np.testing.assert_array_equal(SwitchChain.from_classes(P, initial).reachable, expected)
+
+
 def test_stationary_distribution():
     np.testing.assert_allclose(stationary_distribution(np.array(P)), [0.75, 0.25], rtol=1e-14)
     rng = np.random.default_rng(0)

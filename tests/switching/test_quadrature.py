@@ -142,6 +142,7 @@ def test_nodes_without_mass(law, rule):
     chain = law.discretize(6, rule)
     np.testing.assert_allclose(chain.initial[[0, -1]], 0.5)
     assert (chain.initial[1:-1] == 0.0).all()
+    np.testing.assert_allclose(chain.transition[1:-1], np.broadcast_to(chain.initial, (6, 8)), atol=1e-15)
     np.testing.assert_allclose(chain.transition.sum(axis=1), 1.0)
     assert (chain.transition[np.ix_([0, -1], range(1, 7))] == 0.0).all()
     np.testing.assert_allclose(chain.transition[np.ix_([0, -1], [0, -1])], 2 * law.corners, atol=1e-15)

@@ -7,11 +7,13 @@ and `chains`; `fit` chooses between starts and reports what the data cannot supp
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import is_whole
 from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.fit import Fitted, Options, fit_fuzzy, fit_hard
 from fuzzykf.switching.learning.result import FitResult
@@ -30,6 +32,11 @@ def fit_fuzzy_model(
     x: Any, y: Any, r: Any, *, law: str, n_nodes: int, progress: bool, **options: Any
 ) -> FitResult[CGOFMSModel]:
     """See `CGOFMSModel.fit`."""
+    if law not in ("fmc1", "fmc2", "free"):
+        raise ParameterError(f"law: got {law!r}, expected 'fmc1', 'fmc2' or 'free'")
+    if law == "free" and r is not None:
+        raise ParameterError("law: got 'free', expected 'fmc1' or 'fmc2' (a free chain is learned without r)")
+    n_nodes = _whole("n_nodes", n_nodes, 0)
     data = _prepared(x, y, r, options)
     fitted = _with_progress(progress, options, lambda o: fit_fuzzy(data, law, n_nodes, o))
 
@@ -44,8 +51,7 @@ def fit_hard_model(
     x: Any, y: Any, r: Any, *, n_switches: int, progress: bool, **options: Any
 ) -> FitResult[CGOMSModel]:
     """See `CGOMSModel.fit`."""
-    if n_switches < 1:
-        raise ParameterError(f"n_switches: got {n_switches}, expected at least 1")
+    n_switches = _whole("n_switches", n_switches, 1)
     data = _prepared(x, y, r, options)
     fitted = _with_progress(progress, options, lambda o: fit_hard(data, n_switches, o))
 
@@ -57,14 +63,24 @@ def fit_hard_model(
 
 
 def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any]) -> TrainingData:
-    for name, least in (("n_starts", 1), ("max_iter", 1)):
-        if options[name] < least:
-            raise ParameterError(f"{name}: got {options[name]}, expected at least {least}")
-    if not options["tolerance"] > 0.0:
-        raise ParameterError(f"tolerance: got {options['tolerance']}, expected a positive number")
-    if options["n_starts"] > 4 and options["rng"] is None:
+    for name in ("n_starts", "max_iter"):
+        options[name] = _whole(name, options[name], 1)
+    tolerance, rng = options["tolerance"], options["rng"]
+    if not isinstance(tolerance, Real) or not float(tolerance) > 0.0:
+        raise ParameterError(f"tolerance: got {tolerance!r}, expected a positive number")
+    if rng is not None and not isinstance(rng, np.random.Generator):
+        raise ParameterError(f"rng: got {type(rng).__name__}, expected a numpy.random.Generator")
+    if options["n_starts"] > 4 and rng is None:
         raise ParameterError("rng: missing; more than 4 starts are drawn at random and need a Generator")
+    if options["form"] not in ("regression", "covariance"):
+        raise ParameterError(f"form: got {options['form']!r}, expected 'regression' or 'covariance'")
     return gather(x, y, r)
+
+
+def _whole(name: str, value: Any, least: int) -> int:
+    if not is_whole(value) or value < least:
+        raise ParameterError(f"{name}: got {value!r}, expected a whole number of at least {least}")
+    return int(value)
 
 
 def _with_progress(progress: bool, options: dict[str, Any], fit: Callable[[Options], Fitted]) -> Fitted:

@@ -7,11 +7,14 @@ of FMC2 too once the width of the band is fixed, so a chain costs a few products
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any
+from copy import copy
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.switching.chain import stationary_distribution
 from fuzzykf.switching.integration import cell_masses
 from fuzzykf.switching.laws import FuzzyMarkovLaw
 from fuzzykf.switching.learning.law import fmc1_from_logits, fmc2_from_logits, softmax
@@ -62,6 +65,10 @@ class ChainFamily(ABC):
         first : ndarray, shape (M,)
             Expected numbers of stretches that begin in each node.
         """
+
+    def variants(self) -> list[Self]:
+        """Return chains that the maximisation cannot reach from this one, but may be better."""
+        return []
 
     @abstractmethod
     def law(self) -> Any:
@@ -137,7 +144,6 @@ class FMC2Chain(_LogitChain):
 
     def __init__(self, n_nodes: int, start: FuzzyMarkovLaw | None = None) -> None:
         self.nodes = np.concatenate([[0.0], (np.arange(n_nodes) + 0.5) / max(n_nodes, 1), [1.0]])
-        self._bounds = np.linspace(0.0, 1.0, n_nodes + 1) if n_nodes else np.array([0.0])
         law = FuzzyMarkovLaw.fmc2(0.25, 0.3, 0.2) if start is None else start
         p = law.parameters
         shares = np.maximum(np.array([2 * p["alpha"], 2 * law.beta, 1 - 2 * p["alpha"] - 2 * law.beta]), 1e-4)
@@ -149,9 +155,32 @@ class FMC2Chain(_LogitChain):
         return 0.5 / (1.0 + float(np.exp(-logits[2])))
 
     def _joint(self, logits: FloatArray) -> FloatArray:
-        joint = cell_masses(fmc2_from_logits(logits[:2], self._delta(logits)), self._bounds)
+        delta = self._delta(logits)
+        a, b, band = softmax(logits[:2])
+        joint = band / (delta * (6.0 - delta)) * _band_areas(self.nodes.size - 2, delta)
+        joint[[0, -1], [0, -1]] = a / 2.0
+        joint[[0, -1], [-1, 0]] = b / 2.0
         normalised: FloatArray = joint / joint.sum()
         return normalised
+
+    def variants(self) -> list[Self]:
+        """Return chains with other widths.
+
+        A pair of nodes off the band has probability zero, and keeps it; one on its
+        edge would have to lose all of it.  So the width hardly leaves the multiples of
+        the width of a cell that it lies between.
+        """
+        F = self.nodes.size - 2
+        edges = np.append(np.arange(0.0, 0.5, 1.0 / F), 0.5) if F else np.empty(0)
+        chains = []
+        for low, high in pairwise(edges.tolist()):
+            if not low < self._delta(self.logits) <= high:
+                width = low + high  # of the whole band, in the middle of the interval
+                other = copy(self)
+                other.logits = np.append(self.logits[:2], np.log(width / (1.0 - width)))
+                other.joint = other._joint(other.logits)
+                chains.append(other)
+        return chains
 
     def law(self) -> FuzzyMarkovLaw:
         """Return the law of the current parameters."""
@@ -189,16 +218,42 @@ class FreeChain(ChainFamily):
         self.joint = pairs / pairs.sum()
 
     def law(self) -> FuzzyMarkovLaw:
-        """Return the law that is constant on the cells of the nodes."""
+        """Return the law that is constant on the cells of the nodes.
+
+        A law stands for a stationary chain; where this one began says little about it.
+        """
         from fuzzykf.switching.law_cells import CellLaw
 
-        return CellLaw(self.initial[:, None] * self.transition)
+        try:
+            stationary = stationary_distribution(self.transition)
+        except ParameterError:  # parts that are never left: how often they were seen is all there is to say
+            stationary = self.joint.sum(axis=1)
+        return CellLaw(stationary[:, None] * self.transition)
 
 
 def _without_corners(masses: FloatArray) -> FloatArray:
     masses = masses.copy()
     masses[np.ix_([0, -1], [0, -1])] = 0.0
     return masses
+
+
+def _band_areas(F: int, delta: float) -> FloatArray:
+    """Measure of the band |r1 - r2| <= delta in each pair of cells, (F + 2, F + 2), without the corners.
+
+    In the square it depends on the distance of the cells alone: a second difference of
+    the function whose second derivative is the indicator of the band.
+    """
+    areas = np.zeros((F + 2, F + 2))
+    if F == 0:
+        return areas
+    cells = np.arange(F)
+    edge = np.clip(delta - cells / F, 0.0, 1.0 / F)
+    areas[0, 1:-1] = areas[1:-1, 0] = edge
+    areas[-1, 1:-1] = areas[1:-1, -1] = edge[::-1]
+    t = np.abs(np.arange(-1, F + 1) / F)
+    second = np.where(t <= delta, 0.5 * t * t, delta * t - 0.5 * delta * delta)
+    areas[1:-1, 1:-1] = np.maximum(np.diff(second, 2), 0.0)[np.abs(cells[:, None] - cells)]
+    return areas
 
 
 def family_of(kind: str, n_nodes: int, start: FuzzyMarkovLaw | None) -> ChainFamily:

@@ -16,6 +16,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Scale", "TrainingData", "gather"]
 
+#: Variances below this share of the whole are rounding errors.
+ROUNDING = 1e-20
+
+#: Eigenvalues of correlations below this mean that components depend on one another exactly.
+DEPENDENT = 1e-10
+
 #: A model has a dozen parameters per pair of regimes; less data than this cannot support it.
 MIN_TRANSITIONS = 20
 
@@ -80,7 +86,8 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
     Raises
     ------
     ShapeError, ParameterError
-        If shapes do not agree, too little is observed, or a component is constant.
+        If shapes do not agree, a value is infinite, too little is observed, a component is
+        constant, or components determine one another.
     """
     if x is None or y is None:
         missing = "x" if x is None else "y"
@@ -118,9 +125,10 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
         if c is not None:
             switches.append(c[kept, 0])
         n_rows += kept.size
-    widths = {block.shape[1] for block in rows}
-    if len(widths) != 1:
-        raise ShapeError("x, y: the series have different numbers of components")
+    for name, series in (("x", xs), ("y", ys)):
+        widths = sorted({block.shape[1] for block in series})
+        if len(widths) != 1:
+            raise ShapeError(f"{name}: got series of {widths} components, expected as many in each")
     z = np.concatenate(rows)
     first = np.concatenate(before) if before else np.empty(0, dtype=int)
     if first.size < MIN_TRANSITIONS:
@@ -128,43 +136,78 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
             f"x, y: hold {first.size} steps in which x and y are both measured, expected at least "
             f"{MIN_TRANSITIONS}"
         )
+    m = xs[0].shape[1]
     mean, std = z.mean(axis=0), z.std(axis=0)
-    if not (std > 0.0).all():
-        column = int(np.argmin(std))
-        m = xs[0].shape[1]
-        name = f"x[{column}]" if column < m else f"y[{column - m}]"
-        raise ParameterError(f"{name}: is constant ({mean[column]:.6g}), which no model can be learned from")
+    varies = std**2 > ROUNDING * (z * z).mean(axis=0)
+    if not varies.all():
+        column = int(np.argmin(varies))
+        raise ParameterError(
+            f"{_component(column, m)}: is constant ({mean[column]:.6g}), which no model can be learned from"
+        )
+    z = (z - mean) / std
+    _check_noise(z[first], z[first + 1], m)
     return TrainingData(
-        z=(z - mean) / std,
+        z=z,
         before=first,
         after=first + 1,
         starts=np.concatenate(starts),
         r=np.concatenate(switches) if r is not None else None,
         scale=Scale(mean, std),
-        dim_x=xs[0].shape[1],
+        dim_x=m,
         kept=np.concatenate(positions),
         n_rows=n_given,
     )
 
 
+def _component(column: int, m: int) -> str:
+    return f"x[{column}]" if column < m else f"y[{column - m}]"
+
+
+def _check_noise(now: FloatArray, then: FloatArray, m: int) -> None:
+    """Raise if the components of two consecutive times determine one another."""
+    d = now.shape[1]
+    both = np.concatenate([now, then], axis=1)
+    eigenvalues, vectors = np.linalg.eigh(np.cov(both.T))
+    if eigenvalues[0] < DEPENDENT:
+        involved = np.flatnonzero(np.abs(vectors[:, 0]) > 1e-3)
+        names = [_component(k % d, m) + ("" if k < d else " of the next time") for k in involved]
+        raise ParameterError(
+            f"x, y: an exact linear relation holds between {', '.join(names)}; expected noise in every "
+            "component"
+        )
+
+
 def _series(name: str, value: Any) -> list[FloatArray]:
     """Return a list of arrays (n, k)."""
-    if hasattr(value, "to_numpy"):
-        value = value.to_numpy()
-    several = isinstance(value, (list, tuple)) and len(value) > 0 and np.ndim(value[0]) >= 1
-    if several and all(np.ndim(v) == 1 and np.size(v) == 1 for v in value):
-        several = False  # one series, given as a list of observations of one component
-    parts = list(value) if several else [value]
+    parts = list(value) if _are_several(value) else [value]
     result = []
-    for part in parts:
-        array = np.asarray(part.to_numpy() if hasattr(part, "to_numpy") else part)
+    for k, part in enumerate(parts):
         try:
-            array = array.astype(np.float64)
+            array = np.asarray(part.to_numpy() if hasattr(part, "to_numpy") else part).astype(np.float64)
         except (TypeError, ValueError) as error:
-            raise ShapeError(f"{name}: expected numbers, got an array of {array.dtype}") from error
+            raise ShapeError(f"{name}: expected numbers, (n, k) or (n,), or a list of such arrays") from error
         if array.ndim == 3 and array.shape[2] == 1:
             array = array[..., 0]
         if array.ndim not in (1, 2):
             raise ShapeError(f"{name}: got shape {array.shape}, expected (n, k) or (n,)")
-        result.append(array[:, None] if array.ndim == 1 else array)
+        array = array[:, None] if array.ndim == 1 else array
+        if np.isinf(array).any():
+            row = int(np.flatnonzero(np.isinf(array).any(axis=1))[0])
+            raise ParameterError(
+                f"{name}: series {k} has {array[row].tolist()} at {row}, expected finite numbers (NaN "
+                "where missing)"
+            )
+        result.append(array)
     return result
+
+
+def _are_several(value: Any) -> bool:
+    """Tell several series, a list of arrays or tables, from one given as nested lists."""
+    if not isinstance(value, (list, tuple)) or len(value) == 0:
+        return False
+    if all(isinstance(v, np.ndarray) or hasattr(v, "to_numpy") for v in value):
+        return any(np.size(v) > 1 for v in value)
+    try:
+        return np.asarray(value, dtype=np.float64).ndim == 3
+    except (TypeError, ValueError):  # series of different lengths
+        return True

@@ -115,7 +115,7 @@ def run_em(
     tolerance: float,
     tick: Callable[[], None] | None = None,
 ) -> tuple[Estimate, Posterior, list[float], bool]:
-    """Alternate expectation and maximisation until the likelihood stands still.
+    """Alternate expectation and maximisation until the posterior density stands still.
 
     Parameters
     ----------
@@ -126,26 +126,26 @@ def run_em(
     data : TrainingData
     max_iter : int
     tolerance : float
-        Gain in log-likelihood per observation at which to stop.
+        Gain per observation at which to stop.
     tick : callable, optional
         Called after each iteration.
 
     Returns
     -------
     estimate, posterior, trace, converged
-        The trace holds the log-likelihood at each expectation step.
+        The trace holds log-likelihood plus log-prior at each expectation step, which never
+        decreases.
     """
     v = transition_vectors(data)
-    trace: list[float] = []
     converged = False
     posterior = expectation(estimate, shares, data, v)
-    trace.append(posterior.log_likelihood)
+    trace = [posterior.log_likelihood + estimate.gaussian.log_prior]
     for _ in range(max_iter):
         gaussian = estimate.gaussian.maximise(cells_of(posterior, shares))
         estimate.chain.maximise(posterior.pairs, posterior.first)
         estimate = Estimate(estimate.chain, gaussian)
         posterior = expectation(estimate, shares, data, v)
-        trace.append(posterior.log_likelihood)
+        trace.append(posterior.log_likelihood + estimate.gaussian.log_prior)
         if tick is not None:
             tick()
         if trace[-1] - trace[-2] < tolerance * len(v):

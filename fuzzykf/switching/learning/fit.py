@@ -9,14 +9,13 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.chain import stationary_distribution
-from fuzzykf.switching.fuzzy_model import CGOFMSModel
+from fuzzykf.switching.fuzzy_model import N_PROOF, CGOFMSModel
 from fuzzykf.switching.hard_model import CGOMSModel
 from fuzzykf.switching.learning.chains import ChainFamily, FreeChain, family_of
-from fuzzykf.switching.learning.em import Estimate, Posterior, expectation, run_em
+from fuzzykf.switching.learning.em import Estimate, Posterior, pair_shares, run_em
 from fuzzykf.switching.learning.gaussians import (
     GaussianEstimate,
     RegressionEstimate,
-    VineEstimate,
     pair_cells,
     single_cells,
     transition_vectors,
@@ -25,6 +24,7 @@ from fuzzykf.switching.learning.law import count_transitions, fit_law
 from fuzzykf.switching.learning.likelihood import log_likelihood
 from fuzzykf.switching.learning.regression import Cells
 from fuzzykf.switching.learning.starts import classes, guesses, spread
+from fuzzykf.switching.learning.vine import VineEstimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,6 +43,9 @@ TRIAL = 12
 
 #: How many starts go on to convergence.
 FINALISTS = 2
+
+#: Where the noise of the state has less than this share of that elsewhere, it is reported.
+VANISHING = 1e-3
 
 
 @dataclass(frozen=True)
@@ -85,8 +88,6 @@ class Fitted:
 def _estimator(form: str, data: TrainingData) -> type[GaussianEstimate]:
     if form == "regression":
         return RegressionEstimate
-    if form != "covariance":
-        raise ParameterError(f"form: got {form!r}, expected 'regression' or 'covariance'")
     if data.z.shape[1] != 2:
         raise ParameterError(
             "form: 'covariance' can be learned for one state and one observation only, got "
@@ -95,13 +96,29 @@ def _estimator(form: str, data: TrainingData) -> type[GaussianEstimate]:
     return VineEstimate
 
 
-def _from_shares(kind: type[GaussianEstimate], shares: FloatArray, data: TrainingData) -> GaussianEstimate:
+def _proof_values(K: int, *, fuzzy: bool) -> FloatArray:
+    """Return the values of the switch at pairs of which a model has to be valid."""
+    if not fuzzy:
+        return np.arange(K, dtype=np.float64)
+    return np.concatenate([[0.0], (np.arange(N_PROOF) + 0.5) / N_PROOF, [1.0]])
+
+
+def _proof(K: int, *, fuzzy: bool) -> FloatArray:
+    """Return the shares of the regimes in those pairs."""
+    r = _proof_values(K, fuzzy=fuzzy)
+    return pair_shares(np.stack([1.0 - r, r], axis=1) if fuzzy else np.eye(K))
+
+
+def _from_shares(
+    kind: type[GaussianEstimate], shares: FloatArray, data: TrainingData, *, fuzzy: bool
+) -> GaussianEstimate:
     """Estimate a Gaussian part from shares (N, K) of the regimes in each row of the data."""
     v = transition_vectors(data)
     w = np.concatenate([np.ones((len(data.z), 1)), data.z], axis=1)
     single = Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :])
     pairs = pair_cells(shares[data.before], shares[data.after], v)
-    return kind.start(pairs, single, data.dim_x, data.z.shape[1] - data.dim_x)
+    proof = _proof(shares.shape[1], fuzzy=fuzzy)
+    return kind.start(pairs, single, data.dim_x, data.z.shape[1] - data.dim_x, proof)
 
 
 # --------------------------------------------------------------------------- the switch is known
@@ -115,11 +132,11 @@ def fit_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Options) -> F
         raise ParameterError(f"r: got values from {data.r.min()} to {data.r.max()}, expected [0, 1]")
     shares = np.stack([1.0 - data.r, data.r], axis=1)
     fitted = fit_law(law, data.r[data.before], data.r[data.after])
-    estimate = _from_shares(_estimator(options.form, data), shares, data)
+    estimate = _from_shares(_estimator(options.form, data), shares, data, fuzzy=True)
     w = np.concatenate([np.ones((len(data.z), 1)), data.z], axis=1)
     single = Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :])
     model = CGOFMSModel._from_form(fitted, estimate.form(single, data.scale))
-    notes = _scarcity(shares, data)
+    notes = _known_scarcity(shares, data) + _active_constraint(estimate, 2)
     hard = float(np.isin(data.r, (0.0, 1.0)).mean())
     if law == "fmc1" and hard < 0.375:
         notes.append(
@@ -141,7 +158,7 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         )
     shares = np.eye(K)[data.r.astype(int)]
     counts = count_transitions(data.r[data.before], data.r[data.after], K)
-    notes = _scarcity(shares, data)
+    notes = _known_scarcity(shares, data)
     left = counts.sum(axis=1)
     for k in np.flatnonzero(left == 0.0):
         notes.append(
@@ -149,11 +166,11 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         )
     transition = np.where(left[:, None] > 0.0, counts / np.maximum(left, 1.0)[:, None], 1.0 / K)
     visits = shares.sum(axis=0)
-    estimate = _from_shares(_estimator(options.form, data), shares, data)
+    estimate = _from_shares(_estimator(options.form, data), shares, data, fuzzy=False)
     single = single_cells(shares, np.eye(K), data.z)
     model = CGOMSModel._from_form(transition, estimate.form(single, data.scale), visits / visits.sum())
     value = log_likelihood(model.on_nodes(), data)
-    notes += _instability(model.on_nodes())
+    notes += _active_constraint(estimate, K) + _instability(model.on_nodes())
     return Fitted(model, value, estimate.n_parameters + K * (K - 1), [value], True, notes, data.r)
 
 
@@ -165,20 +182,21 @@ def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Optio
     base = family_of(law, n_nodes, None)
     shares = np.stack([1.0 - base.nodes, base.nodes], axis=1)
 
-    def start(r: FloatArray) -> Estimate:
-        both = np.stack([1.0 - r, r], axis=1)
-        return Estimate(family_of(law, n_nodes, None), _from_shares(kind, both, data))
-
-    starts = [start(spread(rank)) for rank in guesses(data, options.n_starts, options.rng)]
+    guessed = [spread(rank) for rank in guesses(data, options.n_starts, options.rng)]
     # the posterior of two hard regimes is one more guess
     _, posterior, *_ = _best(_hard_starts(kind, data, 2, options), np.eye(2), data, options, final=False)
-    starts.append(start(posterior.gamma[:, 1]))
+    guessed.append(posterior.gamma[:, 1])
+    starts = []
+    for r in guessed:
+        gaussian = _from_shares(kind, np.stack([1.0 - r, r], axis=1), data, fuzzy=True)
+        starts.append(Estimate(family_of(law, n_nodes, None), gaussian))
     estimate, posterior, trace, converged = _best(starts, shares, data, options, final=True)
     single = single_cells(posterior.gamma, shares, data.z)
     form = estimate.gaussian.form(single, data.scale)
     model = CGOFMSModel._from_form(estimate.chain.law(), form)
     system = model.on_nodes(n_nodes)
-    notes = _scarcity(posterior.gamma @ shares, data) + _instability(system) + _unfinished(converged, options)
+    notes = _hidden_scarcity(posterior, shares) + _active_constraint(estimate.gaussian, 2)
+    notes += _instability(system) + _unfinished(converged, options)
     if law == "fmc1" and model.law.p_hard < 0.375 + 0.02:
         notes.append(
             f"p_hard is {model.law.p_hard:.3g}, at the bound 3/8 of FMC1: the switch seems to be more "
@@ -203,7 +221,7 @@ def _hard_starts(
         shares = classes(rank, K)
         joint = (0.8 * np.eye(K) + 0.2 / K) / K
         chain: ChainFamily = FreeChain(np.arange(K, dtype=np.float64), joint)
-        starts.append(Estimate(chain, _from_shares(kind, shares, data)))
+        starts.append(Estimate(chain, _from_shares(kind, shares, data, fuzzy=False)))
     return starts
 
 
@@ -220,9 +238,8 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     except ParameterError:  # a regime that is never left: how often it was seen is all there is to say
         initial = posterior.gamma.mean(axis=0) / posterior.gamma.mean(axis=0).sum()
     model = CGOMSModel._from_form(transition, form, initial)
-    notes = (
-        _scarcity(posterior.gamma, data) + _instability(model.on_nodes()) + _unfinished(converged, options)
-    )
+    notes = _hidden_scarcity(posterior, shares) + _active_constraint(estimate.gaussian, K)
+    notes += _instability(model.on_nodes()) + _unfinished(converged, options)
     return Fitted(
         model,
         log_likelihood(model.on_nodes(), data),
@@ -238,33 +255,39 @@ def _best(
     starts: list[Estimate], shares: FloatArray, data: TrainingData, options: Options, *, final: bool
 ) -> tuple[Estimate, Posterior, list[float], bool]:
     """Give every start a few iterations, and the best ones all they need."""
-    trials = [
-        run_em(s, shares, data, max_iter=TRIAL, tolerance=options.tolerance, tick=options.tick)
-        for s in starts
-    ]
+
+    def run(start: Estimate, max_iter: int) -> tuple[Estimate, Posterior, list[float], bool]:
+        return run_em(start, shares, data, max_iter=max_iter, tolerance=options.tolerance, tick=options.tick)
+
+    trial = min(TRIAL, options.max_iter)
+    trials = [run(start, trial) for start in starts]
+    leader = max(trials, key=lambda t: t[2][-1])[0]
+    trials += [run(Estimate(chain, leader.gaussian), trial) for chain in leader.chain.variants()]
     trials.sort(key=lambda t: -t[2][-1])
     if not final:
         return trials[0]
     finished = []
     for estimate, posterior, trace, converged in trials[:FINALISTS]:
-        more = options.max_iter - len(trace) + 1
-        if converged or more <= 0:
-            finished.append((estimate, posterior, trace, converged))
-            continue
-        again = run_em(estimate, shares, data, max_iter=more, tolerance=options.tolerance, tick=options.tick)
-        finished.append((again[0], again[1], trace + again[2][1:], again[3]))
+        if not converged and options.max_iter > trial:
+            estimate, posterior, more, converged = run(estimate, options.max_iter - trial)
+            trace = trace + more[1:]
+        finished.append((estimate, posterior, trace, converged))
     return max(finished, key=lambda t: t[2][-1])
 
 
 # --------------------------------------------------------------------------- warnings
 
 
-def _scarcity(shares: FloatArray, data: TrainingData) -> list[str]:
-    """Say which regimes and pairs of regimes the data hardly visit."""
+def _scarcity(visits: FloatArray, pairs: FloatArray) -> list[str]:
+    """Say which regimes and pairs of regimes the data hardly visit.
+
+    Parameters
+    ----------
+    visits, pairs : ndarray, shapes (K,) and (K, K)
+        Total shares of the regimes in the data, and of pairs of regimes in the steps.
+    """
     found = []
-    K = shares.shape[1]
-    visits = shares.sum(axis=0)
-    pairs = shares[data.before].T @ shares[data.after]
+    K = len(visits)
     for k in range(K):
         if visits[k] < SCARCE:
             found.append(f"the regime {k} is hardly visited (a total share of {visits[k]:.3g} observations)")
@@ -276,6 +299,30 @@ def _scarcity(shares: FloatArray, data: TrainingData) -> list[str]:
                     "steps); its parameters follow the others"
                 )
     return found
+
+
+def _known_scarcity(shares: FloatArray, data: TrainingData) -> list[str]:
+    return _scarcity(shares.sum(axis=0), shares[data.before].T @ shares[data.after])
+
+
+def _hidden_scarcity(posterior: Posterior, shares: FloatArray) -> list[str]:
+    return _scarcity(posterior.gamma.sum(axis=0) @ shares, shares.T @ posterior.pairs @ shares)
+
+
+def _active_constraint(estimate: GaussianEstimate, K: int) -> list[str]:
+    """Say where the noise of the covariance form is about to vanish."""
+    if not isinstance(estimate, VineEstimate):
+        return []
+    share = estimate.noise_share(estimate.proof)
+    if share.min() >= VANISHING * share.max():
+        return []
+    first, second = np.unravel_index(int(np.argmin(share)), (round(len(share) ** 0.5),) * 2)
+    values = _proof_values(K, fuzzy=len(share) > K * K)
+    return [
+        f"the constraint is active: at the values ({values[first]:.3g}, {values[second]:.3g}) of the switch "
+        f"the noise of the state has {share.min() / share.max():.3g} of its variance elsewhere, and positive "
+        "definiteness bounds the parameters; consider form='regression', which has no such bound"
+    ]
 
 
 def stability_radius(system: SwitchingSystem) -> float:
@@ -300,8 +347,3 @@ def _unfinished(converged: bool, options: Options) -> list[str]:
     if converged:
         return []
     return [f"not converged after {options.max_iter} iterations; raise max_iter or tolerance"]
-
-
-def conditional_log_likelihood(estimate: Estimate, shares: FloatArray, data: TrainingData) -> float:
-    """Log-likelihood of each stretch given its first (x, y), in standard units."""
-    return expectation(estimate, shares, data, transition_vectors(data)).log_likelihood

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from fuzzykf.switching.forms import CovarianceForm, GaussianForm, RegressionForm
-from fuzzykf.switching.learning.regression import Cells, Regression, fit_regression
+from fuzzykf.switching.forms import GaussianForm, RegressionForm
+from fuzzykf.switching.learning.regression import Cells, Regression, fit_regression, join, prior_cells
 
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
@@ -57,16 +57,26 @@ def single_cells(weights: FloatArray, shares: FloatArray, z: FloatArray) -> Cell
 
 
 class GaussianEstimate(ABC):
-    """A Gaussian part on the way, in standard units."""
+    """A Gaussian part on the way, in standard units.
+
+    Attributes
+    ----------
+    prior : Cells
+        What each pair of regimes is taken to have seen before the data.
+    """
 
     dim_x: int
     dim_z: int
     n_classes: int
+    prior: Cells
 
     @classmethod
     @abstractmethod
-    def start(cls, cells: Cells, single: Cells, m: int, q: int) -> Self:
-        """Estimate from cells of pairs of regimes and of single regimes."""
+    def start(cls, cells: Cells, single: Cells, m: int, q: int, proof: FloatArray) -> Self:
+        """Estimate from cells of pairs of regimes and of single regimes.
+
+        ``proof`` (p, K * K) holds the shares of pairs at which the model has to be valid.
+        """
 
     @abstractmethod
     def rows(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -83,9 +93,20 @@ class GaussianEstimate(ABC):
         k : ndarray, shape (p,)
         """
 
+    def log_likelihood(self, cells: Cells) -> float:
+        """Sum of log p(z' | z, pair) over cells."""
+        W, constant = self.rows(cells.shares)
+        quadratic = np.einsum("pij,pjk,pik->p", W, cells.moment, W, optimize=True)
+        return float(cells.weight @ (constant - 0.5 * quadratic))
+
+    @property
+    def log_prior(self) -> float:
+        """Log-density of the prior, but for a constant."""
+        return self.log_likelihood(self.prior)
+
     @abstractmethod
     def maximise(self, cells: Cells) -> Self:
-        """Return an estimate of larger expected likelihood, given the moments of pairs."""
+        """Return an estimate of larger expected likelihood, prior included, given the moments of pairs."""
 
     @abstractmethod
     def form(self, single: Cells, scale: Scale) -> GaussianForm:
@@ -100,19 +121,22 @@ class GaussianEstimate(ABC):
 class RegressionEstimate(GaussianEstimate):
     """The regression form: y' on (y, 1), then x' on (x, y, y', 1)."""
 
-    def __init__(self, observation: Regression, state: Regression) -> None:
-        self.observation, self.state = observation, state
+    def __init__(self, observation: Regression, state: Regression, prior: Cells) -> None:
+        self.observation, self.state, self.prior = observation, state, prior
         self.dim_z, self.dim_x = observation.beta.shape[1], state.beta.shape[1]
         self.n_classes = round(len(observation.beta) ** 0.5)
 
     @classmethod
-    def start(cls, cells: Cells, single: Cells, m: int, q: int) -> Self:
-        """Estimate from cells, by maximum likelihood."""
-        return cls(*_two_regressions(cells, m, q, (None, None), 100))
+    def start(cls, cells: Cells, single: Cells, m: int, q: int, proof: FloatArray) -> Self:
+        """Estimate from cells, by maximum likelihood; valid everywhere by construction."""
+        prior = prior_cells(cells)
+        return cls(*_two_regressions(join(cells, prior), m, q, (None, None), 100), prior)
 
     def maximise(self, cells: Cells) -> Self:
         """Take a few rounds of the maximisation."""
-        return type(self)(*_two_regressions(cells, self.dim_x, self.dim_z, (self.observation, self.state), 3))
+        before = (self.observation, self.state)
+        both = _two_regressions(join(cells, self.prior), self.dim_x, self.dim_z, before, 3)
+        return type(self)(*both, self.prior)
 
     def rows(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whiten the residuals of both regressions."""
@@ -138,7 +162,7 @@ class RegressionEstimate(GaussianEstimate):
     def form(self, single: Cells, scale: Scale) -> RegressionForm:
         """Return the form in the units of the data."""
         m, q, K = self.dim_x, self.dim_z, self.n_classes
-        first = fit_regression(single, list(range(1, 1 + m + q)), [0])
+        first = fit_regression(join(single, prior_cells(single)), list(range(1, 1 + m + q)), [0])
         mx, my, sx, sy = scale.mean[:m], scale.mean[m:], scale.std[:m], scale.std[m:]
 
         def table(a: FloatArray) -> FloatArray:
@@ -183,150 +207,3 @@ def _two_regressions(
             cells, at["x'"], at["x"] + at["y"] + at["y'"] + at["one"], start[1], n_rounds=n_rounds
         ),
     )
-
-
-class VineEstimate(GaussianEstimate):
-    """The covariance form of scalar X and Y, by a D-vine X1 - Y1 - Y2 - X2 per pair of regimes.
-
-    Free numbers: means and log standard deviations of X and Y and the Fisher
-    transform of their correlation per regime; the Fisher transforms of rho(Y1, Y2),
-    rho(X2, Y1 | Y2) and rho(X1, X2 | Y1, Y2) per pair.  rho(X1, Y2 | Y1) is zero, which
-    is the constraint of the model, and every covariance is positive definite.
-    """
-
-    dim_x = dim_z = 1
-
-    def __init__(self, theta: FloatArray, n_classes: int) -> None:
-        self.theta, self.n_classes = theta, n_classes
-
-    @classmethod
-    def start(cls, cells: Cells, single: Cells, m: int, q: int) -> Self:
-        """Estimate from moments, then by maximum likelihood."""
-        K = single.shares.shape[1]
-        weight = single.weight[:, None] * single.shares
-        moment = np.einsum("ck,cab->kab", weight, single.moment) / weight.sum(axis=0)[:, None, None]
-        mean = moment[:, 0, 1:]
-        covariance = moment[:, 1:, 1:] - mean[:, :, None] * mean[:, None, :]
-        std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        rho = covariance[:, 0, 1] / (std[:, 0] * std[:, 1])
-        pairs = np.einsum("c,cb,cfg->bfg", cells.weight, cells.shares, cells.moment)
-        total = pairs[:, :1, :1]
-        pairs = pairs / total
-        centre = pairs[:, 0, 1:]
-        S = pairs[:, 1:, 1:] - centre[:, :, None] * centre[:, None, :]  # y, y', x, x'
-        r = S / np.sqrt(np.diagonal(S, axis1=1, axis2=2))[:, :, None]
-        r = r / np.sqrt(np.diagonal(S, axis1=1, axis2=2))[:, None, :]
-        inverse = np.linalg.inv(r)
-        both = -inverse[:, 2, 3] / np.sqrt(inverse[:, 2, 2] * inverse[:, 3, 3])
-        yy = r[:, 0, 1]
-        partial = (r[:, 3, 0] - r[:, 3, 1] * yy) / np.sqrt((1 - r[:, 3, 1] ** 2) * (1 - yy**2))
-        theta = np.concatenate(
-            [
-                mean.reshape(-1),
-                np.log(std).reshape(-1),
-                _fisher(rho),
-                _fisher(yy),
-                _fisher(partial),
-                _fisher(both),
-            ]
-        )
-        return cls(theta, K).maximise(cells, max_iter=200)
-
-    def moments(self, theta: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Means (K, 2) and covariances (K, K, 4, 4) of (X1, Y1, X2, Y2)."""
-        K = self.n_classes
-        t = self.theta if theta is None else theta
-        mean, std = t[: 2 * K].reshape(K, 2), np.exp(t[2 * K : 4 * K]).reshape(K, 2)
-        rho = np.tanh(t[4 * K : 5 * K])
-        yy, partial, both = np.tanh(t[5 * K :]).reshape(3, K, K)
-        first, second = rho[:, None], rho[None, :]
-        one = np.ones((K, K))
-        x1y2 = first * yy
-        x2y1 = second * yy + partial * np.sqrt((1.0 - second**2) * (1.0 - yy**2))
-        # Cov(X1, X2) = what (Y1, Y2) explains + the partial correlation
-        det = 1.0 - yy**2
-        explained = (first * (x2y1 - yy * second) + x1y2 * (second - yy * x2y1)) / det
-        left1 = 1.0 - (first * (first - yy * x1y2) + x1y2 * (x1y2 - yy * first)) / det
-        left2 = 1.0 - (x2y1 * (x2y1 - yy * second) + second * (second - yy * x2y1)) / det
-        xx = explained + both * np.sqrt(np.maximum(left1 * left2, 0.0))
-        rows = [
-            [one, first * one, xx, x1y2],
-            [first * one, one, x2y1, yy],
-            [xx, x2y1, one, second * one],
-            [x1y2, yy, second * one, one],
-        ]
-        correlation = np.moveaxis(np.array(rows), (0, 1), (2, 3))
-        scale = np.concatenate(
-            [np.broadcast_to(std[:, None], (K, K, 2)), np.broadcast_to(std[None], (K, K, 2))], axis=-1
-        )
-        return mean, correlation * scale[..., :, None] * scale[..., None, :]
-
-    def rows(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whiten Z' - A Z - N."""
-        return self._rows(self.theta, shares)
-
-    def _rows(self, theta: FloatArray, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
-        K = self.n_classes
-        mean, gamma = self.moments(theta)
-        square = shares.reshape(-1, K, K)
-        u1, u2 = square.sum(axis=2), square.sum(axis=1)
-        G = shares @ gamma.reshape(K * K, -1)
-        G = G.reshape(-1, 4, 4)
-        sx, sxy, sy = G[:, 0, 0], G[:, 0, 1], G[:, 1, 1]
-        a, e, c = G[:, 2, 0], G[:, 2, 1], G[:, 3, 1]
-        d = c * sxy / sy  # the projection of the model
-        det = sx * sy - sxy * sxy
-        axx, axy, ayy = (a * sy - e * sxy) / det, (e * sx - a * sxy) / det, c / sy
-        qxx = G[:, 2, 2] - axx * a - axy * e
-        qxy = G[:, 2, 3] - ayy * e
-        qyy = G[:, 3, 3] - ayy * c
-        m1, m2 = u1 @ mean, u2 @ mean
-        nx = m2[:, 0] - axx * m1[:, 0] - axy * m1[:, 1]
-        ny = m2[:, 1] - ayy * m1[:, 1]
-        del d
-        left = qxx - qxy * qxy / qyy
-        with np.errstate(invalid="ignore", divide="ignore"):  # an indefinite pair has density zero
-            sd_y, sd_x = np.sqrt(qyy), np.sqrt(left)
-            gain = qxy / qyy
-            W = np.zeros((len(shares), 2, 5))  # v = (1, y, y', x, x')
-            W[:, 0, 0], W[:, 0, 1], W[:, 0, 2] = -ny / sd_y, -ayy / sd_y, 1.0 / sd_y
-            W[:, 1, 0] = -(nx - gain * ny) / sd_x
-            W[:, 1, 1] = -(axy - gain * ayy) / sd_x
-            W[:, 1, 2], W[:, 1, 3], W[:, 1, 4] = -gain / sd_x, -axx / sd_x, 1.0 / sd_x
-            constant = -np.log(2.0 * np.pi) - np.log(sd_y) - np.log(sd_x)
-        return W, constant
-
-    def maximise(self, cells: Cells, max_iter: int = 8) -> Self:
-        """Take quasi-Newton steps up the expected likelihood."""
-        from scipy.optimize import minimize
-
-        used = cells.weight > 1e-12
-        shares, weight, moment = cells.shares[used], cells.weight[used], cells.moment[used]
-        total = float(weight.sum())
-
-        def loss(theta: FloatArray) -> float:
-            W, constant = self._rows(theta, shares)
-            quadratic = np.einsum("pij,pjk,pik->p", W, moment, W, optimize=True)
-            value = float(weight @ (constant - 0.5 * quadratic)) / total
-            return -value if np.isfinite(value) else 1e10
-
-        found = minimize(loss, self.theta, method="L-BFGS-B", options={"maxiter": max_iter})
-        better = found.fun < loss(self.theta)
-        return type(self)(found.x if better else self.theta, self.n_classes)
-
-    def form(self, single: Cells, scale: Scale) -> CovarianceForm:
-        """Return the form in the units of the data."""
-        mean, gamma = self.moments()
-        both = np.concatenate([scale.std, scale.std])
-        return CovarianceForm(
-            mean * scale.std + scale.mean, gamma * both[:, None] * both, self.dim_x, "project"
-        )
-
-    @property
-    def n_parameters(self) -> int:
-        """Number of free parameters."""
-        return self.theta.size
-
-
-def _fisher(rho: FloatArray) -> FloatArray:
-    return np.arctanh(np.clip(rho, -0.95, 0.95))

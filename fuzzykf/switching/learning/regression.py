@@ -10,6 +10,10 @@ one too.
 
 with beta, g and the unit lower triangular T linear in b, as in
 `fuzzykf.switching.interpolation.LogCovariance`.
+
+The likelihood alone is unbounded: a pair of regimes that occurs less often than it has
+coefficients can be fitted without error.  So a weak prior joins the data, as cells of
+its own: each regime has seen a small fraction of one average observation.
 """
 
 from __future__ import annotations
@@ -18,15 +22,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fuzzykf.switching.interpolation import compose
+from fuzzykf.gaussian import symmetrize
+from fuzzykf.switching.interpolation import compose, decompose
 
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
 
-__all__ = ["Cells", "Regression", "fit_regression", "regression_log_likelihood"]
+__all__ = ["Cells", "Regression", "fit_regression", "join", "prior_cells"]
 
-#: Weight, in observations of unit variance, of the prior that pulls the regimes together.
-#: It decides only where data say nothing: a pair of regimes that never occurs.
+#: Weight of the prior of each regime, or pair of regimes, in average observations.  It decides
+#: only where the data say next to nothing.
 PRIOR_COUNT = 1e-4
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -38,6 +43,18 @@ class Cells(NamedTuple):
     shares: FloatArray  # (c, B), rows sum to one
     weight: FloatArray  # (c,): number of observations
     moment: FloatArray  # (c, f, f): mean of v v'
+
+
+def prior_cells(cells: Cells) -> Cells:
+    """Return `PRIOR_COUNT` average observations of each regime (or pair of regimes)."""
+    B = cells.shares.shape[1]
+    average = np.tensordot(cells.weight / cells.weight.sum(), cells.moment, axes=1)
+    return Cells(np.eye(B), np.full(B, PRIOR_COUNT), np.repeat(average[None], B, axis=0))
+
+
+def join(first: Cells, second: Cells) -> Cells:
+    """Put two collections of cells together."""
+    return Cells(*(np.concatenate(both) for both in zip(first, second, strict=True)))
 
 
 class Regression(NamedTuple):
@@ -66,11 +83,12 @@ def fit_regression(
 
     Blocks of parameters are maximised in turn: coefficients by generalised least
     squares, covariance factors by regressions of residuals on earlier residuals,
-    log-variances by Newton steps.  Each round raises the (penalised) likelihood.
+    log-variances by Newton steps.  Each round raises the likelihood.
 
     Parameters
     ----------
     cells : Cells
+        With those of the prior, so that every regime has been seen.
     targets, regressors : list of int
         Positions in v.
     start : Regression, optional
@@ -87,44 +105,36 @@ def fit_regression(
     S_pp = cells.moment[:, regressors][:, :, regressors]
     S_tp = cells.moment[:, targets][:, :, regressors]
     S_tt = cells.moment[:, targets][:, :, targets]
-    pooled, scatter = _pooled(cells.weight, S_pp, S_tp, S_tt)
-    B = cells.shares.shape[1]
-    current = start if start is not None else Regression(*(np.repeat(a[None], B, axis=0) for a in pooled))
+    current = _pooled(cells, S_pp, S_tp, S_tt) if start is None else start
     value = -np.inf
     for _ in range(n_rounds):
-        beta = _coefficients(cells, S_pp, S_tp, current, pooled, scatter)
+        beta = _coefficients(cells, S_pp, S_tp, current)
         residual = _residual_moments(cells.shares, beta, S_pp, S_tp, S_tt)
-        T, g = _factors(cells, residual, current, pooled)
-        current = Regression(beta, T, g)
-        gained = _objective(cells, residual, current, pooled, scatter)
+        current = Regression(beta, *_factors(cells, residual, current))
+        gained = _likelihood(cells, residual, current)
         if gained - value <= tolerance * max(1.0, abs(gained)):
             break
         value = gained
     return current
 
 
-def regression_log_likelihood(
-    cells: Cells, targets: list[int], regressors: list[int], fit: Regression
-) -> float:
-    """Log-likelihood of the targets given the regressors."""
-    S_pp = cells.moment[:, regressors][:, :, regressors]
-    S_tp = cells.moment[:, targets][:, :, regressors]
-    S_tt = cells.moment[:, targets][:, :, targets]
-    return _likelihood(cells, _residual_moments(cells.shares, fit.beta, S_pp, S_tp, S_tt), fit)
-
-
-def _pooled(
-    count: FloatArray, S_pp: FloatArray, S_tp: FloatArray, S_tt: FloatArray
-) -> tuple[Regression, FloatArray]:
-    """One regression for all, towards which the prior pulls; and the scatter of the regressors."""
-    share = count / count.sum()
+def _pooled(cells: Cells, S_pp: FloatArray, S_tp: FloatArray, S_tt: FloatArray) -> Regression:
+    """Return the regression that all regimes share, once for each."""
+    share = cells.weight / cells.weight.sum()
     pp, tp, tt = (np.tensordot(share, S, axes=1) for S in (S_pp, S_tp, S_tt))
-    scale = np.trace(pp) / len(pp)
-    scatter = pp + 1e-9 * scale * np.eye(len(pp))  # constant regressors may be collinear
-    beta = np.linalg.solve(scatter, tp.T).T
+    beta = _solve(pp, tp.T).T
     residual = tt - beta @ tp.T - tp @ beta.T + beta @ pp @ beta.T
-    variance = np.maximum(np.diagonal(residual), 1e-12 * np.diagonal(tt) + 1e-300)
-    return Regression(beta, np.eye(len(tt)), np.log(variance)), scatter
+    T, g = decompose(symmetrize(residual))
+    B = cells.shares.shape[1]
+    return Regression(*(np.repeat(a[None], B, axis=0) for a in (beta, T, g)))
+
+
+def _solve(A: FloatArray, b: FloatArray) -> FloatArray:
+    """Solve a positive definite system whose unknowns may have very different sizes."""
+    scale = 1.0 / np.sqrt(np.diagonal(A))
+    solution = np.linalg.solve(A * scale[:, None] * scale, (b.T * scale).T)
+    unscaled: FloatArray = (solution.T * scale).T
+    return unscaled
 
 
 def _precision(shares: FloatArray, fit: Regression) -> FloatArray:
@@ -135,14 +145,7 @@ def _precision(shares: FloatArray, fit: Regression) -> FloatArray:
     return precision
 
 
-def _coefficients(
-    cells: Cells,
-    S_pp: FloatArray,
-    S_tp: FloatArray,
-    current: Regression,
-    pooled: Regression,
-    scatter: FloatArray,
-) -> FloatArray:
+def _coefficients(cells: Cells, S_pp: FloatArray, S_tp: FloatArray, current: Regression) -> FloatArray:
     """Generalised least squares for beta (B, t, p)."""
     shares, count = cells.shares, cells.weight
     c, B = shares.shape
@@ -152,12 +155,8 @@ def _coefficients(
     left = (shares[:, :, None] * shares[:, None, :]).reshape(c, B * B)
     right = (W[:, :, :, None, None] * S_pp[:, None, None]).reshape(c, -1)
     system = (left.T @ right).reshape(B, B, t, t, p, p).transpose(0, 2, 4, 1, 3, 5)
-    target = np.einsum("cb,cst,ctp->bsp", shares, W, S_tp)
-    prior = PRIOR_COUNT * np.exp(-pooled.g)
-    system = system.reshape(B * t * p, B * t * p) + np.kron(np.eye(B), np.kron(np.diag(prior), scatter))
-    target = target + prior[:, None] * (pooled.beta @ scatter)
-    solution: FloatArray = np.linalg.solve(system, target.reshape(-1)).reshape(B, t, p)
-    return solution
+    target = np.einsum("cb,cst,ctp->bsp", shares, W, S_tp, optimize=True)
+    return _solve(system.reshape(B * t * p, B * t * p), target.reshape(-1)).reshape(B, t, p)
 
 
 def _residual_moments(
@@ -173,9 +172,7 @@ def _residual_moments(
     return moment
 
 
-def _factors(
-    cells: Cells, residual: FloatArray, current: Regression, pooled: Regression
-) -> tuple[FloatArray, FloatArray]:
+def _factors(cells: Cells, residual: FloatArray, current: Regression) -> tuple[FloatArray, FloatArray]:
     """Covariance factors from residual moments, one component after the other."""
     shares, count = cells.shares, cells.weight
     B, t = current.g.shape
@@ -185,31 +182,27 @@ def _factors(
             weight = count * np.exp(-(shares @ g[:, k]))
             outer = np.einsum("c,cb,cd,cij->bidj", weight, shares, shares, residual[:, :k, :k], optimize=True)
             right = np.einsum("c,cb,ci->bi", weight, shares, residual[:, k, :k], optimize=True)
-            system = outer.reshape(B * k, B * k) + PRIOR_COUNT * np.eye(B * k)
-            T[:, k, :k] = -np.linalg.solve(system, right.reshape(-1)).reshape(B, k)
+            T[:, k, :k] = -_solve(outer.reshape(B * k, B * k), right.reshape(-1)).reshape(B, k)
         row = shares @ T[:, k, : k + 1]
         square = np.einsum("ci,cij,cj->c", row, residual[:, : k + 1, : k + 1], row)
-        g[:, k] = _log_variances(shares, count, np.maximum(square, 0.0), g[:, k], pooled.g[k])
+        g[:, k] = _log_variances(shares, count, np.maximum(square, 0.0), g[:, k])
     return T, g
 
 
-def _log_variances(
-    shares: FloatArray, count: FloatArray, square: FloatArray, g: FloatArray, centre: float
-) -> FloatArray:
-    """Newton's method for the convex function sum n (b.g + s exp(-b.g)) / 2 + prior."""
+def _log_variances(shares: FloatArray, count: FloatArray, square: FloatArray, g: FloatArray) -> FloatArray:
+    """Newton's method for the convex function sum n (b.g + s exp(-b.g)) / 2."""
 
     def value(h: FloatArray) -> float:
         level = shares @ h
-        data = 0.5 * float(count @ (level + square * np.exp(-level)))
-        return data + 0.5 * PRIOR_COUNT * float((h - centre) @ (h - centre))
+        return 0.5 * float(count @ (level + square * np.exp(-level)))
 
     with np.errstate(over="ignore"):  # a step too far is taken back
         now = value(g)
         for _ in range(50):
             scaled = square * np.exp(-(shares @ g))
-            gradient = 0.5 * shares.T @ (count * (1.0 - scaled)) + PRIOR_COUNT * (g - centre)
-            curvature = 0.5 * (shares.T * (count * scaled)) @ shares + PRIOR_COUNT * np.eye(len(g))
-            move = np.linalg.solve(curvature, gradient)
+            gradient = 0.5 * shares.T @ (count * (1.0 - scaled))
+            curvature = 0.5 * (shares.T * (count * scaled)) @ shares
+            move = _solve(curvature, gradient)
             size = min(1.0, 5.0 / max(float(np.abs(move).max()), 1e-300))
             while True:
                 trial = g - size * move
@@ -229,12 +222,3 @@ def _likelihood(cells: Cells, residual: FloatArray, fit: Regression) -> float:
     quadratic = np.einsum("cij,cij->c", W, residual)
     log_det = (cells.shares @ fit.g).sum(axis=1)
     return -0.5 * float(cells.weight @ (quadratic + log_det + t * _LOG_2PI))
-
-
-def _objective(
-    cells: Cells, residual: FloatArray, fit: Regression, pooled: Regression, scatter: FloatArray
-) -> float:
-    off = fit.beta - pooled.beta
-    penalty = np.einsum("btp,pr,btr,t->", off, scatter, off, np.exp(-pooled.g))
-    penalty += ((fit.g - pooled.g) ** 2).sum() + (np.tril(fit.T, -1) ** 2).sum()
-    return _likelihood(cells, residual, fit) - 0.5 * PRIOR_COUNT * float(penalty)

@@ -34,7 +34,8 @@ class FitResult(Generic[M]):
     n_observations : int
         Times at which x and y were both measured.
     trace : ndarray
-        The objective after each iteration.
+        What the iterations raise: the log-likelihood of each stretch of data given its first
+        (x, y), in standard units, plus the logarithm of a weak prior.
     converged : bool
     warnings : tuple of str
         What the data cannot support.

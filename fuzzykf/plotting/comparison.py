@@ -1,8 +1,4 @@
-"""Pictures that stay readable without colour.
-
-The colours are told apart by colour-blind readers (Okabe and Ito), and lines differ
-in their dashes as well, so that a print in grey loses nothing.
-"""
+"""The picture of a comparison of methods."""
 
 from __future__ import annotations
 
@@ -11,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.errors import MissingDependencyError, ParameterError
+from fuzzykf.errors import ParameterError
+from fuzzykf.plotting.style import BLUE, ORANGE, TRUTH, figure_class
 
 if TYPE_CHECKING:
     from typing import Any
@@ -21,10 +18,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.comparison import Comparison, Restoration
 
-__all__ = ["BLUE", "ORANGE", "TRUTH", "plot_comparison"]
-
-#: Colours: of the main estimate, of its rival, and of what is true.
-BLUE, ORANGE, TRUTH = "#0072B2", "#D55E00", "#000000"
+__all__ = ["plot_comparison"]
 
 
 def plot_comparison(
@@ -56,10 +50,6 @@ def plot_comparison(
     """
     if steps < 2:
         raise ParameterError(f"steps: got {steps}, expected at least 2")
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError("pictures need matplotlib: pip install 'fuzzykf[cli]'") from error
     task = comparison.task
     truth = task.state[task.n_train :]
     n = len(truth)
@@ -67,7 +57,7 @@ def plot_comparison(
     begin = max(0, (n - steps) // 2)
     excerpt = slice(begin, min(n, begin + steps))
 
-    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
+    figure = figure_class()(figsize=(9.0, 8.0), layout="constrained")
     whole, state, switch = figure.subplots(3, 1, height_ratios=[2, 3, 2])
     main, rival = _main_and_rival(comparison)
     label = textwrap.fill(f"{state_label} ({unit})" if unit else state_label, 24)
@@ -112,7 +102,7 @@ def _draw_state(
     band: bool,
     part: slice = slice(None),
 ) -> None:
-    from fuzzykf.comparison.run import INTERVAL_FACTOR
+    from fuzzykf.comparison.scores import INTERVAL_FACTOR
 
     mean, half = main.mean[part], INTERVAL_FACTOR * main.std[part]
     if band:
@@ -126,14 +116,15 @@ def _draw_state(
 
 def _draw_switch(axes: Axes, comparison: Comparison, time: Any, excerpt: slice) -> None:
     task = comparison.task
-    axes.plot(
-        time[excerpt],
-        task.switch[task.n_train :][excerpt],
-        color=TRUTH,
-        linewidth=0.9,
-        linestyle=":",
-        label="rule of the learning part\n(not seen here)",
-    )
+    if task.switch is not None:
+        axes.plot(
+            time[excerpt],
+            task.switch[task.n_train :][excerpt],
+            color=TRUTH,
+            linewidth=0.9,
+            linestyle=":",
+            label="rule of the learning part\n(not seen here)",
+        )
     styles = [(BLUE, "-", 1.5), (ORANGE, (0, (1.5, 1)), 1.1)]
     with_switch = [r for r in comparison.restorations if r.switch is not None]
     for (color, style, width), restoration in zip(styles, with_switch, strict=True):

@@ -1,0 +1,135 @@
+"""``fuzzykf reproduce``: the tables and figures of the papers, beside what was printed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table as Grid
+
+from fuzzykf.cli.output import check_folder, progress_bar, report_errors
+from fuzzykf.errors import ParameterError
+from fuzzykf.io import write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fuzzykf.experiments import Experiment, Outcome
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = "Example: fuzzykf reproduce nodes hard-fraction --quick --out papers"
+
+#: Verdicts, in the order of the summary.
+VERDICTS = ("reproduced", "reproduced with a correction", "not reproduced", "not printed")
+
+
+def command(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME... | all]", help="Experiments to run; see --list.", show_default=False),
+    ] = None,
+    list_: Annotated[bool, typer.Option("--list", help="List the experiments and exit.")] = False,
+    runs: Annotated[
+        int | None,
+        typer.Option(
+            min=2,
+            help="Independent runs, also with --quick; by default those of each experiment.",
+            show_default=False,
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="Folder for a table (CSV), a record (JSON) and a picture (PNG) of each experiment. "
+            "Work that is done is kept in it, so that an interrupted run goes on.",
+        ),
+    ] = Path("fuzzykf-reproduce"),
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer runs, for a quick look.")] = False,
+) -> None:
+    """Make the tables and figures of the papers again, and compare them with what was printed.
+
+    The verdict on each number is that of a statistical test, at 1 % for each experiment as a whole:
+    reproduced, reproduced with a correction, or not reproduced.
+    """
+    with report_errors():
+        from fuzzykf.experiments import EXPERIMENTS, perform, write
+
+        if list_:
+            _print_list(list(EXPERIMENTS.values()))
+            return
+        chosen = _choose(names or [], EXPERIMENTS)
+        check_folder(out)
+        outcomes, seconds = [], []
+        with progress_bar(sum(len(experiment.pieces) for experiment in chosen)) as progress:
+            for experiment in chosen:
+                start = time.perf_counter()
+                outcome = perform(
+                    experiment,
+                    runs=experiment.quick_runs if quick and runs is None else runs,
+                    seed=seed,
+                    folder=out,
+                    progress=progress,
+                )
+                write(outcome, out)
+                outcomes.append(outcome)
+                seconds.append(time.perf_counter() - start)
+        write_text(out / "summary.csv", _summary(outcomes))
+    console = Console()
+    if "all" not in (names or []):
+        for outcome in outcomes:
+            console.print(_rows(outcome))
+    console.print(_overview(outcomes, seconds))
+    console.print(f"Tables, records and pictures are in {out}", soft_wrap=True, highlight=False)
+
+
+def _choose(names: Sequence[str], there: dict[str, Experiment]) -> list[Experiment]:
+    if not names:
+        raise ParameterError(f"NAME: missing; expected all, or some of {', '.join(there)}")
+    unknown = [name for name in names if name != "all" and name not in there]
+    if unknown:
+        raise ParameterError(f"NAME: got {unknown[0]!r}, expected all, or some of {', '.join(there)}")
+    return [experiment for name, experiment in there.items() if "all" in names or name in names]
+
+
+def _print_list(experiments: Sequence[Experiment]) -> None:
+    grid = Grid("name", "paper", "what it reproduces", "runs", "quick")
+    for e in experiments:
+        grid.add_row(e.name, e.paper, e.reproduces, str(e.runs), str(e.quick_runs))
+    Console().print(grid)
+
+
+def _rows(outcome: Outcome) -> Grid:
+    grid = Grid("quantity", "printed", "ours", "± s.e.", "verdict", title=outcome.experiment.reproduces)
+    for row in outcome.rows:
+        printed = "" if row.printed is None else f"{row.printed:.4g}"
+        error = "" if row.standard_error is None else f"{row.standard_error:.2g}"
+        grid.add_row(row.quantity, printed, f"{row.ours:.4g}", error, row.verdict)
+    return grid
+
+
+def _overview(outcomes: Sequence[Outcome], seconds: Sequence[float]) -> Grid:
+    grid = Grid("experiment", "paper", "runs", *VERDICTS, "seconds", title="Rows by verdict")
+    for outcome, spent in zip(outcomes, seconds, strict=True):
+        e = outcome.experiment
+        counts = [str(outcome.counts.get(verdict, 0)) for verdict in VERDICTS]
+        grid.add_row(e.name, e.paper, str(outcome.runs), *counts, f"{spent:.0f}")
+    return grid
+
+
+def _summary(outcomes: Sequence[Outcome]) -> str:
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["experiment", "paper", "reproduces", "runs", "seed", *VERDICTS])
+    for outcome in outcomes:
+        e = outcome.experiment
+        counts = [outcome.counts.get(verdict, 0) for verdict in VERDICTS]
+        writer.writerow([e.name, e.paper, e.reproduces, outcome.runs, outcome.seed, *counts])
+    return stream.getvalue()

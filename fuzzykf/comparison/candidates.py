@@ -1,0 +1,175 @@
+"""What every method that is compared has in common: it learns on one part and restores another."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.errors import FuzzykfError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.switching import CGOFMSModel, CGOMSModel
+    from fuzzykf.switching.learning import FitResult
+
+__all__ = ["WARM_UP", "Candidate", "Estimates", "Learned", "LearningPart"]
+
+#: A filter is run over so many observations before those that it is judged on, so that it
+#: does not matter where it starts.
+WARM_UP = 100
+
+
+def _quiet(_: str) -> None:
+    """Tell nobody."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LearningPart:
+    """Data to learn on, and how long the learning of a hidden switch may take.
+
+    Attributes
+    ----------
+    x, y : ndarray, shapes (n, m) and (n, q)
+        States and observations, NaN where missing.
+    r : ndarray, shape (n,), or None
+        The switch, if it is given; else it is learned as well.
+    n_nodes : int
+        Nodes of a fuzzy switch between 0 and 1; time grows as ``(n_nodes + 2) ** 2``.
+    max_iter : int
+        Largest number of iterations.
+    tolerance : float
+        Gain in log-likelihood per observation at which to stop; the error of the filter
+        settles long before the likelihood does.
+    progress : callable
+        Is told the name of each further piece of work before it begins.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    r: FloatArray | None = None
+    n_nodes: int = 5
+    max_iter: int = 200
+    tolerance: float = 1e-5
+    progress: Callable[[str], None] = _quiet
+    _hard: dict[int, FitResult[CGOMSModel]] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.x)
+
+    def first(self, n: int) -> LearningPart:
+        """Return the first ``n`` rows as a part of their own."""
+        r = None if self.r is None else self.r[:n]
+        return replace(self, x=self.x[:n], y=self.y[:n], r=r, _hard={})
+
+    def fuzzy(self, law: str) -> FitResult[CGOFMSModel]:
+        """Learn a fuzzy model with a law of this family."""
+        from fuzzykf.switching import CGOFMSModel
+
+        options: Any = {"law": law, "n_nodes": self.n_nodes, "form": "regression"} | self._effort
+        fit: FitResult[CGOFMSModel] = _numerical(lambda: CGOFMSModel.fit(self.x, self.y, self.r, **options))
+        return fit
+
+    def hard(self, n_switches: int) -> FitResult[CGOMSModel]:
+        """Learn a model of hard regimes; a second call returns the same.
+
+        A given switch, of two regimes, is rounded.
+        """
+        from fuzzykf.switching import CGOMSModel
+
+        if n_switches not in self._hard:
+            r = None if self.r is None or n_switches != 2 else (self.r >= 0.5).astype(np.float64)
+            self._hard[n_switches] = _numerical(
+                lambda: CGOMSModel.fit(self.x, self.y, r, n_switches=n_switches, **self._effort)
+            )
+        return self._hard[n_switches]
+
+    @property
+    def _effort(self) -> dict[str, Any]:
+        return {"max_iter": self.max_iter, "tolerance": self.tolerance}
+
+
+def _numerical(fit: Callable[[], Any]) -> Any:
+    """Turn a breakdown of linear algebra, which data can cause, into an error that says so."""
+    try:
+        return fit()
+    except np.linalg.LinAlgError as error:
+        raise FuzzykfError(
+            f"the likelihood has no maximum that could be found on these data ({error}): a regime, or a "
+            "step between two of them, is so rare that its noise vanishes; try fewer regimes"
+        ) from error
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimates:
+    """What a method says of a stretch of observations, each from it and the earlier ones.
+
+    Attributes
+    ----------
+    mean, std : ndarray, shape (n, m)
+        Estimate of the state, and the standard deviation that the method claims.
+    log_likelihood : ndarray, shape (n,), or None
+        Logarithm of the density of each observation given the earlier ones; None from a
+        method that has no law of the observation.
+    switch : ndarray, shape (n,), or None
+        Posterior mean of the switch.
+    """
+
+    mean: FloatArray
+    std: FloatArray
+    log_likelihood: FloatArray | None = None
+    switch: FloatArray | None = None
+
+
+class Learned(ABC):
+    """What a method has learned; it sees no state any more.
+
+    Attributes
+    ----------
+    notes : tuple of str
+        What a reader should know before trusting it.
+    description : str
+        What was chosen while learning, in words; may be empty.
+    """
+
+    notes: tuple[str, ...] = ()
+    description: str = ""
+
+    @abstractmethod
+    def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
+        """Estimate the states of ``zs``, shape (n, q), from it alone.
+
+        Parameters
+        ----------
+        before : ndarray, shape (k, q)
+            The observations just before; k may be zero.
+        zs : ndarray, shape (n, q)
+            NaN where missing.
+        """
+
+    @abstractmethod
+    def stepper(self) -> Callable[[FloatArray], object]:
+        """Return a function that takes the next observation, as in real time."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A method by name.
+
+    Attributes
+    ----------
+    name : str
+    learn : callable
+        From a `LearningPart` to a `Learned`.  It must not look elsewhere.
+    pieces : int
+        Of work, as it tells them to ``LearningPart.progress``; the first is told by the caller.
+    """
+
+    name: str
+    learn: Callable[[LearningPart], Learned]
+    pieces: int = 1

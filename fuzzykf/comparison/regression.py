@@ -1,0 +1,155 @@
+"""Regression of the state on the latest observations: no model of the dynamics, no switch."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.comparison.candidates import Estimates, Learned
+from fuzzykf.errors import FuzzykfError
+from fuzzykf.preprocessing import Standardizer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.comparison.candidates import LearningPart
+
+__all__ = ["LAGS", "LagRegression", "learn_regression"]
+
+#: Numbers of earlier observations between which a regression with lags chooses.
+LAGS = (0, 1, 2, 4, 8, 16, 32, 64)
+
+#: A regression has at least this many rows per coefficient.
+ROWS_PER_COEFFICIENT = 10
+
+#: Share of a learning part on which the numbers of lags are tried before they are judged.
+TRIAL_SHARE = 0.75
+
+
+class LagRegression(Learned):
+    """Least squares of the state on the observation, earlier ones, and hinges of each.
+
+    x_n = c + sum over l = 0..lags of b_l(y_{n-l}), where b_l is linear between knots.
+
+    Parameters
+    ----------
+    x, y : ndarray, shapes (n, m) and (n, q)
+        The learning part.  Where y is missing, its latest value stands in; rows in which x
+        is missing do not count.
+    lags : int
+        Number of earlier observations.
+    n_knots : int
+        Knots of each piecewise-linear function, at the quantiles of y that cut it into
+        parts of equal size; none for straight lines.
+
+    Raises
+    ------
+    FuzzykfError
+        If there are fewer rows than coefficients.
+
+    Notes
+    -----
+    It has no law of the observation, and so no likelihood.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> y = np.random.default_rng(0).normal(size=(500, 1))
+    >>> x = np.abs(y)
+    >>> bent = LagRegression(x, y, lags=0, n_knots=1).restore(y[:0], np.array([[-2.0], [2.0]])).mean
+    >>> bool(abs(bent - 2.0).max() < 0.1)
+    True
+    """
+
+    def __init__(self, x: FloatArray, y: FloatArray, lags: int, n_knots: int) -> None:
+        self.lags, self.n_knots = lags, n_knots
+        self._scale = Standardizer().fit(y)
+        standard = self._held(y)
+        shares = np.arange(1, n_knots + 1) / (n_knots + 1)
+        self._knots = np.quantile(standard, shares, axis=0)  # (n_knots, q)
+        design = self._design(standard)
+        target = x[lags:]
+        used = np.isfinite(target).all(axis=1)
+        rows, size = int(used.sum()), design.shape[1]
+        if rows <= size:
+            raise FuzzykfError(f"a regression of {size} coefficients needs more than the {rows} rows it has")
+        self._coefficients, *_ = np.linalg.lstsq(design[used], target[used])
+        residual = target[used] - design[used] @ self._coefficients
+        self.std: FloatArray = np.sqrt((residual**2).sum(axis=0) / (rows - size))
+
+    def _held(self, y: FloatArray) -> FloatArray:
+        """Observations in standard units, the latest known one where one is missing."""
+        standard: FloatArray = self._scale.transform(y)
+        there = ~np.isnan(standard)
+        latest = np.maximum.accumulate(np.where(there, np.arange(len(y))[:, None], -1), axis=0)
+        held = np.take_along_axis(standard, np.maximum(latest, 0), axis=0)
+        return np.where(latest >= 0, held, 0.0)  # the mean, before the first one
+
+    def _basis(self, standard: FloatArray) -> FloatArray:
+        """Observations and their hinges max(0, y - knot), (n, q (1 + n_knots))."""
+        hinges = np.maximum(standard[:, None, :] - self._knots, 0.0)
+        return np.concatenate([standard, hinges.reshape(len(standard), -1)], axis=1)
+
+    def _design(self, standard: FloatArray) -> FloatArray:
+        """One row for each observation that has ``lags`` others before it."""
+        basis = self._basis(standard)
+        n = len(basis) - self.lags
+        columns = [basis[self.lags - lag : self.lags - lag + n] for lag in range(self.lags + 1)]
+        return np.concatenate([np.ones((max(n, 0), 1)), *columns], axis=1)
+
+    def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
+        """Apply the regression; the observations before serve as lags."""
+        standard = self._held(np.concatenate([before, zs]))
+        short = self.lags - len(before)
+        if short > 0:  # before the first observation, the mean
+            standard = np.concatenate([np.zeros((short, standard.shape[1])), standard])
+        mean = self._design(standard[len(standard) - len(zs) - self.lags :]) @ self._coefficients
+        return Estimates(mean=mean, std=np.tile(self.std, (len(zs), 1)))
+
+    def stepper(self) -> Callable[[FloatArray], object]:
+        """Return a function that keeps the latest observations and applies the regression."""
+        unknown = self._basis(np.zeros((1, self._scale.mean_.size)))[0]  # the mean
+        size = unknown.size
+        row = np.concatenate([[1.0], np.tile(unknown, 1 + self.lags)])
+
+        def step(z: FloatArray) -> FloatArray:
+            row[1 + size :] = row[1:-size].copy()
+            row[1 : 1 + size] = self._basis((z[None] - self._scale.mean_) / self._scale.scale_)[0]
+            mean: FloatArray = row @ self._coefficients
+            return mean
+
+        return step
+
+
+def learn_regression(part: LearningPart, lags: Sequence[int] = LAGS, n_knots: int = 0) -> Learned:
+    """Learn a regression, with the number of lags that does best on the end of the learning part.
+
+    Each number is tried on the first three quarters and judged on the last; numbers that leave
+    fewer than ten rows per coefficient are left out.
+
+    Parameters
+    ----------
+    part : LearningPart
+    lags : sequence of int
+        Numbers to choose from.
+    n_knots : int
+        See `LagRegression`.
+    """
+    cut = round(TRIAL_SHARE * len(part))
+    per_lag = part.y.shape[1] * (1 + n_knots)
+    possible = [k for k in lags if ROWS_PER_COEFFICIENT * (1 + per_lag * (k + 1)) <= cut - k] or [min(lags)]
+    errors = []
+    for k in possible if len(possible) > 1 else ():
+        trial = LagRegression(part.x[:cut], part.y[:cut], k, n_knots)
+        missed = trial.restore(part.y[:cut], part.y[cut:]).mean - part.x[cut:]
+        errors.append(float(np.nanmean((missed / np.nanstd(part.x, axis=0)) ** 2)))
+    best = possible[int(np.argmin(errors))] if errors else possible[0]
+    found = LagRegression(part.x, part.y, best, n_knots)
+    if len(lags) > 1:
+        found.description = (
+            f"{best} earlier observations, of {', '.join(map(str, possible))} those of least error on the "
+            "last quarter of the learning part"
+        )
+    return found

@@ -1,0 +1,156 @@
+"""The exact switching filters as candidates, with a switch that is given or hidden."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.comparison.candidates import WARM_UP, Estimates, Learned
+from fuzzykf.errors import FuzzykfError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.comparison.candidates import LearningPart
+    from fuzzykf.switching.learning import FitResult
+    from fuzzykf.switching.tables import SwitchingSystem
+
+__all__ = ["LAWS", "LearnedSwitching", "growth_notes", "learn_chosen_law", "learn_fuzzy", "learn_hard"]
+
+#: Families of laws of a fuzzy switch.
+LAWS = ("fmc1", "fmc2", "free")
+
+#: Share of a learning part on which the laws are learned before they are judged on its rest.
+TRIAL_SHARE = 0.75
+
+#: Tolerance of these trials.
+TRIAL_TOLERANCE = 1e-4
+
+
+class LearnedSwitching(Learned):
+    """A learned switching model and its filter.
+
+    Parameters
+    ----------
+    fit : FitResult
+    n_nodes : int
+        Nodes of a fuzzy switch.
+    description : str
+
+    Attributes
+    ----------
+    fit : FitResult
+    filter : OFSRFilter or CGOMSMFilter
+    """
+
+    def __init__(self, fit: FitResult[Any], n_nodes: int, description: str = "") -> None:
+        from fuzzykf.switching import CGOFMSModel, CGOMSMFilter, OFSRFilter
+
+        self.fit = fit
+        fuzzy = isinstance(fit.model, CGOFMSModel)
+        self.filter: Any = OFSRFilter(fit.model, n_nodes=n_nodes) if fuzzy else CGOMSMFilter(fit.model)
+        system = fit.model.on_nodes(n_nodes) if fuzzy else fit.model.on_nodes()
+        self.notes = (*fit.warnings, *growth_notes(system))
+        self.description = description
+
+    def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
+        """Filter, beginning a little earlier."""
+        warm = before[-WARM_UP:]
+        result = self.filter.filter(np.concatenate([warm, zs]))
+        part = slice(len(warm), None)
+        return Estimates(
+            mean=result.x[part],
+            std=np.sqrt(np.diagonal(result.P[part], axis1=-2, axis2=-1)),
+            log_likelihood=result.log_likelihood[part],
+            switch=result.switch_mean[part],
+        )
+
+    def stepper(self) -> Callable[[FloatArray], object]:
+        """Return the filter's ``step``."""
+        step: Callable[[FloatArray], object] = self.filter.step
+        return step
+
+
+def learn_fuzzy(part: LearningPart, law: str) -> Learned:
+    """Learn a fuzzy model with a law of this family."""
+    return LearnedSwitching(part.fuzzy(law), part.n_nodes, f"law {law}")
+
+
+def learn_hard(part: LearningPart, n_switches: int) -> Learned:
+    """Learn a model of hard regimes."""
+    return LearnedSwitching(part.hard(n_switches), part.n_nodes)
+
+
+def learn_chosen_law(part: LearningPart) -> Learned:
+    """Learn a fuzzy model with the law that filters best on held-out rows of the learning part.
+
+    Each law is learned on the first three quarters of the part and judged by the error of its
+    filter on the last one; the winner then learns on all of it.  The likelihood could not
+    decide: the state has no feedback from the observations, so a better likelihood may well
+    go with a worse filter.  A given switch needs no law but the first.
+
+    Raises
+    ------
+    FuzzykfError
+        If no law can be learned.
+    """
+    if part.r is not None:
+        return learn_fuzzy(part, LAWS[0])
+    cut = round(TRIAL_SHARE * len(part))
+    trial = part.first(cut)
+    errors: dict[str, float] = {}
+    failures = []
+    for law in LAWS:
+        if law != LAWS[0]:
+            part.progress(f"trying the law {law}")
+        try:
+            fit = _cheaper(trial).fuzzy(law)
+            found = LearnedSwitching(fit, part.n_nodes).restore(part.y[:cut], part.y[cut:])
+        except FuzzykfError as error:
+            failures.append(f"{law}: {error}")
+            continue
+        errors[law] = float(
+            np.sqrt(np.nanmean(((found.mean - part.x[cut:]) / np.nanstd(part.x, axis=0)) ** 2))
+        )
+    if not errors:
+        raise FuzzykfError(f"no law of the switch could be learned ({'; '.join(failures)})")
+    best = min(errors, key=lambda law: errors[law])
+    part.progress(f"learning with the law {best}")
+    told = ", ".join(f"{law} {error:.3g}" for law, error in errors.items())
+    description = f"law {best}, of least error on the last quarter of the learning part (RMSE {told} std)"
+    return LearnedSwitching(part.fuzzy(best), part.n_nodes, description)
+
+
+def _cheaper(part: LearningPart) -> LearningPart:
+    return replace(part, tolerance=max(part.tolerance, TRIAL_TOLERANCE), _hard={})
+
+
+def growth_notes(system: SwitchingSystem) -> list[str]:
+    """Say whether the error of the state grows while the switch stays where it is.
+
+    The observation does not depend on the state before it, so the filter of the state has no
+    feedback: what it errs is multiplied by Axx at each step.  A learned Axx above one makes it
+    drift for as long as the switch is believed to stay.
+
+    Parameters
+    ----------
+    system : SwitchingSystem
+
+    Returns
+    -------
+    list of str
+        Empty, or one sentence about the worst node.
+    """
+    n_nodes = len(system.chain.nodes)
+    stay = system.pair_tables(0).pairs.Axx[np.arange(n_nodes), np.arange(n_nodes)]
+    growth = np.abs(np.linalg.eigvals(stay)).max(axis=-1)
+    worst = int(np.argmax(growth))
+    if growth[worst] < 1.0:
+        return []
+    return [
+        f"while the switch stays at {system.chain.nodes[worst]:.3g}, the error of the state grows by "
+        f"{growth[worst] - 1.0:.2g} of itself in a step, and no observation corrects it"
+    ]

@@ -1,0 +1,140 @@
+"""Pictures of laws and of models."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.plotting.style import BLUE, ORANGE, SURFACE, axes_or_new
+from fuzzykf.switching.forms import GaussianForm
+from fuzzykf.switching.hard_model import CGOMSModel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.switching.fuzzy_model import CGOFMSModel
+    from fuzzykf.switching.laws import FuzzyMarkovLaw
+
+__all__ = ["plot_law", "plot_model"]
+
+#: Cells per axis in the picture of a density.
+_CELLS = 24
+
+
+def plot_law(law: FuzzyMarkovLaw, ax: Axes | None = None) -> Axes:
+    """Draw the joint density of two consecutive values of the switch as bars (2020 paper, Fig. 2).
+
+    Bars on the rim are densities along the edges, those at the corners are masses.
+
+    Parameters
+    ----------
+    law : FuzzyMarkovLaw
+    ax : matplotlib 3-D axes, optional
+        By default those of a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    MissingDependencyError
+        If matplotlib is not installed.
+    ParameterError
+        If ``ax`` is not three-dimensional.
+
+    Examples
+    --------
+    >>> from fuzzykf import FuzzyMarkovLaw
+    >>> plot_law(FuzzyMarkovLaw.fmc1(0.1, 0.076, 0.21)).get_zlabel()
+    'density (corners: mass)'
+    """
+    axes: Any = axes_or_new(ax, figsize=(6.0, 5.0), projection="3d")
+    if not hasattr(axes, "bar3d"):
+        raise ParameterError("ax: got flat axes, expected 3-D ones (projection='3d')")
+    inner = (np.arange(_CELLS) + 0.5) / _CELLS
+    r = np.concatenate([[0.0], inner, [1.0]])
+    width = 1.0 / _CELLS
+    left = np.concatenate([[-2.0 * width], inner - 0.5 * width, [1.0 + width]])
+    density = law.joint_density(r[:, None], r[None, :])
+    x, y = np.meshgrid(left, left, indexing="ij")
+    shades = _shades(density)
+    axes.bar3d(
+        x.ravel(), y.ravel(), np.zeros(x.size), width, width, density.ravel(), color=shades, linewidth=0.0
+    )
+    values = ", ".join(f"{name} = {value:.3g}" for name, value in law.parameters.items())
+    title = f"{law.kind.upper()}  {values}" if values else "joint density"
+    axes.set(xlabel="$r_n$", ylabel="$r_{n+1}$", zlabel="density (corners: mass)", title=title)
+    return axes  # type: ignore[no-any-return]
+
+
+def _shades(density: Any) -> Any:
+    from matplotlib import colormaps
+
+    flat = density.ravel()
+    top = float(flat.max()) or 1.0
+    return colormaps[SURFACE](0.15 + 0.75 * flat / top)
+
+
+def plot_model(model: CGOFMSModel | CGOMSModel, ax: Axes | None = None, *, component: int = 0) -> Axes:
+    """Draw what a switch does: mean and spread of state and observation in every regime.
+
+    For a fuzzy model the horizontal axis is the value of the switch, for a hard one the
+    regime.  Bands are two standard deviations of the stationary (first) law.
+
+    Parameters
+    ----------
+    model : CGOFMSModel or CGOMSModel
+    ax : matplotlib.axes.Axes, optional
+    component : int
+        Which component of the state and of the observation.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    MissingDependencyError
+        If matplotlib is not installed.
+    ParameterError
+        If there is no such component.
+    """
+    m, q = model.dim_x, model.dim_z
+    if not 0 <= component < min(m, q):
+        raise ParameterError(f"component: got {component}, expected 0 to {min(m, q) - 1}")
+    axes = axes_or_new(ax, figsize=(6.0, 3.5))
+    fuzzy = not isinstance(model, CGOMSModel)
+    r = np.linspace(0.0, 1.0, 101) if fuzzy else np.arange(model.n_classes, dtype=np.float64)
+    mean, covariance = _first_law(model, r)
+    for name, k, color, style in (
+        ("state", component, BLUE, "-"),
+        ("observation", m + component, ORANGE, "--"),
+    ):
+        half = 2.0 * np.sqrt(covariance[:, k, k])
+        if fuzzy:
+            axes.fill_between(r, mean[:, k] - half, mean[:, k] + half, color=color, alpha=0.2, linewidth=0)
+            axes.plot(r, mean[:, k], color=color, linestyle=style, label=name)
+        else:
+            shift = -0.06 if name == "state" else 0.06
+            marker = "o" if name == "state" else "s"
+            axes.errorbar(
+                r + shift, mean[:, k], half, fmt=marker, color=color, capsize=3, label=name, linestyle="none"
+            )
+    axes.set(xlabel="switch" if fuzzy else "regime", ylabel="mean, with two standard deviations")
+    if not fuzzy:
+        axes.set_xticks(r)
+    axes.legend(fontsize="small")
+    return axes
+
+
+def _first_law(model: CGOFMSModel | CGOMSModel, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance of the first (state, observation) for values of the switch."""
+    form = model.form
+    if isinstance(form, GaussianForm):
+        return form.marginal(model.class_weights(r))
+    law = form.initial()
+    return law.mean, law.covariance

@@ -1,0 +1,131 @@
+"""The picture of a filtered series."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.plotting.style import BLUE, STRIP, TRUTH, axes_or_new
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.results import FilterResult
+
+__all__ = ["plot_result"]
+
+#: Share of the height that the strip of the switch takes, below the axis of time.
+_STRIP_HEIGHT = 0.05
+
+
+def plot_result(
+    result: FilterResult,
+    ax: Axes | None = None,
+    *,
+    component: int = 0,
+    level: float = 0.9,
+    truth: ArrayLike | None = None,
+    label: str = "state",
+    unit: str = "",
+) -> Axes:
+    """Draw one component of the state with its band, and the switch as a shaded strip.
+
+    Parameters
+    ----------
+    result : FilterResult
+        Of one series.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; by default a new figure.
+    component : int
+        Which component of the state.
+    level : float
+        Nominal coverage of the band.
+    truth : array_like, shape (n,) or (n, dim_x), optional
+        What the state was.
+    label, unit : str
+        Of the state.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    MissingDependencyError
+        If matplotlib is not installed.
+    ParameterError, ShapeError
+        If the result holds many series, has no such component, or ``truth`` another length.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import FilterResult
+    >>> result = FilterResult(x=np.zeros((20, 1)), P=np.ones((20, 1, 1)))
+    >>> plot_result(result, label="level", unit="m").get_ylabel()
+    'level (m)'
+    """
+    if result.x is None or result.P is None:
+        raise ParameterError("result: holds no x and P, which the picture shows")
+    if result.x.ndim != 2:
+        raise ParameterError(f"result: holds many series (x has shape {result.x.shape}); select one")
+    n, m = result.x.shape
+    if not -m <= component < m:
+        raise ParameterError(f"component: got {component}, expected one of {m} components, 0 to {m - 1}")
+    known = None if truth is None else np.asarray(truth, dtype=np.float64)
+    if known is not None:
+        if known.shape not in {(n,), (n, m)}:
+            raise ShapeError(f"truth: got shape {known.shape}, expected ({n},) or ({n}, {m})")
+        known = known if known.ndim == 1 else known[:, component]
+    lower, upper = result.interval(level)
+    axes = axes_or_new(ax)
+    time: Any = np.arange(n) if result.index is None else np.asarray(result.index)
+    axes.fill_between(
+        time,
+        lower[:, component],
+        upper[:, component],
+        color=BLUE,
+        alpha=0.25,
+        linewidth=0,
+        label=f"{100 * level:g} % band",
+    )
+    if known is not None:
+        axes.plot(time, known, color=TRUTH, linewidth=0.9, linestyle=":", label="true")
+    axes.plot(time, result.x[:, component], color=BLUE, linewidth=1.4, label="estimate")
+    axes.set_ylabel(f"{label} ({unit})" if unit else label)
+    axes.set_xlabel("step" if result.index is None else getattr(result.index, "name", None) or "time")
+    axes.margins(x=0)
+    if result.switch_mean is not None:
+        _strip(axes, time, result)
+    axes.legend(loc="upper right", fontsize="small", framealpha=0.8)
+    return axes
+
+
+def _strip(axes: Axes, time: Any, result: FilterResult) -> None:
+    """Shade the posterior mean of the switch in a strip at the foot of the axes."""
+    assert result.switch_mean is not None
+    top = 1.0 if result.nodes is None else float(np.max(result.nodes))
+    low, high = axes.get_ylim()
+    foot = low - _STRIP_HEIGHT * 1.6 * (high - low)
+    edges = np.array([foot, foot + _STRIP_HEIGHT * (high - low)])
+    image = axes.imshow(
+        result.switch_mean[None, :],
+        aspect="auto",
+        cmap=STRIP,
+        vmin=0.0,
+        vmax=max(top, 1e-300),
+        extent=(*_ends(axes, time), *edges),
+        interpolation="nearest",
+        zorder=0,
+    )
+    axes.set_ylim(foot, high)
+    bar = axes.figure.colorbar(image, ax=axes, pad=0.01, fraction=0.05)
+    bar.set_label("switch (strip)")
+
+
+def _ends(axes: Axes, time: Any) -> tuple[float, float]:
+    """Return where the strip begins and ends, in the units of the axis."""
+    numbers = axes.xaxis.convert_units(time)  # type: ignore[no-untyped-call]
+    return float(numbers[0]), float(numbers[-1])

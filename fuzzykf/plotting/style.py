@@ -1,0 +1,47 @@
+"""What all pictures share: colours, and where they are drawn.
+
+The colours are told apart by colour-blind readers (Okabe and Ito), and lines differ
+in their dashes as well, so that a print in grey loses nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from fuzzykf.errors import MissingDependencyError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["BLUE", "ORANGE", "STRIP", "SURFACE", "TRUTH", "axes_or_new", "figure_class"]
+
+#: Colours: of the main estimate, of its rival, and of what is true.
+BLUE, ORANGE, TRUTH = "#0072B2", "#D55E00", "#000000"
+
+#: Colour maps whose lightness rises all the way: of strips, and of surfaces.
+STRIP, SURFACE = "Greys", "viridis"
+
+_NEEDED = "pictures need matplotlib: pip install 'fuzzykf[cli]'"
+
+
+def figure_class() -> type[Figure]:
+    """Return matplotlib's figure, which is not registered with pyplot."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingDependencyError(_NEEDED) from error
+    return Figure
+
+
+def axes_or_new(ax: Axes | None, **options: Any) -> Axes:
+    """Return the axes given, or those of a new figure of pyplot, which a notebook shows."""
+    if ax is not None:
+        return ax
+    try:
+        from matplotlib import pyplot
+    except ImportError as error:
+        raise MissingDependencyError(_NEEDED) from error
+    figure = pyplot.figure(figsize=options.pop("figsize", (8.0, 3.5)), layout="constrained")
+    axes: Axes = figure.add_subplot(**options)
+    return axes

@@ -1,0 +1,378 @@
+"""Preparing series: each step learns on the training part, and is then applied to any other.
+
+`Standardizer` and `DailyProfile` have `fit`, `transform` and `inverse_transform`, as users
+of scikit-learn expect; what `fit` learns is kept in attributes that end in an underscore.
+Fit them on the training part alone: a mean that has seen the part to be judged flatters
+every method.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError, SequenceError, ShapeError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from fuzzykf.base import FloatArray
+
+__all__ = ["DailyProfile", "Standardizer", "hour_of_day"]
+
+
+def hour_of_day(time: NDArray[np.datetime64]) -> FloatArray:
+    """Hours since midnight, fractions included.
+
+    Parameters
+    ----------
+    time : ndarray of datetime64, shape (n,)
+
+    Returns
+    -------
+    ndarray of shape (n,)
+        Between 0 and 24.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> hour_of_day(np.array(["2014-01-31T16:30"], dtype="datetime64[s]"))
+    array([16.5])
+    """
+    seconds = (time - time.astype("datetime64[D]")) / np.timedelta64(1, "s")
+    return np.asarray(seconds / 3600.0, dtype=np.float64)
+
+
+class Standardizer:
+    """Bring each column to mean zero and standard deviation one.
+
+    Attributes
+    ----------
+    mean_, scale_ : ndarray, shape (k,)
+        Mean and standard deviation of the columns of the training part; of one
+        column if it was flat.
+
+    Notes
+    -----
+    The models of fuzzykf standardise inside when they learn, and need no help.  A
+    covariance in standard units becomes one in the units of the data by multiplication
+    with ``np.outer(scale_, scale_)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> train, rest = np.array([1.0, 2.0, 3.0, np.nan]), np.array([4.0, 5.0])
+    >>> standardizer = Standardizer().fit(train)
+    >>> standardizer.transform(rest).round(2)
+    array([2.45, 3.67])
+    >>> standardizer.inverse_transform([0.0])
+    array([2.])
+    """
+
+    mean_: FloatArray
+    scale_: FloatArray
+
+    def fit(self, values: ArrayLike) -> Self:
+        """Learn mean and standard deviation.
+
+        Parameters
+        ----------
+        values : array_like, shape (n,) or (n, k)
+            The training part; NaN where missing.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If ``values`` has another shape, is infinite, or a column is constant or empty.
+        """
+        columns = as_columns("values", values)
+        mean, scale = np.empty((2, columns.shape[1]))
+        for k, column in enumerate(columns.T):
+            there = column[~np.isnan(column)]
+            if there.size == 0 or np.ptp(there) == 0.0:
+                what = "holds no number" if there.size == 0 else f"is {there[0]:g} in every row"
+                raise ParameterError(f"values: column {k} {what}, so it has no scale")
+            mean[k], scale[k] = there.mean(), there.std()
+        self.mean_, self.scale_ = mean, scale
+        return self
+
+    def transform(self, values: ArrayLike) -> Any:
+        """Return the values in standard units.
+
+        Parameters
+        ----------
+        values : array_like, shape (n,) or (n, k)
+            A pandas object comes back as one.
+
+        Raises
+        ------
+        SequenceError
+            If nothing has been fitted.
+        ShapeError, ParameterError
+            If ``values`` has other columns than the training part, or is infinite.
+        """
+        columns = self._columns(values)
+        return _like(values, (columns - self.mean_) / self.scale_)
+
+    def inverse_transform(self, values: ArrayLike) -> Any:
+        """Return values in standard units in the units of the training part.
+
+        Parameters
+        ----------
+        values : array_like, shape (n,) or (n, k)
+            As in `transform`.
+        """
+        columns = self._columns(values)
+        return _like(values, columns * self.scale_ + self.mean_)
+
+    def fit_transform(self, values: ArrayLike) -> Any:
+        """Fit and transform the same values.
+
+        Parameters
+        ----------
+        values : array_like, shape (n,) or (n, k)
+        """
+        return self.fit(values).transform(values)
+
+    def _columns(self, values: ArrayLike) -> FloatArray:
+        _check_fitted(self, "mean_")
+        columns = as_columns("values", values)
+        if columns.shape[1] != len(self.mean_):
+            raise ShapeError(
+                f"values: got {columns.shape[1]} columns, expected {len(self.mean_)}, as in the training part"
+            )
+        return columns
+
+
+class DailyProfile:
+    """Take from a series its mean at each time of day, on working days and on other days.
+
+    What is left is the surprise of the day, which is harder to restore and usually what
+    matters.
+
+    Parameters
+    ----------
+    slot : float, optional
+        Hours that share one mean; a day has to hold a whole number of slots.  By default
+        the step between rows, if it divides the day, else one hour.
+
+    Attributes
+    ----------
+    slot_ : float
+        Hours that share one mean.
+    means_ : ndarray, shape (2, slots) or (2, slots, k)
+        Means on other days (first row) and on working days, in the unit of the series;
+        NaN where the training part has no row.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.datetime64("2014-01-06T00:00", "s") + np.arange(48) * np.timedelta64(3600, "s")
+    >>> load = 10.0 + np.arange(48) % 24 + np.repeat([-1.0, 1.0], 24)
+    >>> profile = DailyProfile().fit(load, time)
+    >>> profile.transform(load, time)[[0, 24]]
+    array([-1.,  1.])
+    >>> profile.at(time[:2])
+    array([10., 11.])
+    """
+
+    slot_: float
+    means_: FloatArray
+
+    def __init__(self, slot: float | None = None) -> None:
+        if slot is not None and not (0.0 < slot <= 24.0 and abs(24.0 / slot - round(24.0 / slot)) < 1e-9):
+            raise ParameterError(f"slot: got {slot} hours, expected a number of hours that divides 24")
+        self.slot = slot
+
+    def fit(self, values: ArrayLike, time: Any = None, workday: ArrayLike | None = None) -> Self:
+        """Average the values of each time of day and kind of day.
+
+        Parameters
+        ----------
+        values : array_like, shape (n,) or (n, k)
+            The training part; NaN where missing.
+        time : array_like of datetime64, shape (n,), optional
+            Times as a clock on the spot shows them; by default the index of ``values``.
+        workday : array_like of bool, shape (n,), optional
+            By default Mondays to Fridays.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If lengths differ, a value is infinite, or there are no times.
+        """
+        columns = as_columns("values", values)
+        n, k = columns.shape
+        moments = as_times(time, values, n)
+        days = _workdays(workday, moments)
+        slot = _step(moments) if self.slot is None else self.slot
+        slots = round(24.0 / slot)
+        cell = self._cell(moments, days, slot)
+        means = np.full((2 * slots, k), np.nan)
+        for j, column in enumerate(columns.T):
+            there = ~np.isnan(column)
+            count = np.bincount(cell[there], minlength=2 * slots)
+            total = np.bincount(cell[there], weights=column[there], minlength=2 * slots)
+            np.divide(total, count, out=means[:, j], where=count > 0)
+        self.slot_ = slot
+        self.means_ = means.reshape(2, slots, k) if np.ndim(values) == 2 else means.reshape(2, slots)
+        return self
+
+    def at(self, time: Any, workday: ArrayLike | None = None) -> FloatArray:
+        """Return the profile at the given times, shape (n,) or (n, k).
+
+        Parameters
+        ----------
+        time, workday
+            As in `fit`.
+
+        Raises
+        ------
+        SequenceError
+            If nothing has been fitted.
+        ParameterError
+            If the training part had no row of that time and kind of day.
+        """
+        _check_fitted(self, "means_")
+        moments = as_times(time, None, len(time))
+        days = _workdays(workday, moments)
+        table = self.means_.reshape(-1, *self.means_.shape[2:])
+        found: FloatArray = table[self._cell(moments, days, self.slot_)]
+        unknown = np.isnan(found).reshape(len(found), -1).any(axis=1)
+        if unknown.any():
+            row = int(np.flatnonzero(unknown)[0])
+            kind = "a working day" if days[row] else "a day off"
+            raise ParameterError(
+                f"profile: {moments[row]} is {kind}, and the learning part has no row at that time of such a "
+                "day; learn on a longer part, or without the profile"
+            )
+        return found
+
+    def transform(self, values: ArrayLike, time: Any = None, workday: ArrayLike | None = None) -> Any:
+        """Return the values less the profile.
+
+        Parameters
+        ----------
+        values, time, workday
+            As in `fit`; a pandas object comes back as one.
+
+        Raises
+        ------
+        SequenceError, ShapeError, ParameterError
+            As from `fit` and `at`.
+        """
+        return self._shift(values, time, workday, -1.0)
+
+    def inverse_transform(self, values: ArrayLike, time: Any = None, workday: ArrayLike | None = None) -> Any:
+        """Add the profile to what is left after `transform`, such as a filtered state.
+
+        Parameters
+        ----------
+        values, time, workday
+            As in `fit`.
+        """
+        return self._shift(values, time, workday, 1.0)
+
+    def fit_transform(self, values: ArrayLike, time: Any = None, workday: ArrayLike | None = None) -> Any:
+        """Fit and transform the same values.
+
+        Parameters
+        ----------
+        values, time, workday
+            As in `fit`.
+        """
+        return self.fit(values, time, workday).transform(values, time, workday)
+
+    def _shift(self, values: ArrayLike, time: Any, workday: ArrayLike | None, sign: float) -> Any:
+        _check_fitted(self, "means_")
+        columns = as_columns("values", values)
+        moments = as_times(time, values, len(columns))
+        profile = self.at(moments, workday).reshape(len(columns), -1)
+        if profile.shape != columns.shape:
+            raise ShapeError(
+                f"values: got {columns.shape[1]} columns, expected {profile.shape[1]}, as in the training "
+                "part"
+            )
+        return _like(values, columns + sign * profile)
+
+    @staticmethod
+    def _cell(time: NDArray[np.datetime64], workday: NDArray[np.bool_], slot: float) -> NDArray[np.int_]:
+        slots = round(24.0 / slot)
+        place: NDArray[np.int_] = workday * slots + (hour_of_day(time) / slot + 1e-9).astype(int)
+        return place
+
+
+# --------------------------------------------------------------------------- arrays in and out
+
+
+def as_columns(name: str, values: Any) -> FloatArray:
+    """Return values as columns (n, k)."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name}: expected numbers, got {type(values).__name__}") from error
+    if array.ndim not in (1, 2):
+        raise ShapeError(f"{name}: got shape {array.shape}, expected (n,) or (n, k)")
+    if np.isinf(array).any():
+        row = int(np.argwhere(np.isinf(array))[0, 0])
+        raise ParameterError(f"{name}: row {row} is infinite, expected finite numbers (NaN where missing)")
+    return array.reshape(len(array), -1) if array.ndim == 2 else array[:, None]
+
+
+def _like(values: Any, columns: FloatArray) -> Any:
+    """Return columns in the shape of ``values``, with its index if it has one."""
+    result = columns if np.ndim(values) == 2 else columns[:, 0]
+    if hasattr(values, "to_numpy") and hasattr(values, "index"):
+        import pandas as pd
+
+        if isinstance(values, pd.DataFrame):
+            return pd.DataFrame(result, index=values.index, columns=values.columns)
+        return pd.Series(result, index=values.index, name=values.name)
+    return result
+
+
+def as_times(time: Any, values: Any, n: int) -> NDArray[np.datetime64]:
+    """Return local times, from the index of ``values`` if none are given."""
+    if time is None:
+        time = getattr(values, "index", None)
+        if not hasattr(time, "tz_localize"):
+            raise ParameterError("time: missing; the time of day needs a time for each row")
+    if hasattr(time, "tz_localize"):
+        time = time.tz_localize(None)  # the local hour counts
+    given = np.asarray(time)
+    if given.dtype.kind not in "MOSU":
+        raise ParameterError(f"time: got numbers of type {given.dtype}, expected times")
+    try:
+        moments: NDArray[np.datetime64] = given.astype("datetime64[s]")
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"time: expected times, got {given.ravel()[:1]} ({error})") from error
+    if moments.shape != (n,):
+        raise ShapeError(f"time: got shape {moments.shape}, expected ({n},)")
+    if np.isnat(moments).any():
+        raise ParameterError(f"time: row {int(np.flatnonzero(np.isnat(moments))[0])} is not a time")
+    return moments
+
+
+def _workdays(workday: ArrayLike | None, time: NDArray[np.datetime64]) -> NDArray[np.bool_]:
+    if workday is None:
+        return np.is_busday(time.astype("datetime64[D]"))
+    days = np.asarray(workday)
+    if days.shape != time.shape:
+        raise ShapeError(f"workday: got shape {days.shape}, expected {time.shape}")
+    if not np.isin(days, (0, 1)).all():
+        raise ParameterError("workday: expected True or False in every row")
+    return days.astype(bool)
+
+
+def _step(time: NDArray[np.datetime64]) -> float:
+    """Hours between rows where they divide the day, else one hour."""
+    if len(time) < 2:
+        return 1.0
+    step = float(np.median(np.diff(time)) / np.timedelta64(1, "h"))
+    return step if step > 0.0 and (24.0 / step).is_integer() else 1.0
+
+
+def _check_fitted(step: Any, attribute: str) -> None:
+    if not hasattr(step, attribute):
+        raise SequenceError(f"{type(step).__name__}: nothing has been learned yet; call fit first")

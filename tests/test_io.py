@@ -1,0 +1,362 @@
+"""Files: bit for bit, whole or not at all, and a message for each kind of damage."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, io
+from fuzzykf.errors import FileFormatError, ParameterError
+
+LAWS = [FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16), FuzzyMarkovLaw.fmc2(0.1, 0.8 / 1.71, 0.3)]
+
+
+def regressions(K, seed=0):
+    rng = np.random.default_rng(seed)
+
+    def covariances(*shape):
+        root = 0.4 * rng.normal(size=shape) + np.eye(shape[-1])
+        return root @ np.swapaxes(root, -1, -2)
+
+    return {
+        "Ayy": rng.normal(size=(K, K, 1, 1)) / 3,
+        "Ny": rng.normal(size=(K, K, 1)),
+        "Qyy": covariances(K, K, 1, 1),
+        "Axx": rng.normal(size=(K, K, 2, 2)) / 3,
+        "H": rng.normal(size=(K, K, 2, 1)),
+        "G": rng.normal(size=(K, K, 2, 1)),
+        "c": rng.normal(size=(K, K, 2)),
+        "C": covariances(K, K, 2, 2),
+        "means": rng.normal(size=(K, 3)),
+        "covariances": covariances(K, 3, 3),
+    }
+
+
+def models(fuzzy, hard):
+    form = fuzzy.form
+    return {
+        "fmc1 covariance": fuzzy,
+        "fmc2 covariance": CGOFMSModel(LAWS[1], form.means, form.covariances, 1),
+        "check": CGOFMSModel(LAWS[0], form.means, form.covariances, 1, constraint="check"),
+        "transition": CGOFMSModel(LAWS[0], form.means, form.covariances, 1, interpolation="transition"),
+        "regression": CGOFMSModel.from_regressions(LAWS[0], **regressions(2)),
+        "hard transition": hard,
+        "hard covariance": fuzzy.harden(),
+        "hard regression": CGOMSModel.from_regressions(
+            [[0.5, 0.5, 0], [0.1, 0.2, 0.7], [1 / 3, 1 / 3, 1 / 3]], **regressions(3), initial=[0.1, 0.2, 0.7]
+        ),
+    }
+
+
+NAMES = ("fmc1 covariance", "fmc2 covariance", "check", "transition", "regression",
+         "hard transition", "hard covariance", "hard regression")  # fmt: skip
+
+
+@pytest.fixture(params=NAMES)
+def model(request, fuzzy_model, hard_model):
+    return models(fuzzy_model, hard_model)[request.param]
+
+
+def make_filter(model):
+    return OFSRFilter(model, 3, "midpoint") if isinstance(model, CGOFMSModel) else CGOMSMFilter(model)
+
+
+# --------------------------------------------------------------------------- models
+
+
+def test_models_come_back_bit_for_bit(model, tmp_path):
+    path = tmp_path / "model.json"
+    model.save(path)
+    again = type(model).load(path)
+    assert type(again) is type(model)
+    assert again.form.kind == model.form.kind
+    assert repr(again) == repr(model)
+    y = model.simulate(20, np.random.default_rng(0)).y
+    a, b = make_filter(model).filter(y), make_filter(again).filter(y)
+    for name in ("x", "P", "x_prior", "P_prior", "mu", "log_likelihood"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+    # what is saved again is the same file
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+
+
+def test_models_load_without_naming_the_class(fuzzy_model, hard_model, tmp_path):
+    for model in (fuzzy_model, hard_model):
+        model.save(tmp_path / "model.json")
+        assert type(io.load_model(tmp_path / "model.json")) is type(model)
+
+
+def test_documents_name_themselves(fuzzy_model, tmp_path):
+    fuzzy_model.save(tmp_path / "model.json")
+    document = json.loads((tmp_path / "model.json").read_text())
+    assert {k: document[k] for k in ("format", "version", "kind")} == {
+        "format": "fuzzykf",
+        "version": 1,
+        "kind": "CGOFMSModel",
+    }
+
+
+# --------------------------------------------------------------------------- filters
+
+ATTRIBUTES = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood", "y", "S", "z")
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 9])
+@pytest.mark.parametrize("predicted", [False, True])
+def test_filters_resume_bit_for_bit(model, n, predicted, tmp_path):
+    path = tmp_path / "filter.json"
+    y = model.simulate(15, np.random.default_rng(0)).y
+    f = make_filter(model)
+    for z in y[:n]:
+        f.step(z)
+    if predicted:
+        f.predict()
+    f.save(path)
+    g = type(f).load(path)
+    for _ in range(2):
+        for name in ATTRIBUTES:
+            np.testing.assert_array_equal(getattr(f, name), getattr(g, name), err_msg=name)
+        if not predicted:
+            for z in y[n:]:
+                np.testing.assert_array_equal(f.step(z), g.step(z))
+        else:
+            f.update(y[n])
+            g.update(y[n])
+            predicted = False
+    g.reset()
+    np.testing.assert_array_equal(g.x, make_filter(model).x)
+
+
+@pytest.mark.parametrize("gap", [[0, 1], [3, 4], [8]])
+def test_filters_resume_in_a_gap(model, gap, tmp_path):
+    y = model.simulate(15, np.random.default_rng(0)).y
+    y[gap] = np.nan
+    f = make_filter(model)
+    for z in y[: gap[-1] + 1]:
+        f.step(z)
+    f.save(tmp_path / "filter.json")
+    g = type(f).load(tmp_path / "filter.json")
+    for z in y[gap[-1] + 1 :]:
+        np.testing.assert_array_equal(f.step(z), g.step(z))
+        assert f.log_likelihood == g.log_likelihood
+
+
+def test_a_signed_chain_resumes(fuzzy_model, tmp_path):
+    model = CGOFMSModel(
+        FuzzyMarkovLaw.fmc2(0.15, 0.6, 0.2), fuzzy_model.form.means, fuzzy_model.form.covariances, 1
+    )
+    f = OFSRFilter(model, 20, "product")
+    assert f._system.chain.is_signed
+    y = model.simulate(12, np.random.default_rng(1)).y
+    for z in y[:6]:
+        f.step(z)
+    f.save(tmp_path / "filter.json")
+    g = OFSRFilter.load(tmp_path / "filter.json")
+    assert (g.n_nodes, g.rule) == (20, "product")
+    for z in y[6:]:
+        np.testing.assert_array_equal(f.step(z), g.step(z))
+
+
+def test_extreme_numbers_survive(fuzzy_model, tmp_path):
+    # subnormal probabilities and the stand-in for log 0 are written in full
+    f = OFSRFilter(CGOFMSModel(FuzzyMarkovLaw.fmc1(0.3, 0.0, 0.0), fuzzy_model.form.means,
+                               fuzzy_model.form.covariances, 1), 3)  # fmt: skip
+    for z in (1e6, -1e6, 1 / 3):
+        f.step(z)
+    f.save(tmp_path / "filter.json")
+    g = OFSRFilter.load(tmp_path / "filter.json")
+    np.testing.assert_array_equal(f._belief.state.table, g._belief.state.table)
+
+
+# --------------------------------------------------------------------------- damage
+
+
+def save(model, tmp_path):
+    path = tmp_path / "model.json"
+    model.save(path)
+    return path, json.loads(path.read_text())
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "damaged, or not a JSON file"),
+        (b"{", "damaged, or not a JSON file"),
+        (b"\xff\xfe\x00", "damaged, or not a JSON file"),
+        (b"[1, 2]", "not a file written by fuzzykf"),
+        (b"3", "not a file written by fuzzykf"),
+        (b"{}", "not a file written by fuzzykf"),
+        (b'{"format": "other", "version": 1}', "not a file written by fuzzykf"),
+        (b'{"format": "fuzzykf"}', "has schema version None; this version of fuzzykf reads 1"),
+        (b'{"format": "fuzzykf", "version": 2}', "has schema version 2; this version of fuzzykf reads 1"),
+        (b'{"format": "fuzzykf", "version": 1}', "holds a None, expected CGOFMSModel"),
+        (
+            b'{"format": "fuzzykf", "version": 1, "kind": "CGOMSModel"}',
+            "holds a 'CGOMSModel', expected CGOFMS",
+        ),
+        (b'{"format": "fuzzykf", "version": 1, "kind": "CGOFMSModel"}', "damaged: KeyError: 'form'"),
+        (b'{"format": "fuzzykf", "version": 1, "kind": "CGOFMSModel", "form": 3}', "damaged: TypeError"),
+        (b'{"format": "fuzzykf", "version": NaN}', "damaged, or not a JSON file: NaN is no number"),
+    ],
+)
+def test_files_that_are_no_model(content, message, tmp_path):
+    path = tmp_path / "model.json"
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError, match=rf"model\.json: {message}"):
+        CGOFMSModel.load(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d["form"].pop("means"),
+        lambda d: d["form"].update(kind="unknown"),
+        lambda d: d["form"].update(surplus=1),
+        lambda d: d["form"].update(means="text"),
+        lambda d: d["form"].update(means=[[1.0, 2.0]]),
+        lambda d: d["form"].update(means=[[1.0], [1.0, 2.0]]),
+        lambda d: d["form"].update(dim_x=7),
+        lambda d: d["form"].update(dim_x="one"),
+        lambda d: d["form"]["covariances"][0][0][0].__setitem__(1, 99.0),
+        lambda d: d["law"].update(alpha=0.9),
+        lambda d: d["law"].update(kind="fmc9"),
+        lambda d: d["law"].pop("eta"),
+        lambda d: d.update(law=None),
+        lambda d: d.pop("law"),
+    ],
+)
+def test_damaged_models(fuzzy_model, change, tmp_path):
+    path, document = save(fuzzy_model, tmp_path)
+    change(document)
+    path.write_text(json.dumps(document))
+    with pytest.raises(FileFormatError, match=r"model\.json: damaged: "):
+        CGOFMSModel.load(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda s: s.pop("belief"),
+        lambda s: s.pop("z"),
+        lambda s: s.update(n="many"),
+        lambda s: s.update(n=-1),
+        lambda s: s.update(n=0),
+        lambda s: s.update(z=[1.0, 2.0]),
+        lambda s: s.update(z=None),
+        lambda s: s.update(z="text"),
+        lambda s: s.update(log_likelihood=None),
+        lambda s: s.update(belief=None),
+        lambda s: s.update(before=None),
+        lambda s: s["belief"].update(window=[]),
+        lambda s: s["belief"].update(window=[1.0, 2.0]),
+        lambda s: s["belief"].update(window=[None]),
+        lambda s: s["belief"].update(kind="other"),
+        lambda s: s["belief"]["state"].update(table=[[1.0]]),
+        lambda s: s["belief"]["state"].update(table=[[1.0], [1.0, 2.0]]),
+        lambda s: s["belief"]["state"]["table"].pop(),
+        lambda s: s["belief"]["state"]["table"][0].__setitem__(0, None),
+        lambda s: s["before"]["state"]["table"].pop(),
+        lambda s: s["belief"]["state"].update(sign=[1.0]),
+    ],
+)
+def test_damaged_states(fuzzy_model, change, tmp_path):
+    path = tmp_path / "filter.json"
+    f = OFSRFilter(fuzzy_model, 3)
+    f.filter([0.0, 1.0, 2.0])
+    f.save(path)
+    document = json.loads(path.read_text())
+    change(document["state"])
+    path.write_text(json.dumps(document))
+    with pytest.raises(FileFormatError, match=r"filter\.json: damaged: "):
+        OFSRFilter.load(path)
+
+
+def test_damaged_options(fuzzy_model, tmp_path):
+    path = tmp_path / "filter.json"
+    OFSRFilter(fuzzy_model, 3).save(path)
+    document = json.loads(path.read_text())
+    for options in ({"n_nodes": -3}, {"rule": "none"}, {"colour": 3}, 3):
+        path.write_text(json.dumps(document | {"options": options}))
+        with pytest.raises(FileFormatError, match="damaged: "):
+            OFSRFilter.load(path)
+
+
+def test_other_filters_and_models_are_named(fuzzy_model, hard_model, tmp_path):
+    path = tmp_path / "file.json"
+    OFSRFilter(fuzzy_model).save(path)
+    with pytest.raises(FileFormatError, match="holds a 'OFSRFilter', expected CGOMSMFilter"):
+        CGOMSMFilter.load(path)
+    with pytest.raises(FileFormatError, match="holds a 'OFSRFilter', expected CGOFMSModel"):
+        CGOFMSModel.load(path)
+    with pytest.raises(FileFormatError, match="holds a 'OFSRFilter', expected CGOFMSModel or CGOMSModel"):
+        io.load_model(path)
+    hard_model.save(path)
+    with pytest.raises(FileFormatError, match="holds a 'CGOMSModel', expected CGOFMSModel"):
+        CGOFMSModel.load(path)
+    with pytest.raises(FileNotFoundError):
+        CGOFMSModel.load(tmp_path / "absent.json")
+
+
+# --------------------------------------------------------------------------- whole or not at all
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace", "write"])
+def test_a_failing_write_leaves_the_old_file(fuzzy_model, monkeypatch, tmp_path, call):
+    path = tmp_path / "model.json"
+    path.write_text("old")
+
+    def fail(*args, **kwargs):
+        raise OSError("no space left on device")
+
+    if call == "fsync":
+        monkeypatch.setattr(os, "fsync", fail)
+    elif call == "replace":
+        monkeypatch.setattr(Path, "replace", fail)
+    else:
+        monkeypatch.setattr(os, "fdopen", fail)
+    with pytest.raises(OSError, match="no space left"):
+        fuzzy_model.save(path)
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
+
+
+def test_an_interrupted_write_leaves_the_old_file(fuzzy_model, monkeypatch, tmp_path):
+    path = tmp_path / "model.json"
+    path.write_text("old")
+
+    def interrupt(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        fuzzy_model.save(path)
+    assert path.read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_what_cannot_be_written_writes_nothing(fuzzy_model, tmp_path):
+    law = FuzzyMarkovLaw.from_density([[0.2, 0.05], [0.05, 0.2]], 0.1, 0.1)
+    model = CGOFMSModel(law, fuzzy_model.form.means, fuzzy_model.form.covariances, 1)
+    for thing in (model, OFSRFilter(model)):
+        with pytest.raises(ParameterError, match="law: a law given by functions cannot be written to a file"):
+            thing.save(tmp_path / "file.json")
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        io.write_document(tmp_path / "file.json", "numbers", {"value": float("nan")})
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(FileNotFoundError):
+        fuzzy_model.save(tmp_path / "absent" / "model.json")
+
+
+def test_an_old_file_is_replaced_and_readable(fuzzy_model, tmp_path):
+    path = tmp_path / "model.json"
+    path.write_text("old")
+    fuzzy_model.save(str(path))  # a path may be a string
+    assert CGOFMSModel.load(str(path)).dim_x == 1
+    umask = os.umask(0)
+    os.umask(umask)
+    assert path.stat().st_mode & 0o777 == 0o666 & ~umask
+    assert len(list(tmp_path.iterdir())) == 1

@@ -1,0 +1,116 @@
+"""The pictures of results, laws and models show the numbers they should."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from fuzzykf import CGOFMSModel, FilterResult, FuzzyMarkovLaw, OFSRFilter
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.plotting import plot_law, plot_model, plot_result
+
+
+@pytest.fixture(autouse=True)
+def without_screen():
+    mpl.use("Agg")
+    yield
+    from matplotlib import pyplot
+
+    pyplot.close("all")
+
+
+@pytest.fixture
+def model():
+    z = np.array([[1.0, 0.5], [0.5, 2.0]])
+    pair = np.block([[z, 0.5 * z], [0.5 * z, z]])
+    return CGOFMSModel(
+        FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
+        [[0.0, 3.0], [1.0, 0.0]],
+        np.broadcast_to(pair, (2, 2, 4, 4)),
+        1,
+    )
+
+
+def curve(axes, label):
+    return next(line for line in axes.get_lines() if line.get_label() == label)
+
+
+def test_a_result_draws_estimate_band_truth_and_switch(model):
+    truth = model.simulate(60, np.random.default_rng(0))
+    result = OFSRFilter(model).filter(truth.y)
+    axes = result.plot(truth=truth.x, level=0.8, label="speed", unit="m/s")
+    np.testing.assert_array_equal(curve(axes, "estimate").get_ydata(), result.x[:, 0])
+    np.testing.assert_array_equal(curve(axes, "true").get_ydata(), truth.x[:, 0])
+    band = axes.collections[0].get_paths()[0].vertices[:, 1]
+    lower, upper = result.interval(0.8)
+    assert band.min() == pytest.approx(lower.min())
+    assert band.max() == pytest.approx(upper.max())
+    np.testing.assert_array_equal(axes.get_images()[0].get_array()[0], result.switch_mean)
+    assert axes.get_ylabel() == "speed (m/s)"
+
+
+def test_the_strip_lies_below_everything_that_is_drawn(model):
+    result = OFSRFilter(model).filter(model.simulate(60, np.random.default_rng(0)).y)
+    axes = plot_result(result)
+    strip_top = axes.get_images()[0].get_extent()[3]
+    assert strip_top < result.interval(0.9)[0].min()
+
+
+def test_a_result_is_drawn_into_given_axes_against_its_index(model):
+    pd = pytest.importorskip("pandas")
+    from matplotlib import pyplot
+
+    index = pd.date_range("2026-01-01", periods=30, freq="h", name="time")
+    series = pd.Series(model.simulate(30, np.random.default_rng(0)).y[:, 0], index=index)
+    _, axes = pyplot.subplots()
+    assert OFSRFilter(model).filter(series).plot(axes) is axes
+    assert axes.get_xlabel() == "time"
+    left, right = axes.get_images()[0].get_extent()[:2]
+    assert (right - left) * 24.0 == pytest.approx(29.0)  # days of the axis of dates
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"component": 1}, ParameterError, "component: got 1"),
+        ({"level": 1.5}, ParameterError, "level: got 1.5"),
+        ({"truth": [1.0, 2.0]}, ShapeError, "truth: got shape"),
+    ],
+)
+def test_inadmissible_options_are_named(options, error, message):
+    result = FilterResult(x=np.zeros((5, 1)), P=np.ones((5, 1, 1)))
+    with pytest.raises(error, match=message):
+        result.plot(**options)
+
+
+def test_many_series_are_refused():
+    with pytest.raises(ParameterError, match="many series"):
+        FilterResult(x=np.zeros((3, 5, 1)), P=np.ones((3, 5, 1, 1))).plot()
+
+
+def test_a_law_is_drawn_with_its_masses_and_densities(monkeypatch):
+    from matplotlib import pyplot
+    from mpl_toolkits.mplot3d import Axes3D
+
+    bars = []
+    draw = Axes3D.bar3d
+    monkeypatch.setattr(Axes3D, "bar3d", lambda self, *a, **k: (bars.append(a), draw(self, *a, **k))[1])
+    law = FuzzyMarkovLaw.fmc2(0.15, 0.6, 0.2)
+    axes = law.plot()
+    assert "FMC2" in axes.get_title()
+    assert "gamma = 0.6" in axes.get_title()
+    x, y, heights = bars[0][0], bars[0][1], bars[0][5]
+    at_corner = (x == x.min()) & (y == y.min())
+    assert heights[at_corner] == pytest.approx([0.15])
+    assert set(np.round(heights, 6)) == {0.0, 0.002, 0.15, 0.6}
+    with pytest.raises(ParameterError, match="3-D"):
+        plot_law(law, pyplot.subplots()[1])
+
+
+def test_a_fuzzy_and_a_hard_model_are_drawn_with_their_moments(model):
+    axes = model.plot()
+    np.testing.assert_allclose(curve(axes, "state").get_ydata()[[0, -1]], [0.0, 1.0])
+    np.testing.assert_allclose(curve(axes, "observation").get_ydata()[[0, -1]], [3.0, 0.0])
+    hard = plot_model(model.harden())
+    assert [label.get_text() for label in hard.get_xticklabels()] == ["0", "1"]
+    with pytest.raises(ParameterError, match="component: got 1"):
+        model.plot(component=1)

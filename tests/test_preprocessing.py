@@ -1,0 +1,195 @@
+"""Standardising and the daily profile: learned where `fit` was called, applied anywhere, undone exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from fuzzykf.errors import ParameterError, SequenceError, ShapeError
+from fuzzykf.preprocessing import DailyProfile, Standardizer, hour_of_day
+
+HOUR = np.timedelta64(3600, "s")
+
+
+def hours(n, start="2014-01-06T00:00"):  # a Monday
+    return np.datetime64(start, "s") + np.arange(n) * HOUR
+
+
+# ------------------------------------------------------------------ standardising
+
+
+def test_the_training_part_becomes_standard_and_the_rest_follows_it() -> None:
+    rng = np.random.default_rng(0)
+    train, rest = rng.normal(3.0, 2.0, (500, 2)), rng.normal(9.0, 5.0, (20, 2))
+    standardizer = Standardizer().fit(train)
+    standard = standardizer.transform(train)
+    np.testing.assert_allclose(standard.mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(standard.std(axis=0), 1.0)
+    # Oracle: the definition, with the moments of the training part.
+    np.testing.assert_allclose(standardizer.transform(rest), (rest - train.mean(axis=0)) / train.std(axis=0))
+
+
+@settings(max_examples=50, deadline=None)
+@given(values=arrays(float, (7, 2), elements=st.floats(-1e6, 1e6)))
+def test_standardising_is_undone_exactly(values) -> None:
+    standardizer = Standardizer().fit(np.arange(12.0).reshape(6, 2) ** 2)
+    back = standardizer.inverse_transform(standardizer.transform(values))
+    np.testing.assert_allclose(back, values, rtol=1e-12, atol=1e-9)
+
+
+def test_missing_values_do_not_count_and_stay_missing() -> None:
+    values = np.array([1.0, np.nan, 3.0])
+    standardizer = Standardizer().fit(values)
+    assert (standardizer.mean_, standardizer.scale_) == (2.0, 1.0)
+    np.testing.assert_array_equal(standardizer.transform(values), [-1.0, np.nan, 1.0])
+
+
+def test_a_pandas_object_keeps_its_index_and_its_names() -> None:
+    series = pd.Series([1.0, 2.0, 4.0], index=pd.date_range("2014", periods=3, freq="D"), name="load")
+    found = Standardizer().fit_transform(series)
+    assert found.index.equals(series.index)
+    assert found.name == "load"
+    frame = pd.DataFrame({"a": [1.0, 2.0], "b": [3.0, 5.0]}, index=[7, 8])
+    pd.testing.assert_frame_equal(
+        Standardizer().fit_transform(frame), pd.DataFrame({"a": [-1.0, 1.0], "b": [-1.0, 1.0]}, index=[7, 8])
+    )
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([2.0, 2.0, 2.0], "column 0 is 2 in every row"),
+        ([np.nan, np.nan], "column 0 holds no number"),
+        ([1.0, np.inf], "row 1 is infinite"),
+        ([["a"], ["b"]], "expected numbers"),
+        (np.zeros((2, 2, 2)), r"got shape \(2, 2, 2\)"),
+    ],
+)
+def test_what_has_no_scale_is_refused(values, message) -> None:
+    with pytest.raises(ParameterError, match=message):
+        Standardizer().fit(values)
+
+
+def test_other_columns_than_in_training_are_refused() -> None:
+    with pytest.raises(ShapeError, match="got 2 columns, expected 1"):
+        Standardizer().fit([1.0, 2.0]).transform(np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize("step", [Standardizer(), DailyProfile()])
+def test_nothing_is_transformed_before_something_was_learned(step) -> None:
+    arguments = (hours(1),) if isinstance(step, DailyProfile) else ()
+    for verb in (step.transform, step.inverse_transform):
+        with pytest.raises(SequenceError, match="call fit first"):
+            verb([1.0], *arguments)
+
+
+# ------------------------------------------------------------------ the profile
+
+
+def test_the_profile_is_the_mean_of_each_hour_and_kind_of_day() -> None:
+    # Oracle: two weeks of a series that is 100 on working days plus the hour, which it must return.
+    time = hours(14 * 24)
+    workday = np.is_busday(time.astype("datetime64[D]"))
+    hour = np.arange(14 * 24) % 24
+    values = 100.0 * workday + hour + np.where(np.arange(14 * 24) < 7 * 24, -1.0, 1.0)
+    profile = DailyProfile().fit(values, time)
+    np.testing.assert_allclose(profile.at(time), 100.0 * workday + hour)
+    np.testing.assert_allclose(
+        profile.transform(values, time), np.where(np.arange(14 * 24) < 7 * 24, -1.0, 1.0)
+    )
+
+
+def test_taking_the_profile_away_is_undone_by_adding_it_on_other_days_too() -> None:
+    rng = np.random.default_rng(1)
+    profile = DailyProfile().fit(rng.normal(size=240), hours(240))
+    later = hours(100, "2014-03-03T00:00")
+    values = rng.normal(size=100)
+    there = profile.transform(values, later)
+    assert np.abs(there - values).max() > 0.1
+    np.testing.assert_allclose(profile.inverse_transform(there, later), values)
+
+
+def test_a_given_working_day_counts_more_than_the_calendar() -> None:
+    profile = DailyProfile().fit(np.arange(48.0), hours(48), np.zeros(48, dtype=bool))
+    assert np.isnan(profile.means_[1]).all()
+    assert np.isfinite(profile.means_[0]).all()
+
+
+def test_a_time_of_day_without_a_row_to_learn_on_is_an_error_that_names_it() -> None:
+    profile = DailyProfile().fit(np.arange(48.0), hours(48))  # Monday and Tuesday
+    with pytest.raises(ParameterError, match="2014-01-11T00:00:00 is a day off, and the learning part"):
+        profile.at(hours(200))
+
+
+@pytest.mark.parametrize(("minutes", "slots"), [(15, 96), (17, 24), (180, 8), (60 * 24, 1), (60 * 48, 24)])
+def test_the_slot_is_the_step_between_rows_where_that_divides_the_day(minutes, slots) -> None:
+    time = np.datetime64("2014-01-06", "s") + np.arange(2000) * np.timedelta64(60 * minutes, "s")
+    assert DailyProfile().fit(np.ones(2000), time).means_.shape == (2, slots)
+
+
+def test_a_slot_can_be_given_and_has_to_divide_the_day() -> None:
+    assert DailyProfile(slot=6.0).fit(np.ones(48), hours(48)).means_.shape == (2, 4)
+    for slot in (0.0, -1.0, 5.0, np.nan, np.inf):
+        with pytest.raises(ParameterError, match="expected a number of hours that divides 24"):
+            DailyProfile(slot=slot)
+
+
+@settings(max_examples=50, deadline=None)
+@given(parts=st.integers(1, 1440), second=st.integers(0, 86399))
+def test_every_second_of_a_day_is_in_the_slot_that_holds_it(parts, second) -> None:
+    # Oracle: integer arithmetic, free of rounding.
+    if 86400 % parts:
+        parts = 1
+    profile = DailyProfile(slot=24.0 / parts)
+    profile.slot_, profile.means_ = profile.slot, np.tile(np.arange(float(parts)), (2, 1))
+    moment = np.datetime64("2014-01-06", "s") + np.array([second]) * np.timedelta64(1, "s")
+    assert profile.at(moment) == second * parts // 86400
+
+
+def test_columns_have_a_profile_each_and_gaps_do_not_count() -> None:
+    values = np.column_stack([np.arange(48) % 24, 10.0 * (np.arange(48) % 24)])
+    values[30, 1] = np.nan
+    profile = DailyProfile().fit(values, hours(48))
+    assert profile.means_.shape == (2, 24, 2)
+    np.testing.assert_allclose(profile.at(hours(24)), values[:24])
+    assert np.isnan(profile.transform(values, hours(48))[30, 1])
+    with pytest.raises(ShapeError, match="got 1 columns, expected 2"):
+        profile.transform(values[:, 0], hours(48))
+
+
+def test_pandas_brings_its_own_times_as_the_clock_on_the_spot_shows_them() -> None:
+    index = pd.date_range("2014-01-06", periods=48, freq="h", tz="Australia/Brisbane")
+    series = pd.Series(np.arange(48.0) % 24, index=index, name="load")
+    profile = DailyProfile().fit(series)
+    found = profile.transform(series)
+    assert found.index.equals(index)
+    np.testing.assert_allclose(found, 0.0, atol=1e-12)
+    np.testing.assert_array_equal(profile.means_[1], np.arange(24.0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([1.0, 2.0],), "time: missing"),
+        (([1.0, 2.0], hours(3)), r"time: got shape \(3,\)"),
+        (([1.0, 2.0], [1, 2]), "time: got numbers of type int64"),
+        (([1.0, 2.0], ["noon", "night"]), "time: expected times"),
+        (([1.0, 2.0], np.array(["2014", "NaT"], dtype="datetime64[s]")), "time: row 1 is not a time"),
+        (([1.0, 2.0], hours(2), [True]), r"workday: got shape \(1,\)"),
+        (([1.0, 2.0], hours(2), [0, 2]), "workday: expected True or False"),
+        (([1.0, np.inf], hours(2)), "row 1 is infinite"),
+    ],
+)
+def test_what_is_no_series_with_times_is_refused_and_nothing_learned(arguments, message) -> None:
+    profile = DailyProfile()
+    with pytest.raises(ParameterError, match=message):
+        profile.fit(*arguments)
+    assert not hasattr(profile, "means_")
+
+
+def test_the_hour_of_the_day_counts_seconds() -> None:
+    assert hour_of_day(np.array(["2014-01-31T23:59:59"], dtype="datetime64[s]")) == 86399 / 3600
