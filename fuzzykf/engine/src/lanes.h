@@ -27,6 +27,9 @@
 #define FK_INLINE static inline __attribute__((always_inline, unused))
 #define FK_INLINE_HERE FK_TARGET static inline __attribute__((always_inline, unused))
 
+/* Loops over the components of small systems, so that their sums stay in registers. */
+#define FK_UNROLL _Pragma("GCC unroll 4")
+
 #define FK_LOG2E 1.4426950408889634074
 #define FK_LN2_HIGH 6.93147180369123816490e-01 /* 32 bits, so that its multiples are exact */
 #define FK_LN2_LOW 1.90821492927058770002e-10

@@ -19,16 +19,16 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
     for (int i = 0; i < M1; i++) {
       const double *cell = FK_CELL(k->cells, k->stride, i, b);
       FK_V log_w = FK_ROW(cell, 0) + table[i];
-      for (int r = 0; r < q; r++) {
+      FK_UNROLL for (int r = 0; r < q; r++) {
         const double *row = cell + (2 + r * n) * FK_LANES;
         FK_V z = FK_ROW(row, 0);
-        for (int t = 1; t < n; t++) z += FK_ROW(row, t) * u[t];
+        FK_UNROLL for (int t = 1; t < n; t++) z += FK_ROW(row, t) * u[t];
         log_w -= z * z;
       }
       weight[i] = log_w;
       top = FK_NAME(fk_max)(top, log_w);
     }
-    for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
+    FK_UNROLL for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
     for (int i = 0; i < M1; i++) {
       const double *cell = FK_CELL(k->cells, k->stride, i, b);
       const double *offset = cell + (2 + q * n) * FK_LANES, *A = offset + m * n * FK_LANES;
@@ -39,33 +39,33 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
       }
       weight[i] = e;
       column += e;
-      for (int r = 0; r < m; r++) {
+      FK_UNROLL for (int r = 0; r < m; r++) {
         FK_V x = FK_ROW(offset, r * n);
-        for (int t = 1; t < n; t++) x += FK_ROW(offset, r * n + t) * u[t];
-        for (int l = 0; l < m; l++) x += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
+        FK_UNROLL for (int t = 1; t < n; t++) x += FK_ROW(offset, r * n + t) * u[t];
+        FK_UNROLL for (int l = 0; l < m; l++) x += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
         X[(size_t)i * m + r] = x;
         S[r] += e * x;
       }
     }
     if (k->is_signed) column = FK_NAME(fk_select)((FK_B)(column == 0.0), FK_NAME(fk_all)(DBL_MIN), column);
     const FK_V inverse = 1.0 / column;
-    for (int r = 0; r < m; r++) S[r] *= inverse;
-    for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
+    FK_UNROLL for (int r = 0; r < m; r++) S[r] *= inverse;
+    FK_UNROLL for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
     for (int i = 0; i < M1; i++) {
       const double *A = FK_CELL(k->cells, k->stride, i, b) + (size_t)(2 + (q + m) * n) * FK_LANES;
       const FK_V o = weight[i] * inverse;
-      for (int r = 0; r < m; r++) {
+      FK_UNROLL for (int r = 0; r < m; r++) {
         D[r] = X[(size_t)i * m + r] - S[r];
-        for (int l = 0; l < m; l++) {
+        FK_UNROLL for (int l = 0; l < m; l++) {
           FK_V t = FK_NAME(fk_all)(0.0);
-          for (int s = 0; s < m; s++) t += FK_ROW(A, r * m + s) * table[(size_t)(1 + m + s * m + l) * ld + i];
+          FK_UNROLL for (int s = 0; s < m; s++) t += FK_ROW(A, r * m + s) * table[(size_t)(1 + m + s * m + l) * ld + i];
           T[r * m + l] = t;
         }
       }
-      for (int r = 0; r < m; r++)
-        for (int l = r; l < m; l++) {
+      FK_UNROLL for (int r = 0; r < m; r++)
+        FK_UNROLL for (int l = r; l < m; l++) {
           FK_V P = FK_ROW(A, m * m + r * m + l) + D[r] * D[l];
-          for (int s = 0; s < m; s++) P += T[r * m + s] * FK_ROW(A, l * m + s);
+          FK_UNROLL for (int s = 0; s < m; s++) P += T[r * m + s] * FK_ROW(A, l * m + s);
           V[r * m + l] += o * P;
         }
     }
@@ -185,38 +185,38 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
   FK_V few_V[16], few_S[4];
   FK_V *rest = (FK_V *)scratch, *V = m <= 4 ? few_V : rest, *S = m <= 4 ? few_S : rest + m * m;
   FK_V *mean = rest + m * m + m, *now = mean; /* of the pairs: M1 blocks m */
-  for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
-  for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
+  FK_UNROLL for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
+  FK_UNROLL for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
   for (int i = 0; i < M1; i++)
     for (int b = 0; b < blocks; b++, now += m) {
       const double *cell = FK_CELL(s->cells, s->stride, i, b);
       const double *A = FK_CELL(k->cells, k->stride, i, b) + (size_t)matrix * FK_LANES;
-      for (int r = 0; r < m; r++) {
+      FK_UNROLL for (int r = 0; r < m; r++) {
         const double *row = cell + (1 + r * (1 + w)) * FK_LANES;
         FK_V a = FK_ROW(row, 0);
-        for (int t = 1; t <= w; t++) a += FK_ROW(row, t) * u[t];
-        for (int l = 0; l < m; l++) a += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
+        FK_UNROLL for (int t = 1; t <= w; t++) a += FK_ROW(row, t) * u[t];
+        FK_UNROLL for (int l = 0; l < m; l++) a += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
         now[r] = a;
         S[r] += FK_ROW(cell, 0) * p[i] * a;
       }
     }
-  for (int r = 0; r < m; r++) x[r] = FK_NAME(fk_sum)(S[r]);
+  FK_UNROLL for (int r = 0; r < m; r++) x[r] = FK_NAME(fk_sum)(S[r]);
   now = mean;
   for (int i = 0; i < M1; i++)
     for (int b = 0; b < blocks; b++, now += m) {
       const double *cell = FK_CELL(s->cells, s->stride, i, b);
-      for (int r = 0; r < m; r++) now[r] -= x[r];
-      for (int r = 0; r < m; r++) {
+      FK_UNROLL for (int r = 0; r < m; r++) now[r] -= x[r];
+      FK_UNROLL for (int r = 0; r < m; r++) {
         const FK_V weighted = FK_ROW(cell, 0) * p[i] * now[r];
-        for (int l = r; l < m; l++) V[r * m + l] += weighted * now[l];
+        FK_UNROLL for (int l = r; l < m; l++) V[r * m + l] += weighted * now[l];
       }
     }
-  for (int r = 0; r < m; r++)
-    for (int l = r; l < m; l++) {
+  FK_UNROLL for (int r = 0; r < m; r++)
+    FK_UNROLL for (int l = r; l < m; l++) {
       FK_V within = FK_NAME(fk_all)(0.0);
       for (int b = 0; b < FK_AS_VECTORS(M1); b++) { /* here the nodes i are side by side, not j */
         FK_V all = FK_READ(s->noise + (size_t)(r * m + l) * ld, b);
-        for (int a = 0; a < m * m; a++)
+        FK_UNROLL for (int a = 0; a < m * m; a++)
           all += FK_READ(table + (size_t)(1 + m + a) * ld, b) *
                  FK_READ(s->twice + ((size_t)a * m * m + r * m + l) * ld, b);
         within += FK_READ(p, b) * all;
