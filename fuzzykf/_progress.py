@@ -14,13 +14,13 @@ __all__ = ["progress_bar"]
 
 
 @contextmanager
-def progress_bar(pieces: int) -> Iterator[Callable[[str], None]]:
+def progress_bar(pieces: int | None) -> Iterator[Callable[[str], None]]:
     """Show a bar on the terminal, on standard error, while work goes on.
 
     Parameters
     ----------
-    pieces : int
-        Number of pieces of work.
+    pieces : int or None
+        Number of pieces of work; None if it is not known how much there is.
 
     Yields
     ------

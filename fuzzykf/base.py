@@ -192,6 +192,9 @@ def check_keep(keep: Iterable[str], admissible: tuple[str, ...]) -> tuple[str, .
 
 # --------------------------------------------------------------------------- the contract
 
+#: What `Filter.filter_many` keeps unless told otherwise.
+USUAL_FIELDS = ("x", "P", "log_likelihood")
+
 
 class Filter(ABC):
     """What every filter of fuzzykf does; subclass it to write your own.
@@ -298,7 +301,7 @@ class Filter(ABC):
             raise NotImplementedError(f"{type(self).__name__} keeps no x, P, x_prior and P_prior")
         return x[..., None], P, x_prior[..., None], P_prior
 
-    def filter_many(self, zs: ArrayLike, keep: Iterable[str] = ("x", "P", "log_likelihood")) -> FilterResult:
+    def filter_many(self, zs: ArrayLike, keep: Iterable[str] = USUAL_FIELDS) -> FilterResult:
         """Filter many series, each as `filter` would; the filter stays as it is.
 
         Parameters
@@ -306,8 +309,9 @@ class Filter(ABC):
         zs : array_like, shape (series, n, dim_z)
             Or (series, n) if ``dim_z`` is 1.  NaN where missing, so that series of unequal
             length can be padded.
-        keep : sequence of str
-            The fields of `FilterResult` to store.
+        keep : sequence of str, optional
+            The fields of `FilterResult` to store: by default ``x``, ``P`` and, from a
+            probabilistic filter, ``log_likelihood``.
 
         Returns
         -------
@@ -326,6 +330,8 @@ class Filter(ABC):
         filled = tuple(
             name for name, value in vars(results[0]).items() if value is not None and name != "index"
         )
+        if keep is USUAL_FIELDS:  # nobody asked for what this kind of filter does not have
+            keep = [name for name in USUAL_FIELDS if name in filled]
         names = check_keep(keep, filled)
         return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
 

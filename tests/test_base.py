@@ -256,7 +256,7 @@ def test_inherited_filter_many():
     assert result.P is None
     assert f.n == 0
     with pytest.raises(ParameterError, match="keep: got 'log_likelihood', expected names among"):
-        f.filter_many([[1.0]])
+        f.filter_many([[1.0]], keep=("x", "log_likelihood"))
     with pytest.raises(ShapeError, match="expected at least one series"):
         f.filter_many(np.empty((0, 3)))
 
@@ -297,3 +297,20 @@ def test_copies_are_independent():
 def test_the_contract_has_to_be_filled():
     with pytest.raises(TypeError, match="abstract"):
         Filter()
+
+
+def test_filter_many_keeps_what_the_filter_fills_by_default():
+    # a filter without a likelihood has none to keep, and says so only if it is asked for
+    from fuzzykf import FuzzyRelationEstimator, IntervalMembership
+
+    bound = IntervalMembership(-1.0, 1.0)
+    estimator = FuzzyRelationEstimator(
+        1, 1, state=bound, process_noise=bound, measurement_noise=bound, hx=lambda x: x
+    )
+    zs = np.array([[0.1, 0.2, 0.3], [0.3, np.nan, 0.1]])
+    result = estimator.filter_many(zs)
+    for k, one in enumerate(zs):
+        np.testing.assert_array_equal(result.x[k], estimator.copy().filter(one).x)
+    assert result.log_likelihood is None
+    with pytest.raises(ParameterError, match="keep: got 'log_likelihood'"):
+        estimator.filter_many(zs, keep=["log_likelihood"])

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 import fuzzykf
-from fuzzykf.cli import compare, reproduce
+from fuzzykf.cli import compare, estimate, fit, reproduce, simulate
 
 __all__ = ["app"]
 
@@ -37,4 +37,8 @@ def root(
 
 
 app.command("compare", epilog=compare.EXAMPLE)(compare.command)
+app.command("fit", epilog=fit.EXAMPLE)(fit.command)
+app.command("filter", epilog=estimate.FILTER_EXAMPLE)(estimate.filter_command)
+app.command("smooth", epilog=estimate.SMOOTH_EXAMPLE)(estimate.smooth_command)
+app.command("simulate", epilog=simulate.EXAMPLE)(simulate.command)
 app.command("reproduce", epilog=reproduce.EXAMPLE)(reproduce.command)

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
+from fuzzykf.cli.columns import TIME_COLUMNS, time_column
 from fuzzykf.cli.output import check_folder, progress_bar, report_errors
 from fuzzykf.errors import ParameterError
 from fuzzykf.io import write_bytes, write_text
@@ -28,9 +29,6 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = "Example: fuzzykf compare meters.csv --state demand --obs temperature --train 0.7 --out result"
-
-#: Columns that are taken for the time of a row, in this order, unless --time names another.
-TIME_COLUMNS = ("time", "timestamp", "datetime", "date")
 
 
 class SwitchSource(StrEnum):
@@ -201,9 +199,7 @@ def _from_file(path: Path, state: str | None, obs: str | None, time: str | None)
     if state is None or obs is None:
         missing = "--state" if state is None else "--obs"
         raise ParameterError(f"{missing}: name a column of {path.name}; its columns are {names}")
-    if time is None:
-        lower = {name.lower(): name for name in table.columns}
-        time = next((lower[name] for name in TIME_COLUMNS if name in lower), None)
+    time = time_column(table) if time is None else time
     workday = table.numbers("workday") == 1.0 if "workday" in table.columns else None
     return Source(
         path.name,

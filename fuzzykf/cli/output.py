@@ -1,4 +1,4 @@
-"""What the commands share: the report of errors, the progress bar, the check of a folder."""
+"""What the commands share: the report of errors, the progress bar, the check of where to write."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from rich.console import Console
 from rich.text import Text
 
 from fuzzykf._progress import progress_bar
-from fuzzykf.errors import FuzzykfError
+from fuzzykf.errors import FuzzykfError, ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-__all__ = ["check_folder", "progress_bar", "report_errors"]
+__all__ = ["check_file", "check_folder", "progress_bar", "report_errors"]
 
 
 @contextmanager
@@ -51,3 +51,23 @@ def check_folder(folder: Path) -> None:
         raise NotADirectoryError(20, "expected a folder, found a file", str(existing))
     if not os.access(existing, os.W_OK):
         raise PermissionError(13, "the folder is not writable", str(existing))
+
+
+def check_file(file: Path, *sources: Path) -> None:
+    """Refuse, before any work is done, a file that cannot be written, or is read from.
+
+    Raises
+    ------
+    OSError
+        If the folder of the file does not exist or is not writable, or ``file`` is a folder.
+    ParameterError
+        If it is one of the ``sources``.
+    """
+    if not file.parent.is_dir():
+        raise FileNotFoundError(2, "there is no such folder", str(file.parent))
+    check_folder(file.parent)
+    if file.is_dir():
+        raise IsADirectoryError(21, "expected a file, found a folder", str(file))
+    for source in sources:
+        if file.exists() and source.exists() and file.samefile(source):
+            raise ParameterError(f"--output: {file} is also read from; name another file")

@@ -56,7 +56,7 @@ def command(
 ) -> None:
     """Make the tables and figures of the papers again, and compare them with what was printed.
 
-    The verdict on each number is that of a statistical test, at 1 % for each experiment as a whole:
+    The verdict on each number is that of a statistical test, at 5 % for each experiment as a whole:
     reproduced, reproduced with a correction, or not reproduced.
     """
     with report_errors():
@@ -116,7 +116,10 @@ def _rows(outcome: Outcome) -> Grid:
 
 
 def _overview(outcomes: Sequence[Outcome], seconds: Sequence[float]) -> Grid:
-    grid = Grid("experiment", "paper", "runs", *VERDICTS, "seconds", title="Rows by verdict")
+    title = f"Rows by verdict: {', '.join(VERDICTS)}"
+    grid = Grid(title=title)
+    for header in ("experiment", "paper", "runs", "as printed", "corrected", "not", "–", "seconds"):
+        grid.add_column(header, no_wrap=True, justify="left" if header == "experiment" else "right")
     for outcome, spent in zip(outcomes, seconds, strict=True):
         e = outcome.experiment
         counts = [str(outcome.counts.get(verdict, 0)) for verdict in VERDICTS]

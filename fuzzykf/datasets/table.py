@@ -80,12 +80,14 @@ class Table:
             )
         return self.columns[name]
 
-    def numbers(self, name: str) -> FloatArray:
+    def numbers(self, name: str, *, gaps: bool = False) -> FloatArray:
         """Return one column as finite numbers.
 
         Parameters
         ----------
         name : str
+        gaps : bool
+            Let cells be empty, or a spelling of "missing", and return NaN for them.
 
         Returns
         -------
@@ -96,12 +98,15 @@ class Table:
         ParameterError
             If there is no such column.
         FileFormatError
-            If a cell is empty, is not a number, or is infinite; the message names
-            the line of the file.
+            If a cell is empty (unless there may be gaps), is not a number, or is infinite;
+            the message names the line of the file.
         """
         values = np.empty(len(self))
         for row, cell in enumerate(self.text(name)):
             if cell.lower() in _MISSING:
+                if gaps:
+                    values[row] = np.nan
+                    continue
                 raise FileFormatError(
                     f"{self._place(name, row)} is missing ({cell!r}); expected a number in every row"
                 )

@@ -48,7 +48,7 @@ cdef extern from "src/series.h" nogil:
         const char *instructions
         void (*log_pairs)(const fk_kernel *, const double *, double *) noexcept nogil
         void (*posterior)(int, int, const double *, const double *, double *, double *) noexcept nogil
-        void (*forward_backward)(
+        int (*forward_backward)(
             int, int, const double *, const double *, const double *, double *, double *, double *, double *
         ) noexcept nogil
     const fk_engine *fk_engines
@@ -64,6 +64,9 @@ cdef extern from "src/series.h" nogil:
     double fk_first(
         int, int, int, const double *, const double *, const double *, const double *, const double *,
         double *, int, double *
+    ) noexcept
+    void fk_forward_backward_logs(
+        int, int, const double *, const double *, const double *, double *, double *, double *, double *
     ) noexcept
     double fk_log_likelihood(const fk_state *) noexcept
     void fk_to_logs(fk_state *, int) noexcept
@@ -430,7 +433,7 @@ def forward_backward(first, transition, log_emission):
         raise ValueError(f"log_emission: got shape {np.shape(e)}, expected (T, M, M)")
     cdef cnp.ndarray f_ = doubles(first, "first", (M,)), t_ = doubles(transition, "transition", (M, M))
     cdef cnp.ndarray gamma = np.empty((T + 1, M)), xi = np.empty((T, M, M)), log_likelihood = np.empty(T)
-    cdef Buffer scratch = Buffer(T + 2 * M)
+    cdef Buffer scratch = Buffer(T + 3 * M)
     cdef const double *start_ = at(f_)
     cdef const double *move = at(t_)
     cdef const double *emission = at(e)
@@ -438,7 +441,8 @@ def forward_backward(first, transition, log_emission):
     cdef double *to_xi = at(xi)
     cdef double *to_values = at(log_likelihood)
     with nogil:
-        engine.forward_backward(T, M, start_, move, emission, to_gamma, to_xi, to_values, scratch.data)
+        if not engine.forward_backward(T, M, start_, move, emission, to_gamma, to_xi, to_values, scratch.data):
+            fk_forward_backward_logs(T, M, start_, move, emission, to_gamma, to_xi, to_values, scratch.data)
     return gamma, xi, log_likelihood
 
 
@@ -534,7 +538,7 @@ def filter_series(Kernel kernel not None, Summary summary not None, law, ys, dic
     cdef cnp.ndarray tables = np.empty((2, rows, M))
     store(at(tables), before.table, rows, M)
     store(at(tables) + rows * M, last.table, rows, M)
-    return tables[0], tables[1]
+    return tables[0].copy(), tables[1].copy()
 
 
 # --------------------------------------------------------------------------- streaming
@@ -674,8 +678,9 @@ cdef class Stepper:
         memcpy(at(u), self.u + 1, (w + q) * sizeof(double))
         memcpy(at(window), self.window, w * sizeof(double))
         belief = self._as_belief(self._table(self.now), window, self._mass(self.now))
-        before = self._as_belief(self._table(self.old), u[:w], self._mass(self.old)), self.tables
-        self.belief, self.before, self.z = belief, before, u[w:]
+        before = self._as_belief(self._table(self.old), u[:w].copy(), self._mass(self.old))
+        before = self._as_source(before, self.tables)
+        self.belief, self.before, self.z = belief, before, u[w:].copy()
         self.log_likelihood = fk_log_likelihood(self.now)
         self.ahead = False
         return 0

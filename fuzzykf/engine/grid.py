@@ -22,7 +22,14 @@ if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
     from fuzzykf.engine.scales import Scale
 
-__all__ = ["extrapolate", "interpolate", "interpolate_lines", "subgrid_minimum"]
+__all__ = [
+    "continue_tails",
+    "extrapolate",
+    "interpolate",
+    "interpolate_lines",
+    "sharpness",
+    "subgrid_minimum",
+]
 
 IntArray: TypeAlias = NDArray[np.intp]
 
@@ -31,6 +38,12 @@ CHUNK = 1 << 15
 
 #: Second differences agree if they differ by less than this part of them, or by this cost.
 ROUGHNESS, NEGLIGIBLE = 0.5, 0.02
+
+#: Only tails that have reached this part of the limit were cut off by it.
+CUT = 0.7
+
+#: A tail is smooth, or a parabola, if its second difference changes by less than this.
+TAIL_ROUGHNESS, EXACT = 0.02, 1e-8
 
 #: How far (in steps) beyond the last node a position still counts as on it.
 SLACK = 1e-9
@@ -184,21 +197,31 @@ def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
     best = np.unravel_index(int(np.argmin(cost)), cost.shape)
     position = np.array(best, dtype=np.float64)
     value = float(cost[best])
-    axes = [k for k in range(cost.ndim) if 0 < best[k] < cost.shape[k] - 1]
-    smooth = all(
-        _is_smooth(cost[tuple(slice(None) if m == k else best[m] for m in range(cost.ndim))], int(best[k]))
-        for k in axes
-    )
-    if axes and smooth:
-        window = cost[tuple(slice(b - 1, b + 2) if k in axes else b for k, b in enumerate(best))]
-        if np.isfinite(window).all():
-            slope, hessian = _quadratic(window)
-            if np.linalg.eigvalsh(hessian)[0] > 0.0:
-                step = -np.linalg.solve(hessian, slope)
-                if np.abs(step).max() <= 1.0:
-                    position[axes] += step
-                    value += 0.5 * float(slope @ step)
+    axes, slope, hessian = _bowl(cost)
+    if axes and np.linalg.eigvalsh(hessian)[0] > 0.0:
+        step = -np.linalg.solve(hessian, slope)
+        if np.abs(step).max() <= 1.0:
+            position[axes] += step
+            value += 0.5 * float(slope @ step)
     return value, position
+
+
+def sharpness(cost: FloatArray) -> float:
+    """Largest second derivative (per squared step, in any direction) at the best node; 0 if unknown."""
+    axes, _, hessian = _bowl(cost)
+    return float(np.linalg.eigvalsh(hessian)[-1]) if axes else 0.0
+
+
+def _bowl(cost: FloatArray) -> tuple[list[int], FloatArray, FloatArray]:
+    """Axes along which costs are smooth around the best node, gradient and Hessian there."""
+    best = [int(b) for b in np.unravel_index(int(np.argmin(cost)), cost.shape)]
+    axes = [k for k in range(cost.ndim) if 0 < best[k] < cost.shape[k] - 1]
+    lines = [cost[tuple(slice(None) if m == k else b for m, b in enumerate(best))] for k in axes]
+    window = cost[tuple(slice(b - 1, b + 2) if k in axes else b for k, b in enumerate(best))]
+    smooth = all(_is_smooth(line, best[k]) for line, k in zip(lines, axes, strict=True))
+    if not (axes and smooth and np.isfinite(window).all()):
+        return [], np.zeros(0), np.zeros((0, 0))
+    return axes, *_quadratic(window)
 
 
 def _is_smooth(line: FloatArray, node: int) -> bool:
@@ -251,6 +274,58 @@ def extrapolate(cost: FloatArray, axis: int, before: int, after: int) -> FloatAr
     if after:
         parts.append(_continue(lines[..., -3:], after))
     return np.moveaxis(np.concatenate(parts, axis=-1), -1, axis)
+
+
+def continue_tails(cost: FloatArray, limit: float) -> FloatArray:
+    """Continue costs into the impossible nodes at the ends of all lines, where these are smooth tails.
+
+    A lattice that was cut off where memberships are small, and then mapped, does not
+    fill the box around its image.  What is missing is no edge of the support.
+
+    Parameters
+    ----------
+    cost : ndarray
+    limit : float
+        Cost at which the lattice was cut off.  Only tails that would nearly reach it at
+        the next node are continued, and nothing beyond has a much lower cost.
+
+    Returns
+    -------
+    ndarray
+        By the last parabola, or line if that bends down.
+    """
+    for axis in range(cost.ndim):
+        if cost.shape[axis] > 4 and not np.isfinite(cost).all():
+            lines = np.moveaxis(cost, axis, -1)
+            flat = np.array(lines).reshape(-1, lines.shape[-1])
+            _continue_ends(flat, limit)
+            _continue_ends(flat[:, ::-1], limit)
+            cost = np.moveaxis(flat.reshape(lines.shape), -1, axis)
+    return np.ascontiguousarray(cost)
+
+
+def _continue_ends(lines: FloatArray, limit: float) -> None:
+    """Fill, in place, what follows the last finite node of each line."""
+    n = lines.shape[1]
+    finite = np.isfinite(lines)
+    last = n - 1 - finite[:, ::-1].argmax(axis=1)
+    chosen = np.flatnonzero(finite.any(axis=1) & (last < n - 1) & (last >= 3))
+    last = last[chosen]
+    four = [lines[chosen, last - k] for k in range(4)]
+    with np.errstate(invalid="ignore"):
+        slope = four[0] - four[1]
+        bend = slope - (four[1] - four[2])
+        change = np.abs(bend - (four[1] - 2.0 * four[2] + four[3]))
+        smooth = change <= TAIL_ROUGHNESS * (np.abs(bend) + 1.0)
+        beyond = four[0] + slope + np.maximum(bend, 0.0)
+    kept = smooth & np.isfinite(change) & (beyond >= CUT * limit)
+    chosen, last = chosen[kept], last[kept]
+    start, slope, bend = four[0][kept], slope[kept], np.maximum(bend[kept], 0.0)
+    # Only an exact parabola is trusted to come down again.
+    slope = np.where(change[kept] <= EXACT * (bend + 1.0), slope, np.maximum(slope, 0.0))
+    steps = np.arange(n) - last[:, None]
+    tail = start[:, None] + slope[:, None] * steps + 0.5 * bend[:, None] * steps * (steps + 1.0)
+    lines[chosen] = np.where(steps > 0, np.maximum(tail, CUT * limit), lines[chosen])
 
 
 def _continue(three: FloatArray, count: int) -> FloatArray:

@@ -11,8 +11,11 @@ if TYPE_CHECKING:
 
 __all__ = ["forward_backward"]
 
-#: Smallest probability of a state that is told from zero.
-_FLOOR = 1e-300
+#: Totals below this have lost digits to underflow.
+_TINY = 1e-290
+
+#: A state of lost probability (at most 1e-290) matters if the future favours it by more than this.
+_HUGE = 1e250
 
 
 def forward_backward(
@@ -36,35 +39,69 @@ def forward_backward(
         Posterior probability of each pair.
     log_likelihood : ndarray, shape (T,)
     """
-    T, M = len(log_emission), first.size
     peaks = log_emission.max(axis=(1, 2), initial=-np.inf)
     moves = np.exp(log_emission - peaks[:, None, None])
     moves *= transition
-    alpha, scale = np.empty((T + 1, M)), np.empty(T)
+    scaled = _scaled_messages(first, moves)
+    if scaled is None:  # what floating-point numbers cannot hold may matter here
+        return _in_logarithms(first, transition, log_emission)
+    alpha, beta, scale = scaled
+    xi = alpha[:-1, :, None] * moves
+    xi *= (beta[1:] / scale[:, None])[:, None, :]
+    return alpha * beta, xi, np.log(scale) + peaks
+
+
+def _scaled_messages(
+    first: FloatArray, moves: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Forward messages that sum to one, backward ones scaled alike, and totals; None if they underflow."""
+    T, M = len(moves), first.size
+    alpha, beta, scale = np.empty((T + 1, M)), np.empty((T + 1, M)), np.empty(T)
+    ones = np.ones(M)
     alpha[0] = now = first
-    for n in range(T):
-        now = now.dot(moves[n])
-        total = now.sum()
-        if not total > _FLOOR:  # every likely state has become impossible
-            moves[n], shift = _rescued(alpha[n], transition, log_emission[n])
-            peaks[n] = shift
-            now = alpha[n].dot(moves[n])
-            total = now.sum()
-        now = np.maximum(now / total, _FLOOR)
+    for n, move in enumerate(moves):
+        now = now.dot(move)
+        total = now.dot(ones)
+        if not total > _TINY:
+            return None
+        now /= total
         alpha[n + 1], scale[n] = now, total
-    beta = np.empty((T + 1, M))
-    beta[T] = now = np.ones(M)
-    for n in range(T - 1, -1, -1):
-        now = moves[n].dot(now) / scale[n]
-        beta[n] = now
-    xi = alpha[:-1, :, None] * moves * beta[1:, None, :]
-    xi /= scale[:, None, None]
-    gamma = alpha * beta
-    return gamma, xi, np.log(scale) + peaks
+    beta[T] = now = ones
+    with np.errstate(over="ignore", invalid="ignore"):
+        for n in range(T - 1, -1, -1):
+            now = moves[n].dot(now)
+            now /= scale[n]
+            beta[n] = now
+    return (alpha, beta, scale) if beta.max() < _HUGE else None
 
 
-def _rescued(alpha: FloatArray, transition: FloatArray, log_emission: FloatArray) -> tuple[FloatArray, float]:
-    """Scale a step by the best pair that is possible, not by the best pair of all."""
+def _in_logarithms(
+    first: FloatArray, transition: FloatArray, log_emission: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the same as `forward_backward`, several times slower, whatever the densities."""
+    T, M = len(log_emission), first.size
     with np.errstate(divide="ignore"):
-        shift = float((log_emission + np.log(alpha)[:, None] + np.log(transition)).max())
-    return np.exp(np.minimum(log_emission - shift, 600.0)) * transition, shift
+        moves = log_emission + np.log(transition)
+        now = np.log(first)
+    alpha, beta, scale = np.empty((T + 1, M)), np.empty((T + 1, M)), np.empty(T)
+    alpha[0] = now
+    for n, move in enumerate(moves):
+        now = _log_sums(now[:, None] + move, 0)
+        scale[n] = _log_sums(now, 0)
+        now = now - scale[n]
+        alpha[n + 1] = now
+    beta[T] = now = np.zeros(M)
+    for n in range(T - 1, -1, -1):
+        now = _log_sums(moves[n] + now, 1) - scale[n]
+        beta[n] = now
+    xi = np.exp(alpha[:-1, :, None] + moves + (beta[1:] - scale[:, None])[:, None, :])
+    return np.exp(alpha + beta), xi, scale
+
+
+def _log_sums(a: FloatArray, axis: int) -> FloatArray:
+    """Logarithms of sums of exponentials; minus infinity stands for zero."""
+    top = a.max(axis=axis)
+    top = np.where(top > -np.inf, top, 0.0)
+    with np.errstate(divide="ignore"):
+        sums: FloatArray = np.log(np.exp(a - np.expand_dims(top, axis)).sum(axis=axis)) + top
+    return sums

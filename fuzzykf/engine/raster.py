@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import FloatArray
 
-__all__ = ["Cover", "cover", "flat_cells", "live_cells", "samples"]
+__all__ = ["Cover", "cover", "flat_cells", "live_cells", "samples", "tangents"]
 
 IntArray: TypeAlias = NDArray[np.intp]
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -30,6 +30,9 @@ CHUNK = 1 << 17
 
 #: Coordinates within a simplex may exceed their range by this rounding error.
 SLACK = 1e-7
+
+#: About so many cells show the rank of a map.
+SAMPLE = 256
 
 #: A cell is flat if its image is thinner than this part of its length.
 FLATNESS = 1e-9
@@ -185,6 +188,35 @@ def flat_cells(image: FloatArray, alive: BoolArray) -> IntArray:
     size = np.trace(gram, axis1=1, axis2=2)
     flat: IntArray = base[_determinant(gram) <= (FLATNESS**2) * size**d]
     return flat
+
+
+def tangents(image: FloatArray, alive: BoolArray) -> FloatArray:
+    """Directions in which the images of cells extend, where they extend in most directions.
+
+    Parameters
+    ----------
+    image : ndarray, shape (n_1, ..., n_s, d)
+        Images of the source nodes, in units in which directions can be compared.
+    alive : ndarray of bool, shape (n_1, ..., n_s)
+
+    Returns
+    -------
+    ndarray, shape (d, r)
+        Orthonormal columns; r is the rank of the map.
+    """
+    base = live_cells(alive)
+    base = base[:: max(1, base.shape[0] // SAMPLE)]
+    here = image[tuple(base.T)]
+    edges = [image[tuple((base + step).T)] - here for step in np.eye(base.shape[1], dtype=np.intp)]
+    if not edges or not base.size:
+        return np.zeros((image.shape[-1], 0))
+    edge = np.stack(edges, axis=-1)
+    edge = edge[np.isfinite(edge).all(axis=(1, 2))]
+    directions, size, _ = np.linalg.svd(edge, full_matrices=False)
+    rank = (size > FLATNESS * size.max(initial=0.0)).sum(axis=1)
+    most = int(np.argmax(rank))
+    columns: FloatArray = directions[most][:, : int(rank[most])]
+    return columns
 
 
 def samples(image: FloatArray, base: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from fuzzykf.experiments.core import Experiment, new_figure
-from fuzzykf.experiments.verdicts import Finding, measured, printed_sample, printed_wins
+from fuzzykf.experiments.verdicts import Finding, measured, printed_sample, printed_wins, wins_claim
 from fuzzykf.plotting import BLUE, ORANGE
 
 if TYPE_CHECKING:
@@ -210,16 +210,24 @@ def _assess(samples: Mapping[str, Samples]) -> list[Finding]:
             kalman, fuzzy = PRINTED[table]
             won = sum(b < a for a, b in zip(kalman, fuzzy, strict=True))
             where = f"{table}, {label}"
-            findings.append(
+            wins, runs = int(np.sum(energies["fuzzy"] < energies["EKF"])), len(energies["EKF"])
+            findings += [
                 printed_wins(
                     f"{where}: share of runs won by the fuzzy estimator",
-                    int(np.sum(energies["fuzzy"] < energies["EKF"])),
-                    len(energies["EKF"]),
+                    wins,
+                    runs,
                     printed=(won, len(kalman)),
                     correction=correction,
                     reason=_REASONS.get((reading, table, "wins"), ""),
-                )
-            )
+                ),
+                wins_claim(
+                    f"{where}: the fuzzy estimator wins more than half of the runs",
+                    wins,
+                    runs,
+                    correction=correction,
+                    reason=f"it wins {wins / runs:.1%}",
+                ),
+            ]
             findings += [
                 printed_sample(
                     f"{where}: energies of the {name}",

@@ -14,7 +14,7 @@ import numpy as np
 
 from fuzzykf.errors import SupportWarning
 from fuzzykf.experiments.core import Experiment, new_figure
-from fuzzykf.experiments.verdicts import Finding, measured, printed_sample, printed_wins
+from fuzzykf.experiments.verdicts import Finding, measured, printed_sample, printed_wins, wins_claim
 from fuzzykf.kalman import ExtendedKalmanFilter
 from fuzzykf.plotting import BLUE, ORANGE
 from fuzzykf.possibility import CauchyMembership, FuzzyRelationEstimator, SingletonMembership
@@ -202,16 +202,24 @@ def _assess(samples: Mapping[str, Samples]) -> list[Finding]:
             ours = {name: values[f"{name} {what}"] for name in ("EKF", "fuzzy")}
             won = sum(b < a for a, b in zip(kalman, fuzzy, strict=True))
             where = f"{label}: {what}"
-            findings.append(
+            wins, runs = int(np.sum(ours["fuzzy"] < ours["EKF"])), len(ours["EKF"])
+            findings += [
                 printed_wins(
                     f"{where}, share of launches won by the fuzzy estimator",
-                    int(np.sum(ours["fuzzy"] < ours["EKF"])),
-                    len(ours["EKF"]),
+                    wins,
+                    runs,
                     printed=(won, len(kalman)),
                     correction=_UNCUT,
                     reason=_OUTSIDE[noise],
-                )
-            )
+                ),
+                wins_claim(
+                    f"{where}, the fuzzy estimator wins more than half of the launches",
+                    wins,
+                    runs,
+                    correction=_UNCUT,
+                    reason=f"it wins {wins / runs:.1%}; {_OUTSIDE[noise]}",
+                ),
+            ]
             findings += [
                 printed_sample(
                     f"{where}, energies of the {name}",

@@ -155,6 +155,10 @@ _HOW = {
     "covariance": CORRECTED,
     "transition": f"{CORRECTED}; A and the root of B B' interpolated, not Γ as in (42)",
 }
+_WHY_NOT = {
+    "covariance": "the table was made with another interpolation than (42): see the rows called transition",
+    "transition": "",
+}
 _BELOW = "γ = 0.55 makes β negative; with the largest admissible γ, "
 _SAME = "without fuzzy values the two filters are one"
 
@@ -205,6 +209,7 @@ def _assess_table(samples: Mapping[str, Samples]) -> list[Finding]:
                     printed=number,
                     printed_runs=20,
                     correction=prefix + _HOW[interpolation],
+                    reason=_WHY_NOT[interpolation],
                 )
                 for name, number in zip(_MEASURES, printed, strict=True)
             ]

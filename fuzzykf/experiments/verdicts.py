@@ -31,10 +31,11 @@ __all__ = [
     "printed_mean",
     "printed_sample",
     "printed_wins",
+    "wins_claim",
 ]
 
 #: Probability with which an experiment that is right in all its rows is found wrong in one.
-LEVEL = 0.01
+LEVEL = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +136,7 @@ def judge(findings: Sequence[Finding], level: float = LEVEL) -> list[Row]:
 
 def _why_not(finding: Finding) -> str:
     if finding.kind == "claim":
-        return f"no evidence for it ({finding.test}: p = {finding.p_value:.2g})"
+        return f"not established at the level of the experiment ({finding.test}: p = {finding.p_value:.2g})"
     if finding.test == "equal to the last printed digit":
         return f"it is {finding.ours:.4g}"
     return f"differs ({finding.test}: p = {finding.p_value:.2g})"
@@ -315,6 +316,32 @@ def claim(quantity: str, samples: ArrayLike, *, correction: str = "", reason: st
         kind="claim",
         p_value=1.0 if mean <= 0.0 else float(stats.t.sf(score, np.size(samples) - 1)),
         test="one-sided t",
+        correction=correction,
+        reason=reason,
+    )
+
+
+def wins_claim(quantity: str, wins: int, runs: int, *, correction: str = "", reason: str = "") -> Finding:
+    """Look for evidence that more than half of all runs are won: one-sided binomial test.
+
+    Parameters
+    ----------
+    quantity : str
+    wins, runs : int
+    correction, reason : str
+        See `Finding`.
+    """
+    from scipy import stats
+
+    test = stats.binomtest(wins, runs, 0.5, alternative="greater")
+    share = wins / runs
+    return Finding(
+        quantity=quantity,
+        ours=share,
+        standard_error=float(np.sqrt(share * (1.0 - share) / runs)),
+        kind="claim",
+        p_value=float(test.pvalue),
+        test="one-sided binomial",
         correction=correction,
         reason=reason,
     )

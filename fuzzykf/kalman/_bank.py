@@ -10,8 +10,8 @@ import numpy as np
 
 from fuzzykf.base import Filter
 from fuzzykf.engine import imm as engine
-from fuzzykf.errors import ParameterError
-from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError, control_term
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError, as_square, as_state, control_term
 from fuzzykf.kalman._series import unchanged_on_error
 from fuzzykf.kalman.extended import ExtendedKalmanFilter
 from fuzzykf.kalman.kalman_filter import KalmanFilter
@@ -69,11 +69,14 @@ def member_states(filters: Sequence[Any]) -> tuple[FloatArray, FloatArray]:
         xs = np.array([f.x for f in filters], dtype=np.float64).reshape(-1, n)
         Ps = np.array([f.P for f in filters], dtype=np.float64)
     except ValueError:
-        xs, Ps = np.empty((0, n)), np.empty((0, n, n))
-    if len(xs) != len(filters) or Ps.shape != (len(xs), n, n):
-        shapes = [(np.shape(f.x), np.shape(f.P)) for f in filters]
-        raise ParameterError(f"filters: x and P have shapes {shapes}, expected the same for all members")
-    return xs, Ps
+        Ps = np.empty(0)
+    if Ps.shape == (len(filters), n, n) and len(xs) == len(filters):
+        return xs, Ps
+    shapes = [np.shape(f.x) for f in filters]
+    if any(shape != shapes[0] for shape in shapes):
+        raise ShapeError(f"filters: x has shapes {shapes}, expected the same for all members")
+    xs = np.array([as_state(f.x, n).reshape(n) for f in filters])
+    return xs, np.array([as_square(f"filters[{k}].P", f.P, n) for k, f in enumerate(filters)])
 
 
 def predict_members(

@@ -122,9 +122,7 @@ class IMMEstimator(BankSeries):
             raise ParameterError(
                 "filters: one object is there twice, expected a filter of its own for each mode"
             )
-        shapes = [np.shape(f.x) for f in filters]
-        if any(shape != shapes[0] for shape in shapes):
-            raise ShapeError(f"filters: x has shapes {shapes}, expected the same for all members")
+        xs, Ps = bank.member_states(filters)
         dims = [_observation_dimension(f) for f in filters]
         if any(dim != dims[0] for dim in dims):
             raise ShapeError(
@@ -146,7 +144,7 @@ class IMMEstimator(BankSeries):
         self.log_likelihood = LEAST_LOG_LIKELIHOOD
         self._log_cbar: FloatArray | None = None  # weights of the latest prediction, until they are used
         self._branches: PairBranches | None = None
-        self.x, self.P = self._merged(self.mu, *bank.member_states(filters))
+        self.x, self.P = self._merged(self.mu, xs, Ps)
         self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
 

@@ -36,13 +36,16 @@ class EstimatorState(Filter):
     representation: Representation
     t_norm: TNorm
     possibility: float
+    x_prior: Any
+    P_prior: Any
+    x_post: Any
+    P_post: Any
     y: Any
     S: Any
     SI: Any
     K: Any
     _belief: Belief
     _universe: Universe | None
-    _bounded: bool
     _process_noise: Membership
     _measurement_noise: Membership
 
@@ -178,7 +181,7 @@ class EstimatorState(Filter):
     def _believe(self, name: str, membership: Membership) -> Belief:
         """Bring a membership into the representation of this estimator."""
         if self._universe is not None:
-            return GridBelief.of(name, membership, self.t_norm, self._universe, self._bounded)
+            return GridBelief.of(name, membership, self.t_norm, self._universe)
         if self.representation == "interval":
             return BoxBelief(self._box(name, membership))
         center, matrix = self._quadratic(name, membership)

@@ -10,7 +10,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 from fuzzykf.possibility import boxes, closed_form, conditioning
 from fuzzykf.possibility.choice import FAMILIES, as_box, as_quadratic
-from fuzzykf.possibility.lattice import Lattice
+from fuzzykf.possibility.lattice import MOST_PARTS, Lattice
 from fuzzykf.possibility.mapping import matrix_of
 from fuzzykf.possibility.noise import decompose
 from fuzzykf.possibility.propagation import propagate
@@ -214,12 +214,9 @@ class GridBelief:
 
     lattice: Lattice
     universe: Universe
-    bounded: bool
 
     @classmethod
-    def of(
-        cls, name: str, membership: Membership, t_norm: TNorm, universe: Universe, bounded: bool
-    ) -> GridBelief:
+    def of(cls, name: str, membership: Membership, t_norm: TNorm, universe: Universe) -> GridBelief:
         """Sample a membership; components of zero width are kept as known exactly."""
         floor = 0.0 if membership.is_bounded else float(t_norm.membership(universe.limit))
         lower, upper = membership.support(floor)
@@ -227,7 +224,7 @@ class GridBelief:
             np.array([low]) if low == high else universe.axis(k, float(low), float(high))
             for k, (low, high) in enumerate(zip(lower, upper, strict=True))
         )
-        return cls(Lattice.of(name, membership, axes, t_norm), universe, bounded)
+        return cls(Lattice.of(name, membership, axes, t_norm), universe)
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Centroid and second central moments, by the trapezoidal rule."""
@@ -253,9 +250,10 @@ class GridBelief:
     def predict(self, move: Mapping, noise: Membership) -> Outcome:
         """Warp by the map, and convolution with the noise."""
         t_norm = self.lattice.t_norm
-        lattice, lost = propagate(self.lattice, move, decompose(noise, t_norm), self.universe)
-        level, notes = float(t_norm.membership(lost)), []
-        if level > (LOSS_BOUNDED if self.bounded else LOSS_UNBOUNDED):
+        lower, upper = self.bounds()
+        lattice, lost = propagate(self.lattice, move, decompose(noise, t_norm, upper - lower), self.universe)
+        level, notes = float(t_norm.membership(lost)), _coarse(lattice)
+        if level > (LOSS_BOUNDED if self.universe.bounded else LOSS_UNBOUNDED):
             notes.append(
                 f"domain: states of membership up to {level:.3g} leave it at this prediction and count as "
                 "impossible from now on; widen the domain, or leave it out so that the grid follows the state"
@@ -265,8 +263,10 @@ class GridBelief:
     def update(self, measure: Mapping, noise: Membership, z: FloatArray) -> Outcome:
         """Combine with a measurement, on a lattice that fits the result."""
         found = conditioning.condition(self.lattice, measure, noise, z, self.universe)
-        belief = None if found.lattice is None else self._with(found.lattice)
-        return Outcome(belief, found.possibility, found.reachable, found.notes)
+        if found.lattice is None:
+            return Outcome(None, found.possibility, found.reachable, found.notes)
+        notes = found.notes or _coarse(found.lattice)
+        return Outcome(self._with(found.lattice), found.possibility, found.reachable, notes)
 
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> GridBelief | None:
         """Return what the measurement alone says."""
@@ -274,4 +274,14 @@ class GridBelief:
         return None if lattice is None else self._with(lattice)
 
     def _with(self, lattice: Lattice) -> GridBelief:
-        return GridBelief(lattice, self.universe, self.bounded)
+        return GridBelief(lattice, self.universe)
+
+
+def _coarse(lattice: Lattice) -> list[str]:
+    """Return a warning if the membership is far narrower than the cells in some direction."""
+    if lattice.parts <= MOST_PARTS:
+        return []
+    return [
+        "points: in some direction the membership is narrower than a tenth of the cells; centroid and spread "
+        "are inaccurate (ask for more points, or choose components that are less correlated)"
+    ]

@@ -202,7 +202,8 @@ def universe_of(
             "node explains a measurement exactly"
         )
     limit = float(t_norm.cost(floor))
-    return Universe(tuple(int(n) for n in np.broadcast_to(counts, (d,))), box, limit)
+    bounded = choice.state.is_bounded and choice.process_noise.is_bounded
+    return Universe(tuple(int(n) for n in np.broadcast_to(counts, (d,))), box, limit, bounded)
 
 
 def _is_heavy(membership: Membership) -> bool:

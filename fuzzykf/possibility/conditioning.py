@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import minimum_filter
 
-from fuzzykf.engine.grid import extrapolate, subgrid_minimum
+from fuzzykf.engine.grid import CUT, extrapolate, subgrid_minimum
 from fuzzykf.possibility.lattice import Lattice
 
 if TYPE_CHECKING:
@@ -29,10 +29,6 @@ __all__ = ["Conditioned", "condition", "restart"]
 
 #: An axis is refined if the posterior occupies less than this part of it.
 OCCUPIED = 0.7
-
-#: Only an edge at which the cost of the prediction is at least this part of the limit was
-#: cut by it; elsewhere the support itself ends.
-CUT = 0.7
 
 #: Rounds of refinement or extension.  An extension doubles an axis.
 ROUNDS = 60

@@ -212,7 +212,6 @@ class FuzzyRelationEstimator(EstimatorState):
         self.B = None
         self._process_noise = self._as_used("process_noise", choice.process_noise)
         self._measurement_noise = self._as_used("measurement_noise", choice.measurement_noise)
-        self._bounded = choice.state.is_bounded and choice.process_noise.is_bounded
         self._universe = None
         if self.representation == "grid":
             self._universe = universe_of(choice, self.t_norm, points, domain, floor)

@@ -90,7 +90,7 @@ class Noise:
         What is left of it along each axis of the coordinates u = basis^-1 x; None
         where there is no noise.
     basis : ndarray, shape (d, d), or None
-        Unit lower triangular; None for the axes of x themselves.
+        Triangular but for the order of axes; None for the axes of x themselves.
     joint : Membership or None
         A noise without such coordinates; then there are no kernels.
     """
@@ -151,19 +151,26 @@ def as_noise(
     return filled[0] if dim == 1 else JointMembership(filled, t_norm)
 
 
-def decompose(noise: Membership, t_norm: TNorm) -> Noise:
+def decompose(noise: Membership, t_norm: TNorm, spread: FloatArray) -> Noise:
     """Find coordinates in which a noise membership combines from scalar ones.
 
     Interval boxes and per-component noises have the axes of the state.  Where costs
     are quadratic forms v' M^-1 v, M = L D L' gives the coordinates u = L^-1 v, in which
     they are sums of u_k^2 / D_k.  Everything else is left as a joint noise.
+
+    Parameters
+    ----------
+    noise : Membership
+    t_norm : TNorm
+    spread : ndarray, shape (d,)
+        Extent of the state along each axis: L is chosen to shear it little.
     """
     components = _components(noise, t_norm)
     if components is not None:
         kernels = tuple(None if _is_point(c) else Kernel(c, t_norm) for c in components)
         return Noise(noise.peak, kernels)
     if isinstance(noise, EllipticalMembership) and noise.family == t_norm.family:
-        basis, diagonal = _ldl(noise.matrix)
+        basis, diagonal = _ldl(noise.matrix, spread)
         scalars = [noise.with_matrix(np.zeros(1), np.array([[d]])) for d in diagonal]
         kernels = tuple(
             Kernel(c, t_norm) if d > 0.0 else None for c, d in zip(scalars, diagonal, strict=True)
@@ -200,13 +207,20 @@ def _components(noise: Membership, t_norm: TNorm) -> list[Membership] | None:
     return None
 
 
-def _ldl(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Factors of a positive semi-definite matrix L diag(D) L', L unit lower triangular."""
+def _ldl(matrix: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Factors of a positive semi-definite matrix L diag(D) L', L triangular but for the order of axes.
+
+    Axes come in the order of their remaining noise relative to the spread of the state.
+    """
     d = matrix.shape[0]
     rest, L, D = matrix.copy(), np.eye(d), np.zeros(d)
-    for k in range(d):
+    left = list(range(d))
+    scale = np.where(spread > 0.0, spread, np.sqrt(np.diag(matrix).max()) * 1e-3) ** 2
+    while left:
+        k = max(left, key=lambda i: rest[i, i] / scale[i])
+        left.remove(k)
         if rest[k, k] > 1e-13 * matrix[k, k]:
             D[k] = rest[k, k]
-            L[k:, k] = rest[k:, k] / D[k]
-            rest = rest - D[k] * np.outer(L[:, k] * (np.arange(d) >= k), L[:, k] * (np.arange(d) >= k))
+            L[left, k] = rest[left, k] / D[k]
+            rest = rest - D[k] * np.outer(L[:, k], L[:, k])
     return L, D

@@ -56,11 +56,15 @@ class Universe:
         A fixed box; None lets the lattice follow the live region.
     limit : float
         Without a domain, states of a higher cost are left out.
+    bounded : bool
+        Whether the states form a bounded set, so that the edges of the lattice are
+        those of their support.
     """
 
     points: tuple[int, ...]
     domain: FloatArray | None
     limit: float
+    bounded: bool
 
     def axis(self, k: int, lower: float, upper: float) -> FloatArray:
         """Return the axis over the given bounds, or over the domain if there is one."""
@@ -105,7 +109,7 @@ def propagate(source: Lattice, move: Mapping, noise: Noise, universe: Universe) 
         if domain is not None:
             corners = grid_points(tuple(domain)).reshape(-1, d) @ back.T
             domain = np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1)
-        inner = Universe(universe.points, domain, universe.limit)
+        inner = Universe(universe.points, domain, universe.limit, universe.bounded)
         lattice, _ = _propagate(source, move.then(back, noise.peak), noise.kernels, inner)
         return _propagate(lattice, Mapping("basis", d, d, matrix=noise.basis), (None,) * d, universe)
     moved = move.then(np.eye(d), noise.peak) if noise.peak.any() else move

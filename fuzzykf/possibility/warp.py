@@ -4,10 +4,11 @@ With an inverse, each node of the new lattice looks up its pre-image.  Without o
 cells of the old lattice are mapped forward and drawn with interpolation, the largest
 membership winning where images overlap, so that maps that fold (x^2) work too.
 
-What is known exactly stays so.  A component that is the same for all possible states
-remains an axis of length one.  Where the possible states form a set of lower dimension
-(at first only the noise of a known state spreads), axes of the noise join the source,
-so that their common image has the full dimension and is drawn without loss.
+What is known exactly stays so as far as a grid allows.  A component that is the same
+for all possible states remains an axis of length one.  Where the possible states form a
+set of lower dimension (at first only the noise of a known state spreads), axes of the
+noise join the source, so that their common image has the full dimension and is drawn
+without loss.  Only where even that is not enough a set is blurred by half a step.
 """
 
 from __future__ import annotations
@@ -18,18 +19,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from fuzzykf.engine.grid import interpolate
-from fuzzykf.engine.raster import cover, flat_cells, live_cells, samples
+from fuzzykf.engine.grid import continue_tails, interpolate
+from fuzzykf.engine.raster import cover, flat_cells, live_cells, samples, tangents
 from fuzzykf.engine.scales import scaled
 from fuzzykf.errors import SupportLostError
 from fuzzykf.possibility.lattice import Lattice, grid_points
+from fuzzykf.possibility.memberships import GaussianMembership, ParabolicMembership
+from fuzzykf.possibility.noise import Kernel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzykf.base import FloatArray
     from fuzzykf.possibility.mapping import Mapping
-    from fuzzykf.possibility.noise import Kernel
+    from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.propagation import Universe
 
 __all__ = ["Image", "warp"]
@@ -107,7 +110,10 @@ def warp(
         for k in range(d)
     ]
     moving = [k for k in range(d) if high[k] - low[k] > CONSTANT * max(abs(low[k]), abs(high[k]))]
-    extra = {} if in_place else _extra_axes(len(source.free), moving, kernels, high - low, reached)
+    invertible = len(moving) == len(source.free) == d and move.is_invertible
+    extra: dict[int, Kernel] = {}
+    if moving and not (invertible or in_place):
+        extra = _extra_axes(source, image, live, moving, kernels, reached, universe)
     axes: list[FloatArray] = [np.array([0.5 * (low[k] + high[k])]) for k in range(d)]
     for k in moving:
         if in_place or k in extra:
@@ -120,13 +126,15 @@ def warp(
     cost = np.full(shape, np.inf)
     if not moving:
         cost = np.full(shape, float(source.cost[live].min()))
-    elif len(moving) == len(source.free) == d and move.is_invertible:
+    elif invertible:
         some = np.flatnonzero(live)[:: max(1, live.size // TRIALS)]
         move.require_inverse(nodes.reshape(-1, d)[some], 1e-3 * source.step)
         cost = _pull_back(source, move, tuple(axes)).reshape(shape)
     if not (cost < source.t_norm.impossible).any():
         # No inverse, or an image so small that it falls between the nodes.
         cost = _Drawing(source, move, image, universe, extra).draw(moving, axes).reshape(shape)
+    if universe.domain is None and not universe.bounded:
+        cost = continue_tails(cost, universe.limit)
     lost = _lost(source, image, live, universe, low, high)
     if universe.domain is not None and lost <= source.cost.min():
         # A component known exactly keeps its value, wherever that is.
@@ -143,19 +151,48 @@ def warp(
 
 
 def _extra_axes(
-    free: int,
+    source: Lattice,
+    image: FloatArray,
+    live: np.ndarray,
     moving: list[int],
     kernels: Sequence[Kernel | None],
-    span: FloatArray,
     reached: list[tuple[float, float]],
+    universe: Universe,
 ) -> dict[int, Kernel]:
-    """Noisy axes that have to join the source for the image to have full dimension.
+    """Axes that have to join the source for the image to have full dimension.
 
-    Those come first along which the image is thin compared with what the noise adds.
+    These are axes of the noise or, where there is none, of a small extra noise: a set
+    without volume that is oblique to the axes cannot be kept on a grid otherwise.  Its
+    width, half a step, is entered into ``reached``.
     """
-    noisy = {k: kernel for k in moving if (kernel := kernels[k]) is not None}
-    order = sorted(noisy, key=lambda k: float(span[k] / max(reached[k][1] - reached[k][0], float(span[k]))))
-    return {k: noisy[k] for k in order[: max(0, len(moving) - free)]}
+    unit = np.array([reached[k][1] - reached[k][0] for k in moving])
+    values = image.reshape(*(source.axes[k].size for k in source.free), -1)[..., moving] / unit
+    spanned = tangents(values, live.reshape(values.shape[:-1]))
+    extra: dict[int, Kernel] = {}
+    while spanned.shape[1] < len(moving):
+        outside = 1.0 - (spanned**2).sum(axis=1)
+        noisy = [m for m, k in enumerate(moving) if kernels[k] is not None and outside[m] > 1e-6]
+        best = max(noisy or range(len(moving)), key=lambda m: float(outside[m]))
+        k = moving[best]
+        kernel = kernels[k]
+        if kernel is None or not noisy:
+            kernel = _blur(source, reached, k, universe)
+        extra[k] = kernel
+        direction = np.eye(len(moving))[:, best] - spanned @ spanned[best]
+        spanned = np.column_stack([spanned, direction / np.linalg.norm(direction)])
+    return extra
+
+
+def _blur(source: Lattice, reached: list[tuple[float, float]], k: int, universe: Universe) -> Kernel:
+    """Return a noise that is just wide enough for a grid, and widen the axis for it."""
+    axis = universe.axis(k, *reached[k])
+    step = float(axis[1] - axis[0])
+    if universe.bounded:
+        shape: Membership = ParabolicMembership(0.0, step)
+    else:
+        shape = GaussianMembership(0.0, (0.5 * step) ** 2)
+    reached[k] = reached[k][0] - 3.0 * step, reached[k][1] + 3.0 * step
+    return Kernel(shape, source.t_norm)
 
 
 def _span(image: FloatArray, live: np.ndarray) -> tuple[FloatArray, FloatArray]:
@@ -272,7 +309,7 @@ class _Drawing:
         image = (self.image[..., moving] - origin) / step
         out = np.full(int(np.prod(shape)), np.inf)
         if len(self.axes) >= len(moving):
-            for part in cover(image, self.live, shape):
+            for part in cover(image, self.cost < self.t_norm.impossible, shape):
                 position = part.position
                 if self.move.matrix is None and position.size:
                     node = np.stack(np.unravel_index(part.node, shape), axis=1)

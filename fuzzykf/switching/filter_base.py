@@ -164,6 +164,9 @@ class SwitchingFilter(Stepper, Filter):
         """Return a complete state of the engine as a belief."""
         return Belief(NodeState(table, None, mass), window)
 
+    #: How the engine returns what the latest observation was predicted from.
+    _as_source = Source
+
     def _take(self, y: FloatArray) -> None:
         before = None
         if self._belief is None:
@@ -213,7 +216,8 @@ class SwitchingFilter(Stepper, Filter):
         self._start()
         self._n, self._belief = len(ys), Belief(NodeState(last), ys[-1].copy())
         if len(ys) > 1:
-            self._before = Belief(NodeState(before), ys[-2].copy()), self._system.pair_tables(self._n - 2)
+            belief = Belief(NodeState(before), ys[-2].copy())
+            self._before = Source(belief, self._system.pair_tables(self._n - 2))
         self._z, self._log_likelihood = ys[-1].copy(), float(out["log_likelihood"][0, -1])
         fields = {name: values[0] for name, values in out.items()}
         return FilterResult(**fields, nodes=self._system.chain.nodes, index=index)
@@ -300,32 +304,9 @@ class SwitchingFilter(Stepper, Filter):
             With ``x``, ``P``, ``z_prior``, ``S`` (mean and covariance of the
             observations), ``mu``, ``nodes``, ``switch`` and ``switch_mean``.
         """
-        if steps < 1:
-            raise ParameterError(f"steps: got {steps}, expected at least 1")
-        ahead = self.copy()
-        ahead.predict()
-        rows: list[tuple[FloatArray, ...]] = []
-        for _ in range(steps):
-            z_prior, S = ahead._predicted_observation()
-            rows.append((ahead.x[:, 0], ahead.P, z_prior, S, ahead.mu))
-            ahead.predict() if ahead._n else ahead._skip_first()
-        x, P, z_prior, S, mu = (np.array(column) for column in zip(*rows, strict=True))
-        chain = self._system.chain
-        return FilterResult(
-            x=x,
-            P=P,
-            z_prior=z_prior,
-            S=S,
-            mu=mu,
-            nodes=chain.nodes,
-            switch=recursion.most_likely_switch(chain, mu),
-            switch_mean=mu @ chain.nodes,
-        )
+        from fuzzykf.switching.forecast import forecast
 
-    def _skip_first(self) -> None:
-        """Let the first observation be missing, and predict the second."""
-        self.update(None)
-        self.predict()
+        return forecast(self, steps)
 
     # ------------------------------------------------------------------ what users read
 

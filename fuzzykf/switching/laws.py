@@ -373,16 +373,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         return invert_line(lambda s: self.joint_density(r, s), u, np.unique(cuts))
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the joint density as bars, as in Fig. 2 of the paper.
-
-        Parameters
-        ----------
-        ax : matplotlib 3-D axes, optional
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-        """
+        """Draw the joint density as bars, as in Fig. 2; see `fuzzykf.plotting.plot_law`."""
         from fuzzykf.plotting.laws import plot_law
 
         return plot_law(self, ax)

@@ -146,20 +146,7 @@ def _condition(
 ) -> tuple[GapState, float]:
     """Condition every pair on the observed parts of y, and collapse pairs into nodes."""
     there = ~np.isnan(y)
-    at = m + np.flatnonzero(there)
-    log_w, mean, covariance = prediction.log_w, prediction.mean, prediction.covariance
-    if there.any():
-        S = covariance[..., at[:, None], at]
-        factor = cholesky(S, lambda k: f"covariance of the predicted observation, pair {k}")
-        residual = y[there] - mean[..., at]
-        log_w = log_w + log_density(residual, factor)
-        root = np.linalg.solve(factor, covariance[..., at, :])  # L^-1 Cov(Y', s')
-        white = np.linalg.solve(factor, residual[..., None])
-        mean = mean + (np.swapaxes(root, -1, -2) @ white)[..., 0]
-        covariance = symmetrize(covariance - np.swapaxes(root, -1, -2) @ root)
-        mean[..., at] = y[there]
-        covariance[..., at, :] = 0.0
-        covariance[..., :, at] = 0.0
+    log_w, _, mean, covariance = condition_pairs(prediction, y, m)
     log_p, sign, o = collapse_weights(log_w, prediction.sign)
     node_mean = np.einsum("ij,ijk->jk", o, mean)
     off = mean - node_mean
@@ -178,14 +165,36 @@ def _condition(
     return state, log_total if there.any() else 0.0
 
 
+def condition_pairs(prediction: PairPrediction, y: FloatArray, m: int) -> PairPrediction:
+    """Condition every pair on the observed parts of y, whose density joins the weights."""
+    there = ~np.isnan(y)
+    if not there.any():
+        return prediction
+    at = m + np.flatnonzero(there)
+    log_w, sign, mean, covariance = prediction
+    factor = _factor(prediction, at)
+    residual = y[there] - mean[..., at]
+    root = np.linalg.solve(factor, covariance[..., at, :])  # L^-1 Cov(Y', s')
+    white = np.linalg.solve(factor, residual[..., None])
+    mean = mean + (np.swapaxes(root, -1, -2) @ white)[..., 0]
+    covariance = symmetrize(covariance - np.swapaxes(root, -1, -2) @ root)
+    mean[..., at] = y[there]
+    covariance[..., at, :] = 0.0
+    covariance[..., :, at] = 0.0
+    return PairPrediction(log_w + log_density(residual, factor), sign, mean, covariance)
+
+
+def _factor(prediction: PairPrediction, at: NDArray[np.intp]) -> FloatArray:
+    S = prediction.covariance[..., at[:, None], at]
+    return cholesky(S, lambda k: f"covariance of the predicted observation, pair {k}")
+
+
 def observed_log_density(prediction: PairPrediction, y: FloatArray, m: int) -> FloatArray:
     """Log-density of the observed parts of y per pair, (M1, M2); 0 if nothing is observed."""
     at = m + np.flatnonzero(~np.isnan(y))
     if at.size == 0:
         return np.zeros(prediction.log_w.shape)
-    S = prediction.covariance[..., at[:, None], at]
-    factor = cholesky(S, lambda k: f"covariance of the predicted observation, pair {k}")
-    return log_density(y[at - m] - prediction.mean[..., at], factor)
+    return log_density(y[at - m] - prediction.mean[..., at], _factor(prediction, at))
 
 
 def collapse_weights(

@@ -7,10 +7,9 @@ later observations.  So only the probabilities of the nodes change:
     o_ij = p(r_n = i | r_{n+1} = j, y_1..n+1),
 
 with the moments of X_n given the node as the filter left them, and no backward pass
-over X.  Where a part of the window was missing, X_n does depend on what came later,
-through that part; then the moments of the window are smoothed per node and carried
-over to X by regression.  That is exact for a single class and an approximation for
-several.
+over X.  Where a part of the window was missing, X_n and r_n do depend on what came later
+through that part; `fuzzykf.switching.gap_smoother` goes back through such steps.  That is
+exact for a single class and an approximation for several.
 """
 
 from __future__ import annotations
@@ -20,8 +19,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.gaussian import mixture_moments, symmetrize
+from fuzzykf.gaussian import mixture_moments
 from fuzzykf.switching import recursion
+from fuzzykf.switching.gap_smoother import Moments, smooth_state, step_back
 from fuzzykf.switching.missing import (
     GapState,
     collapse_weights,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from fuzzykf.base import FilterResult, FloatArray
     from fuzzykf.switching.recursion import NodeState
     from fuzzykf.switching.series import Trajectory
-    from fuzzykf.switching.tables import PairTables, SwitchingSystem
+    from fuzzykf.switching.tables import SwitchingSystem
 
 __all__ = ["smooth_series"]
 
@@ -62,18 +62,24 @@ def smooth_series(
     backward = _Backward(system, trajectory, ys)
     seen = np.flatnonzero(~np.isnan(ys).all(axis=1))
     last = int(seen[-1]) if seen.size else 0  # nothing can be learned after the last observation
-    window: tuple[FloatArray, FloatArray] | None = (
-        backward.window(last) if n else None
-    )  # smoothed moments of the window, per node
+    window = backward.window(last) if n else None  # smoothed moments of the window, per node
     for k in range(last - 1, -1, -1):
-        gap = trajectory.gaps.get(k)
-        if gap is None:
+        if k not in trajectory.gaps and not np.isnan(ys[k + 1]).any():
             gamma[k] = backward.weights(k) @ gamma[k + 1]
             window = None
             continue
-        after = backward.window(k + 1) if window is None else window
-        gamma[k], window = _smooth_gap(system.pair_tables(k), gap, ys[k + 1], after, gamma[k + 1])
-        means[k], covariances[k] = _regress_state(gap, *window, m)
+        filtered_window = backward.window(k + 1)
+        gamma[k], window = step_back(
+            system.pair_tables(k),
+            backward.state(k),
+            ys[k + 1],
+            filtered_window,
+            filtered_window if window is None else window,
+            gamma[k + 1],
+        )
+        gap = trajectory.gaps.get(k)
+        if gap is not None:
+            means[k], covariances[k] = smooth_state(gap, window, m)
     chain = system.chain
     filtered = summarise(chain, trajectory, m, keep_nodes=False, index=index)
     x, P = mixture_moments(gamma, means, covariances)
@@ -124,19 +130,20 @@ class _Backward:
             k = end
         return np.concatenate(pieces)
 
-    def window(self, k: int) -> tuple[FloatArray, FloatArray]:
-        """Return filtered mean (M, w) and covariance (M, w, w) of the window at k, given each node."""
-        m, gap = self.system.dim_x, self.trajectory.gaps.get(k)
-        if gap is not None:
-            return gap.mean[:, m:], gap.covariance[:, m:, m:]
-        M, w = len(self.system.chain), min(k + 1, self.system.order) * self.system.dim_z
-        return np.tile(self._windows[k, :w], (M, 1)), np.zeros((M, w, w))
+    def state(self, k: int) -> GapState:
+        """Return the filtered state at k with the window as a part of it."""
+        state: NodeState | GapState = self.trajectory.gaps.get(k, self.trajectory.at(k))
+        width = min(k + 1, self.system.order) * self.system.dim_z
+        return open_gap(state, self._windows[k, :width], self.system.dim_x)
+
+    def window(self, k: int) -> Moments:
+        """Return the filtered moments of the window at k, given each node."""
+        m, gap = self.system.dim_x, self.state(k)
+        return Moments(gap.mean[:, m:], gap.covariance[:, m:, m:])
 
     def _log_pair_at_gap(self, k: int) -> FloatArray:
         """Return the same where a part of the window or of y_{k+1} is missing, given y_1..k."""
-        m = self.system.dim_x
-        state: NodeState | GapState = self.trajectory.gaps.get(k, self.trajectory.at(k))
-        gap = open_gap(state, self.window(k)[0][0], m)
+        m, gap = self.system.dim_x, self.state(k)
         prediction = pair_prediction(self.system.pair_tables(k), gap)
         log_w = prediction.log_w + observed_log_density(prediction, self.ys[k + 1], m)
         return log_w - gap.log_p[:, None]
@@ -184,57 +191,3 @@ class _Backward:
         for k in range(n - 1, 0, -1):
             path[k - 1] = pointers[k, path[k]]
         return path
-
-
-def _smooth_gap(
-    tables: PairTables,
-    gap: GapState,
-    y: FloatArray,
-    after: tuple[FloatArray, FloatArray],
-    gamma: FloatArray,
-) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-    """Step back into an observation in whose window a part is missing.
-
-    Parameters
-    ----------
-    tables : PairTables
-        Of the step from here to the next observation ``y``, NaN where missing.
-    gap : GapState
-        The filtered state here.
-    after : tuple
-        Smoothed mean (M, w') and covariance of the next window, given each next node.
-    gamma : ndarray, shape (M,)
-        Smoothed probabilities of the next nodes.
-
-    Returns
-    -------
-    gamma : ndarray, shape (M,)
-    window : tuple
-        Smoothed mean (M, w) and covariance of the window here, given each node.
-    """
-    m, q = tables.pairs.dim_x, y.size
-    prediction = pair_prediction(tables, gap)
-    log_w = prediction.log_w + observed_log_density(prediction, y, m)
-    joint = collapse_weights(log_w, prediction.sign)[2] * gamma  # p(i, j | y_1..N)
-    # regression of the window here on the next one, which begins with y
-    following = slice(m, m + after[0].shape[1])
-    S = prediction.covariance[..., following, following]
-    J = prediction.covariance[..., m + q :, following] @ np.linalg.pinv(S, hermitian=True)
-    mean = gap.mean[:, None, m:] + (J @ (after[0] - prediction.mean[..., following])[..., None])[..., 0]
-    covariance = gap.covariance[:, None, m:, m:] + J @ (after[1] - S) @ np.swapaxes(J, -1, -2)
-    total = joint.sum(axis=1)
-    # a node that is impossible by now keeps any finite moments
-    share = np.where(total[:, None] != 0.0, joint, 1.0)
-    share = share / share.sum(axis=1, keepdims=True)
-    return total, mixture_moments(share, mean, covariance)
-
-
-def _regress_state(
-    gap: GapState, mean: FloatArray, covariance: FloatArray, m: int
-) -> tuple[FloatArray, FloatArray]:
-    """Moments of X per node, given the smoothed moments of the window."""
-    P = gap.covariance
-    B = P[:, :m, m:] @ np.linalg.pinv(P[:, m:, m:], hermitian=True)
-    x = gap.mean[:, :m] + (B @ (mean - gap.mean[:, m:])[..., None])[..., 0]
-    change = covariance - P[:, m:, m:]
-    return x, symmetrize(P[:, :m, :m] + B @ change @ np.swapaxes(B, -1, -2))

@@ -3,7 +3,8 @@
 Run with ``nox -s benchmarks -- -k engine -s``, or
 ``pytest tests/benchmarks/test_engine.py --benchmark-only -s -o addopts=--import-mode=importlib``.
 All are measured in turn in one process; a row gives the fastest round of each, which other work
-on the machine disturbs least, their ratio, and the quartiles of the ratio over the rounds.  Nothing passes or fails on a time.
+on the machine disturbs least, their ratio, and the quartiles of the ratio over the
+rounds.  Nothing passes or fails on a time.
 """
 
 from __future__ import annotations

@@ -1,11 +1,25 @@
-"""The oracle of the exactness tests: enumeration of all sequences of nodes."""
+"""The oracles of the exactness tests: enumeration of all sequences of nodes."""
 
 from __future__ import annotations
 
+import importlib.util
 import itertools
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+
+
+@pytest.fixture(scope="session")
+def enumerate_paths():
+    """The exact posterior given any part of the observations, see path_enumeration.py."""
+    spec = importlib.util.spec_from_file_location(
+        "path_enumeration", Path(__file__).with_name("path_enumeration.py")
+    )
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.enumerate_paths
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 
 @dataclass
@@ -20,30 +21,53 @@ class Posterior:
     covariance: np.ndarray  # (N, m, m)
     probability: np.ndarray  # (N, M)
     log_likelihood: float
-    best_path: tuple[int, ...]
-    components: list[tuple[float, np.ndarray, np.ndarray]]  # weight, mean (N, d), covariance (N, d, d)
+    best_path: np.ndarray  # (N,)
+    weights: np.ndarray  # (p,): of the paths
+    means: np.ndarray  # (p, N, d): of Z given the path
+    covariances: np.ndarray  # (p, N, d, d)
+
+    def mass_below(self, n, value, component=0):
+        """P(X_n <= value | observations): the posterior is a mixture over paths."""
+        mean = self.means[:, n, component]
+        std = np.sqrt(self.covariances[:, n, component, component])
+        return float(self.weights @ ndtr((value - mean) / std))
 
 
-def joint_gaussian(path, initial, pairs):
-    """Mean (N, d) and covariance (N, d, N, d) of Z_1..N given a path of nodes."""
-    N, d = len(path), initial.mean.shape[1]
-    m = pairs.Axx.shape[-1]
-    mean = np.zeros((N, d))
-    covariance = np.zeros((N, d, N, d))
-    mean[0] = initial.mean[path[0]]
-    covariance[0, :, 0] = initial.covariance[path[0]]
+def joint_gaussian(paths, system, N):
+    """Mean (p, N, d) and covariance (p, N, d, N, d) of Z_1..N given paths of nodes (p, N)."""
+    initial = system.initial()
+    d = initial.mean.shape[1]
+    q = system.dim_z
+    m = d - q
+    mean, covariance = np.zeros((len(paths), N, d)), np.zeros((len(paths), N, d, N, d))
+    mean[:, 0] = initial.mean[paths[:, 0]]
+    covariance[:, 0, :, 0] = initial.covariance[paths[:, 0]]
     for n in range(1, N):
-        k = (path[n - 1], path[n])
-        G, Ayy, Qyy = pairs.G[k], pairs.Ayy[k], pairs.Qyy[k]
-        A = np.zeros((d, d))
-        A[:m, :m], A[:m, m:], A[m:, m:] = pairs.Axx[k], pairs.H[k] + G @ Ayy, Ayy
-        offset = np.concatenate([pairs.c[k] + G @ pairs.Ny[k], pairs.Ny[k]])
-        Q = np.block([[pairs.C[k] + G @ Qyy @ G.T, G @ Qyy], [Qyy @ G.T, Qyy]])
-        mean[n] = A @ mean[n - 1] + offset
-        for other in range(n):
-            covariance[n, :, other] = A @ covariance[n - 1, :, other]
-            covariance[other, :, n] = covariance[n, :, other].T
-        covariance[n, :, n] = A @ covariance[n - 1, :, n - 1] @ A.T + Q
+        Axx, H, G, c, C, Ayy, Ny, Qyy = (
+            part[paths[:, n - 1], paths[:, n]] for part in system.pair_tables(n - 1).pairs
+        )
+        lags = H.shape[-1] // q
+        # rows of Z_n on (Z_1, ..., Z_n-1)
+        A = np.zeros((len(paths), d, n, d))
+        A[:, :m, n - 1, :m] = Axx
+        for lag in range(lags):
+            part = slice(lag * q, (lag + 1) * q)
+            A[:, :m, n - 1 - lag, m:] = H[..., part] + G @ Ayy[..., part]
+            A[:, m:, n - 1 - lag, m:] = Ayy[..., part]
+        GQ = G @ Qyy
+        Q = np.concatenate(
+            [
+                np.concatenate([C + GQ @ np.swapaxes(G, -1, -2), GQ], axis=-1),
+                np.concatenate([np.swapaxes(GQ, -1, -2), Qyy], axis=-1),
+            ],
+            axis=-2,
+        )
+        offset = np.concatenate([c + (G @ Ny[..., None])[..., 0], Ny], axis=-1)
+        mean[:, n] = np.einsum("pakb,pkb->pa", A, mean[:, :n]) + offset
+        cross = np.einsum("pakb,pkblc->palc", A, covariance[:, :n, :, :n])
+        covariance[:, n, :, :n] = cross
+        covariance[:, :n, :, n] = np.moveaxis(cross, 1, 3)
+        covariance[:, n, :, n] = np.einsum("palc,pblc->pab", cross, A) + Q
     return mean, covariance
 
 
@@ -51,54 +75,46 @@ def enumerate_paths(system, ys, upto=None):
     """Posterior given y_1..upto (all by default), NaN where missing."""
     ys = np.asarray(ys, dtype=float).reshape(len(ys), -1)
     N, q = ys.shape
-    upto = N if upto is None else upto
-    initial, pairs, chain = system.initial(), system.pair_tables(0).pairs, system.chain
-    M, d = len(chain), initial.mean.shape[1]
+    chain = system.chain
+    paths = np.array(list(itertools.product(range(len(chain)), repeat=N)))
+    p = chain.initial[paths[:, 0]] * np.prod(chain.transition[paths[:, :-1], paths[:, 1:]], axis=1)
+    paths, p = paths[p != 0.0], p[p != 0.0]
+    mean, covariance = joint_gaussian(paths, system, N)
+    d = mean.shape[2]
     m = d - q
     seen = ys.copy()
-    seen[upto:] = np.nan
-    index = np.arange(N * d).reshape(N, d)
-    at = index[:, m:][~np.isnan(seen)]
-    values = seen[~np.isnan(seen)]
-    log_weights, paths, components = [], [], []
-    for path in itertools.product(range(M), repeat=N):
-        p = chain.initial[path[0]] * np.prod([chain.transition[a, b] for a, b in itertools.pairwise(path)])
-        if p == 0.0:
-            continue
-        mean, covariance = joint_gaussian(path, initial, pairs)
-        flat, full = mean.reshape(-1), covariance.reshape(N * d, N * d)
-        log_w = np.log(p)
-        if at.size:
-            S = full[np.ix_(at, at)]
-            residual = values - flat[at]
-            gain = np.linalg.solve(S, full[at]).T
-            log_w += -0.5 * (residual @ np.linalg.solve(S, residual) + np.linalg.slogdet(2 * np.pi * S)[1])
-            flat = flat + gain @ residual
-            full = full - gain @ full[at]
-        blocks = np.stack([full[n * d : n * d + m, n * d : n * d + m] for n in range(N)])
-        components.append((flat.reshape(N, d)[:, :m], blocks))
-        log_weights.append(log_w)
-        paths.append(path)
-    log_weights = np.array(log_weights)
-    top = log_weights.max()
-    weights = np.exp(log_weights - top)
+    seen[N if upto is None else upto :] = np.nan
+    at = np.arange(N * d).reshape(N, d)[:, m:][~np.isnan(seen)]
+    flat, full = mean.reshape(-1, N * d), covariance.reshape(-1, N * d, N * d)
+    log_w = np.log(np.abs(p))
+    if at.size:
+        S = full[:, at[:, None], at]
+        residual = seen[~np.isnan(seen)] - flat[:, at]
+        white = np.linalg.solve(S, residual[..., None])[..., 0]
+        log_w -= 0.5 * ((residual * white).sum(axis=1) + np.linalg.slogdet(2 * np.pi * S)[1])
+        rows = full[:, at]
+        flat = flat + (np.swapaxes(rows, 1, 2) @ white[..., None])[..., 0]
+        full = full - np.swapaxes(rows, 1, 2) @ np.linalg.solve(S, rows)
+    means = flat.reshape(-1, N, d)
+    covariances = np.stack([full[:, n * d : (n + 1) * d, n * d : (n + 1) * d] for n in range(N)], axis=1)
+    top = log_w.max()
+    weights = np.sign(p) * np.exp(log_w - top)
     total = weights.sum()
-    weights /= total
-    probability = np.zeros((N, M))
-    for w, path in zip(weights, paths, strict=True):
-        probability[np.arange(N), path] += w
-    means = np.array([c[0] for c in components])
-    covariances = np.array([c[1] for c in components])
-    mean = np.einsum("p,pnk->nk", weights, means)
-    off = means - mean
-    covariance = np.einsum("p,pnkl->nkl", weights, covariances) + np.einsum(
-        "p,pnk,pnl->nkl", weights, off, off
-    )
+    weights = weights / total
+    probability = np.zeros((N, len(chain)))
+    for n in range(N):
+        np.add.at(probability[n], paths[:, n], weights)
+    x, P = means[..., :m], covariances[..., :m, :m]
+    centre = np.einsum("p,pnk->nk", weights, x)
+    off = x - centre
+    spread = np.einsum("p,pnkl->nkl", weights, P) + np.einsum("p,pnk,pnl->nkl", weights, off, off)
     return Posterior(
-        mean,
-        covariance,
+        centre,
+        spread,
         probability,
         float(top + np.log(total)),
-        paths[int(np.argmax(log_weights))],
-        [(w, c[0], c[1]) for w, c in zip(weights, components, strict=True)],
+        paths[int(np.argmax(log_w))],
+        weights,
+        means,
+        covariances,
     )

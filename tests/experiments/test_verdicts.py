@@ -16,6 +16,7 @@ from fuzzykf.experiments.verdicts import (
     printed_mean,
     printed_sample,
     printed_wins,
+    wins_claim,
 )
 
 
@@ -96,8 +97,8 @@ def test_shares_of_won_runs_are_compared_by_fishers_exact_test() -> None:
 
 
 def test_the_level_is_shared_among_the_tests_and_not_with_what_is_only_measured() -> None:
-    doubtful = claim("q", [0.9, 1.0, 1.1, 0.2, 1.8])  # p = .012 / 2
-    assert doubtful.p_value < LEVEL
+    doubtful = claim("q", [0.9, 1.0, 1.1, -0.5, 2.0])
+    assert LEVEL / 2 < doubtful.p_value < LEVEL
     assert judge([doubtful, measured("m", [1.0, 2.0])])[0].verdict == "reproduced"
     assert judge([doubtful, exact("e", printed="1", ours=1.0)])[0].verdict == "not reproduced"
 
@@ -108,7 +109,7 @@ def test_a_note_tells_the_correction_or_the_reason() -> None:
     wrong = judge([exact("q", printed="1", ours=2.0, correction="a stray inverse", reason="a misprint")])[0]
     assert (wrong.verdict, wrong.note) == ("not reproduced", "a misprint")
     unexplained = judge([claim("q", [-1.0, -2.0, -3.0])])[0]
-    assert unexplained.note == "no evidence for it (one-sided t: p = 1)"
+    assert unexplained.note == "not established at the level of the experiment (one-sided t: p = 1)"
     assert judge([measured("q", [1.0, 2.0])])[0].verdict == "not printed"
 
 
@@ -135,3 +136,11 @@ def test_of_samples_a_run_may_be_infinite_but_not_undefined() -> None:
     assert printed_sample("q", [1.0, 2.0, np.inf], printed=[1.0, 2.0]).interval is None  # of three runs
     with pytest.raises(ParameterError, match="samples: of 'q'"):
         printed_sample("q", [1.0, np.nan], printed=[1.0, 2.0])
+
+
+def test_more_than_half_has_to_be_shown() -> None:
+    finding = wins_claim("q", 60, 100)
+    assert finding.p_value == pytest.approx(stats.binom.sf(59, 100, 0.5))
+    assert (finding.kind, finding.ours) == ("claim", 0.6)
+    assert verdict(wins_claim("q", 80, 100)) == "reproduced"
+    assert verdict(wins_claim("q", 50, 100)) == "not reproduced"

@@ -188,7 +188,7 @@ def test_members_that_cannot_be_stacked_are_taken_one_by_one():
     # scalars, lists and an inverse of the user's are right, only slower
     fast, slow = make(), make()
     for f in slow.filters:
-        f.Q, f.R, f.F = float(f.Q[0, 0]), float(f.R[0, 0]), f.F.tolist()
+        f.Q, f.R, f.F, f.P = float(f.Q[0, 0]), float(f.R[0, 0]), f.F.tolist(), 1.0
     slow.filters[1].inv = np.linalg.pinv
     for z in (0.3, -0.2, [np.nan], 1.0):
         fast.step(z)
@@ -712,5 +712,9 @@ def test_an_observation_that_no_mode_can_explain_is_an_error(method, kind):
 def test_members_of_different_shape_by_now_are_named():
     imm = make()
     imm.filters[1].P = np.eye(3)
-    with pytest.raises(ParameterError, match="filters: x and P have shapes"):
+    with pytest.raises(ShapeError, match=r"filters\[1\].P: got shape \(3, 3\), expected \(2, 2\)"):
+        imm.predict()
+    imm = make()
+    imm.filters[2].x = np.zeros(2)
+    with pytest.raises(ShapeError, match=r"filters: x has shapes \[\(2, 1\), \(2, 1\), \(2,\)\]"):
         imm.predict()

@@ -2,6 +2,7 @@
 #ifndef FUZZYKF_SWITCHING_H
 #define FUZZYKF_SWITCHING_H
 
+#include "hmm_logs.h"
 #include "lanes.h"
 
 #define FK_LOG_ZERO (-1e300)
@@ -155,7 +156,7 @@ typedef struct {
   void (*prior)(const fk_kernel *, const fk_summary *, const double *, const double *, const double *, double *,
                 double *, double *);
   void (*posterior)(int, int, const double *, const double *, double *, double *);
-  void (*forward_backward)(int, int, const double *, const double *, const double *, double *, double *,
+  int (*forward_backward)(int, int, const double *, const double *, const double *, double *, double *,
                            double *, double *);
 } fk_engine;
 

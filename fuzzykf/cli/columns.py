@@ -1,0 +1,134 @@
+"""Columns in and out: what the commands read from a file, and how they write one."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.errors import FileFormatError, ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from fuzzykf.base import FloatArray
+    from fuzzykf.datasets import Table
+
+__all__ = ["TIME_COLUMNS", "Rows", "as_csv", "components", "read_rows", "time_column"]
+
+#: Columns that are taken for the time of a row, in this order, unless another is named.
+TIME_COLUMNS = ("time", "timestamp", "datetime", "date")
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The columns of a file that a command works on.
+
+    Attributes
+    ----------
+    source : str
+        Name of the file.
+    values : mapping of str to ndarray, shape (n, columns)
+        By option; NaN where a cell is empty.
+    index_name : str
+    index : sequence
+        The text of the column of times, or of the one that was named; else 0, 1, ...
+    notes : list of str
+        What a reader should know about the rows.
+    """
+
+    source: str
+    values: Mapping[str, FloatArray]
+    index_name: str
+    index: Sequence[Any]
+    notes: list[str]
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.index)
+
+
+def time_column(table: Table) -> str | None:
+    """Return the first column that is called as a time usually is, or None."""
+    lower = {name.lower(): name for name in table.columns}
+    return next((lower[name] for name in TIME_COLUMNS if name in lower), None)
+
+
+def read_rows(path: Path, columns: Mapping[str, Sequence[str]], index: str | None) -> Rows:
+    """Read columns of numbers that may have gaps.
+
+    Parameters
+    ----------
+    path : path-like
+    columns : mapping of str to sequence of str
+        Names of columns, by the option that named them.
+    index : str, optional
+        Column to be kept as it is; by default the column of times, if there is one.
+
+    Raises
+    ------
+    ParameterError
+        If a column is not there, is named twice, or none is named.
+    FileFormatError
+        If a cell is neither empty nor a finite number, or the file is no table.
+    """
+    from fuzzykf.datasets import read_table
+
+    table = read_table(path)
+    seen: dict[str, str] = {}
+    for option, names in columns.items():
+        if not names:
+            raise ParameterError(
+                f"{option}: name a column of {path.name}; its columns are {', '.join(table.columns)}"
+            )
+        for name in names:
+            if name in seen:
+                raise ParameterError(
+                    f"{option}: the column {name!r} is named a second time, after {seen[name]}"
+                )
+            seen[name] = option
+    values = {
+        option: np.column_stack([table.numbers(name, gaps=True) for name in names])
+        for option, names in columns.items()
+    }
+    kept = time_column(table) if index is None else index
+    if kept is None:
+        return Rows(path.name, values, "row", range(len(table)), [])
+    return Rows(path.name, values, kept, table.text(kept), _step_notes(table, kept))
+
+
+def _step_notes(table: Table, name: str) -> list[str]:
+    """Say whether the rows are unequally far apart, if the column holds times."""
+    try:
+        steps = np.diff(table.times(name))
+    except FileFormatError:  # an index of another kind says nothing about steps
+        return []
+    if not steps.size or steps.min() == steps.max():
+        return []
+    return [
+        f"the steps between rows last from {steps.min().item()} to {steps.max().item()} (column {name}), and "
+        "a model knows steps of one length: give missing times a row with empty cells"
+    ]
+
+
+def components(name: str, values: FloatArray, suffix: str = "") -> dict[str, FloatArray]:
+    """Name the columns of an array (n, k): ``x``, or ``x0``, ``x1``, ..."""
+    k = values.shape[1]
+    return {f"{name}{'' if k == 1 else j}{suffix}": values[:, j] for j in range(k)}
+
+
+def as_csv(index_name: str, index: Sequence[Any], columns: Mapping[str, FloatArray]) -> str:
+    """Write columns as comma-separated values; NaN becomes an empty cell.
+
+    Numbers are written so that they are read back bit for bit.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([index_name, *columns])
+    cells = [["" if np.isnan(v) else repr(v) for v in column.tolist()] for column in columns.values()]
+    writer.writerows(zip(index, *cells, strict=True))
+    return text.getvalue()

@@ -1,0 +1,185 @@
+"""``fuzzykf filter`` and ``fuzzykf smooth``: a learned model on new observations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from fuzzykf.cli.columns import Rows, as_csv, components, read_rows
+from fuzzykf.cli.output import check_file, progress_bar, report_errors
+from fuzzykf.errors import ParameterError
+from fuzzykf.io import write_text
+
+if TYPE_CHECKING:
+    from fuzzykf.base import FilterResult, FloatArray
+
+__all__ = ["FILTER_EXAMPLE", "SMOOTH_EXAMPLE", "filter_command", "smooth_command"]
+
+FILTER_EXAMPLE = "Example: fuzzykf filter model.json new.csv --obs temperature -o filtered.csv"
+SMOOTH_EXAMPLE = "Example: fuzzykf smooth model.json new.csv --obs temperature -o smoothed.csv"
+
+#: Nodes of a fuzzy switch, unless the law was learned on so many cells.
+NODES = 5
+
+Model = Annotated[
+    Path, typer.Argument(metavar="MODEL.json", help="A model that fuzzykf fit, or save(), has written.")
+]
+Data = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DATA.csv",
+        help="Comma-separated values with a line of names, rows as far apart as those that were learned on; "
+        "empty cells where something is missing.",
+    ),
+]
+Obs = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--obs",
+        metavar="COL",
+        help="Column of the observation; repeated in the order in which they were learned.",
+        show_default=False,
+    ),
+]
+Index = Annotated[
+    str | None,
+    typer.Option(
+        "--index",
+        metavar="COL",
+        help="Column to keep beside the results; by default the time, if there is one.",
+        show_default=False,
+    ),
+]
+Nodes = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        help="Values of a fuzzy switch between 0 and 1; by default 5, or what the law was learned on. "
+        "The time grows as (nodes + 2)^2.",
+        show_default=False,
+    ),
+]
+Level = Annotated[float, typer.Option(help="Nominal coverage of the intervals.")]
+
+
+def filter_command(
+    model: Model,
+    data: Data,
+    obs: Obs = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="File for the results (CSV).")
+    ] = Path("filtered.csv"),
+    index: Index = None,
+    nodes: Nodes = None,
+    level: Level = 0.9,
+) -> None:
+    """Estimate the state of each row from its observation and the earlier ones.
+
+    Writes a row for each row of the data: estimate, standard deviation, interval, switch, and the log-density
+    of the observation given the earlier ones (an empty cell where nothing was observed).
+    """
+    _run("filter", model, data, obs or [], output, index, nodes, level)
+
+
+def smooth_command(
+    model: Model,
+    data: Data,
+    obs: Obs = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="File for the results (CSV).")
+    ] = Path("smoothed.csv"),
+    index: Index = None,
+    nodes: Nodes = None,
+    level: Level = 0.9,
+) -> None:
+    """Estimate the state of each row from all observations, earlier and later ones.
+
+    Writes what filter writes, and the most likely path of the switch.
+    """
+    _run("smooth", model, data, obs or [], output, index, nodes, level)
+
+
+def _run(
+    verb: str,
+    model_file: Path,
+    data: Path,
+    obs: list[str],
+    output: Path,
+    index: str | None,
+    nodes: int | None,
+    level: float,
+) -> None:
+    with report_errors():
+        from fuzzykf.io import load_model
+
+        model: Any = load_model(model_file)
+        rows = read_rows(data, {"--obs": obs}, index)
+        zs = rows.values["--obs"]
+        if zs.shape[1] != model.dim_z:
+            raise ParameterError(
+                f"--obs: got {zs.shape[1]} columns, but the model of {model_file.name} has {model.dim_z} "
+                "observed components"
+            )
+        if not 0.0 < level < 1.0:
+            raise ParameterError(f"--level: got {level:g}, expected a number between 0 and 1")
+        f, fuzzy = _filter_of(model, nodes)
+        check_file(output, model_file, data)
+        with progress_bar(2) as progress:
+            progress(f"{verb}ing")
+            result = (f.filter if verb == "filter" else f.smooth)(zs, keep_nodes=True)
+            progress("writing")
+            write_text(output, as_csv(rows.index_name, rows.index, _columns(result, zs, level, fuzzy)))
+    _print(verb, rows, zs, output)
+
+
+def _filter_of(model: Any, nodes: int | None) -> tuple[Any, bool]:
+    """Return the filter of a model, and whether its switch is fuzzy."""
+    from fuzzykf import CGOFMSModel, CGOMSMFilter, OFSRFilter
+
+    if isinstance(model, CGOFMSModel):
+        if nodes is None:
+            masses = getattr(model.law, "masses", None)  # a free law lives on cells
+            nodes = NODES if masses is None else len(masses) - 2
+        return OFSRFilter(model, n_nodes=nodes), True
+    if nodes is not None:
+        raise ParameterError(f"--nodes: got {nodes}, but the model has {model.n_classes} hard regimes")
+    return CGOMSMFilter(model), False
+
+
+def _columns(result: FilterResult, zs: FloatArray, level: float, fuzzy: bool) -> dict[str, FloatArray]:
+    assert result.x is not None
+    assert result.P is not None
+    assert result.mu is not None
+    assert result.log_likelihood is not None
+    lower, upper = result.interval(level)
+    result = replace(result, node_x=None, node_P=None)
+    std = np.sqrt(np.diagonal(result.P, axis1=-2, axis2=-1))
+    columns = components("x", result.x) | components("x", std, "_std")
+    columns |= components("x", lower, "_lower") | components("x", upper, "_upper")
+    columns["switch"] = np.asarray(result.switch)
+    if fuzzy:
+        columns["switch_mean"] = np.asarray(result.switch_mean)
+    else:
+        columns |= {f"regime_{k}": p for k, p in enumerate(result.mu.T)}
+    if result.switch_path is not None:
+        columns["switch_path"] = np.asarray(result.switch_path)
+    nothing = np.isnan(zs).all(axis=1)
+    columns["log_likelihood"] = np.where(nothing, np.nan, result.log_likelihood)
+    return columns
+
+
+def _print(verb: str, rows: Rows, zs: FloatArray, output: Path) -> None:
+    console = Console()
+    gaps = int(np.isnan(zs).any(axis=1).sum())
+    told = f", of which {gaps:,} lack something of the observation" if gaps else ""
+    done = "Filtered" if verb == "filter" else "Smoothed"
+    console.print(Text(f"{done} {len(rows):,} rows of {rows.source}{told}."))
+    for note in rows.notes:
+        console.print(Text(f"Note: {note}."))
+    console.print(Text(f"Wrote {output}"), soft_wrap=True)

@@ -1,0 +1,207 @@
+"""``fuzzykf fit``: learn a switching model from a file, with a hidden switch."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from fuzzykf.cli.columns import Rows, read_rows
+from fuzzykf.cli.output import check_file, progress_bar, report_errors
+from fuzzykf.errors import ParameterError
+
+if TYPE_CHECKING:
+    from fuzzykf.switching.learning import FitResult
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = "Example: fuzzykf fit meters.csv --state demand --obs temperature --train 0.7 -o model.json"
+
+
+class Law(StrEnum):
+    """Family of the law of a fuzzy switch."""
+
+    FMC1 = "fmc1"
+    FMC2 = "fmc2"
+    FREE = "free"
+
+
+class Form(StrEnum):
+    """Form of the Gaussian part."""
+
+    REGRESSION = "regression"
+    COVARIANCE = "covariance"
+
+
+def command(
+    data: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DATA.csv",
+            help="Comma-separated values with a line of names, rows in the order of time, equally far apart; "
+            "empty cells where something is missing.",
+        ),
+    ],
+    state: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--state", metavar="COL", help="Column of the state; may be repeated.", show_default=False
+        ),
+    ] = None,
+    obs: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--obs", metavar="COL", help="Column of the observation; may be repeated.", show_default=False
+        ),
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="File for the model (JSON).")
+    ] = Path("model.json"),
+    law: Annotated[
+        Law | None,
+        typer.Option(
+            help="Family of the law of a fuzzy switch; fmc1 unless said otherwise.", show_default=False
+        ),
+    ] = None,
+    switches: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="K",
+            help="Learn K hard regimes instead of a fuzzy switch.",
+            show_default=False,
+        ),
+    ] = None,
+    form: Annotated[
+        Form,
+        typer.Option(
+            help="Form of the Gaussian part; covariance, that of the paper, is for one state and one "
+            "observation."
+        ),
+    ] = Form.REGRESSION,
+    nodes: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help="Values of a fuzzy switch between 0 and 1; the time of an iteration grows as (nodes + 2)^2.",
+        ),
+    ] = 5,
+    train: Annotated[
+        float,
+        typer.Option(
+            metavar="FRACTION",
+            help="Share of the rows, from the beginning, to learn on; the others test the filter.",
+        ),
+    ] = 1.0,
+    starts: Annotated[
+        int, typer.Option(min=1, help="Guesses of the switch to begin from; more than 4 are random.")
+    ] = 4,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random starts.")] = 0,
+    max_iter: Annotated[int, typer.Option(min=1, help="Largest number of iterations.")] = 200,
+    tolerance: Annotated[
+        float, typer.Option(help="Gain in log-likelihood per row and iteration at which to stop.")
+    ] = 1e-6,
+) -> None:
+    """Learn a switching model from rows in which the state was measured, and write it to a file.
+
+    The switch is hidden: it is learned with the parameters, by maximum likelihood. Prints how well the
+    model describes the data, and what they cannot support.
+    """
+    with report_errors():
+        rows = read_rows(data, {"--state": state or [], "--obs": obs or []}, None)
+        if law is not None and switches is not None:
+            raise ParameterError(
+                f"--law {law.value} is a law of a fuzzy switch, --switches {switches} asks for hard regimes; "
+                "give one of them"
+            )
+        if not 0.0 < train <= 1.0:
+            raise ParameterError(
+                f"--train: got {train:g}, expected a share of the rows, above 0 and at most 1"
+            )
+        check_file(output, data)
+        n_train = round(train * len(rows))
+        options: dict[str, Any] = {
+            "form": form.value,
+            "n_starts": starts,
+            "max_iter": max_iter,
+            "tolerance": tolerance,
+            "rng": np.random.default_rng(seed),
+        }
+        with progress_bar(None) as progress:
+            progress("learning")
+            fit = _learn(rows, n_train, "fmc1" if law is None else law.value, switches, nodes, options)
+            progress("testing")
+            tested = _test(rows, n_train, fit, nodes)
+        fit.model.save(output)
+    _print(rows, n_train, fit, tested, state or [], obs or [])
+    Console().print(Text(f"Wrote {output}"), soft_wrap=True)
+
+
+def _learn(
+    rows: Rows, n_train: int, law: str, switches: int | None, nodes: int, options: dict[str, Any]
+) -> FitResult[Any]:
+    from fuzzykf import CGOFMSModel, CGOMSModel
+
+    x, y = rows.values["--state"][:n_train], rows.values["--obs"][:n_train]
+    if switches is not None:
+        return CGOMSModel.fit(x, y, n_switches=switches, **options)
+    law_: Any = law
+    return CGOFMSModel.fit(x, y, law=law_, n_nodes=nodes, **options)
+
+
+def _test(rows: Rows, n_train: int, fit: FitResult[Any], nodes: int) -> tuple[str, tuple[str, ...]]:
+    """Say how the filter does on the other rows, and what to know about the model."""
+    from fuzzykf.comparison.scores import INTERVAL_FACTOR
+    from fuzzykf.comparison.switching import LearnedSwitching
+
+    learned = LearnedSwitching(fit, nodes)
+    truth, zs = rows.values["--state"][n_train:], rows.values["--obs"]
+    if not np.isfinite(truth).any():
+        return "", learned.notes
+    found = learned.restore(zs[:n_train], zs[n_train:])
+    missed = found.mean - truth
+    rmse = ", ".join(f"{v:.4g}" for v in np.sqrt(np.nanmean(missed**2, axis=0)))
+    known = np.isfinite(missed)
+    inside = (np.abs(missed) <= INTERVAL_FACTOR * found.std)[known].mean()
+    return (
+        f"On the {len(truth):,} rows after these, from the observation alone: RMSE {rmse}; the intervals of "
+        f"90 % hold {100 * inside:.1f} % of the states."
+    ), learned.notes
+
+
+def _print(
+    rows: Rows,
+    n_train: int,
+    fit: FitResult[Any],
+    tested: tuple[str, tuple[str, ...]],
+    state: list[str],
+    obs: list[str],
+) -> None:
+    console = Console()
+    model = fit.model
+    if hasattr(model, "law"):
+        kind, p_hard = f"fuzzy switch, law {model.law.kind}", f"{model.law.p_hard:.4g}"
+    else:
+        stays = ", ".join(f"{p:.3g}" for p in model.transition.diagonal())
+        kind, p_hard = f"{model.n_classes} hard regimes, which stay with probability {stays}", "1"
+    iterations = f"{len(fit.trace) - 1} iterations"
+    gaps = n_train - fit.n_observations
+    lines = [
+        f"Learned {', '.join(state)} from {', '.join(obs)}, on {n_train:,} rows of {rows.source}"
+        + (f", of which {gaps:,} lack something." if gaps else "."),
+        f"Model: {kind}; {model.form.kind} form, {fit.n_parameters} parameters.",
+        f"{'Converged' if fit.converged else 'Stopped'} after {iterations}.",
+        f"log-likelihood {fit.log_likelihood:.2f} ({fit.log_likelihood / fit.n_observations:.4f} per row), "
+        f"AIC {fit.aic:.1f}, BIC {fit.bic:.1f}, p_hard {p_hard}.",
+    ]
+    result, notes = tested
+    if result:
+        lines.append(result)
+    lines += [f"Note: {note}." for note in (*rows.notes, *notes)]
+    for line in lines:
+        console.print(Text(line))

@@ -1,0 +1,194 @@
+"""``fuzzykf filter`` and ``fuzzykf smooth`` write what the library finds, gaps and all."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fuzzykf import CGOFMSModel, CGOMSMFilter, OFSRFilter
+from fuzzykf.cli.app import app
+from fuzzykf.switching.law_cells import CellLaw
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, [*map(str, arguments)], env={"COLUMNS": "200"})
+
+
+@pytest.fixture
+def observations(fuzzy_model):
+    zs = fuzzy_model.simulate(40, np.random.default_rng(2)).y
+    zs[[0, 7, 8]] = np.nan
+    return zs
+
+
+@pytest.fixture
+def data(tmp_path, observations):
+    path = tmp_path / "new.csv"
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = [
+            [f"2014-01-{1 + k}" if k < 9 else f"2014-02-{k}", "" if np.isnan(z) else repr(z)]
+            for k, (z,) in enumerate(observations.tolist())
+        ]
+        csv.writer(file).writerows([("when", "temperature"), *rows])
+    return path
+
+
+@pytest.fixture
+def model(tmp_path, fuzzy_model):
+    fuzzy_model.save(tmp_path / "model.json")
+    return tmp_path / "model.json"
+
+
+def table(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def numbers(cells):
+    return np.array([float(c) if c else np.nan for c in cells])
+
+
+def test_filter_writes_what_the_filter_finds(model, data, observations, fuzzy_model, tmp_path) -> None:
+    out = tmp_path / "out.csv"
+    result = run("filter", model, data, "--obs", "temperature", "--index", "when", "-o", out)
+    assert result.exit_code == 0, result.output
+    assert "Filtered 40 rows of new.csv, of which 3 lack something of the observation." in result.output
+    found = table(out)
+    names = ["x", "x_std", "x_lower", "x_upper", "switch", "switch_mean", "log_likelihood"]
+    assert list(found) == ["when", *names]
+    assert found["when"][0] == "2014-01-1"
+    expected = OFSRFilter(fuzzy_model).filter(observations, keep_nodes=True)
+    lower, upper = expected.interval(0.9)
+    likelihood = np.where(np.isnan(observations[:, 0]), np.nan, expected.log_likelihood)
+    for name, values in zip(
+        names,
+        (
+            expected.x[:, 0],
+            np.sqrt(expected.P[:, 0, 0]),
+            lower[:, 0],
+            upper[:, 0],
+            expected.switch,
+            expected.switch_mean,
+            likelihood,
+        ),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(numbers(found[name]), values)
+    # An observation that is missing has an estimate all the same, and no likelihood: its cell is empty.
+    assert [k for k, cell in enumerate(found["log_likelihood"]) if not cell] == [0, 7, 8]
+
+
+def test_smooth_writes_what_the_smoother_finds(model, data, observations, fuzzy_model, tmp_path) -> None:
+    out = tmp_path / "out.csv"
+    result = run("smooth", model, data, "--obs", "temperature", "-o", out, "--nodes", 3, "--level", 0.5)
+    assert result.exit_code == 0, result.output
+    assert "Smoothed 40 rows" in result.output
+    found = table(out)
+    expected = OFSRFilter(fuzzy_model, n_nodes=3).smooth(observations, keep_nodes=True)
+    assert found["row"] == [str(k) for k in range(40)]  # no column is called as a time is
+    np.testing.assert_array_equal(numbers(found["x"]), expected.x[:, 0])
+    np.testing.assert_array_equal(numbers(found["switch_path"]), expected.switch_path)
+    np.testing.assert_array_equal(numbers(found["x_upper"]), expected.interval(0.5)[1][:, 0])
+
+
+def test_a_hard_model_has_a_probability_for_each_regime_and_several_components(hard_model, tmp_path) -> None:
+    hard_model.save(tmp_path / "model.json")
+    zs = hard_model.simulate(20, np.random.default_rng(0)).y
+    (tmp_path / "new.csv").write_text("y\n" + "\n".join(map(repr, zs[:, 0].tolist())) + "\n")
+    out = tmp_path / "out.csv"
+    result = run("filter", tmp_path / "model.json", tmp_path / "new.csv", "--obs", "y", "-o", out)
+    assert result.exit_code == 0, result.output
+    found = table(out)
+    expected = CGOMSMFilter(hard_model).filter(zs)
+    assert list(found)[1:5] == ["x0", "x1", "x0_std", "x1_std"]
+    np.testing.assert_array_equal(numbers(found["x1"]), expected.x[:, 1])
+    for k in range(3):
+        np.testing.assert_array_equal(numbers(found[f"regime_{k}"]), expected.mu[:, k])
+
+
+def test_a_free_law_is_filtered_on_the_nodes_that_it_was_learned_on(
+    fuzzy_model, data, observations, tmp_path
+) -> None:
+    masses = np.random.default_rng(0).random((5, 5)) + np.eye(5)
+    free = CGOFMSModel._from_form(CellLaw(masses + masses.T), fuzzy_model.form)
+    free.save(tmp_path / "model.json")
+    out = tmp_path / "out.csv"
+    run("filter", tmp_path / "model.json", data, "--obs", "temperature", "-o", out)
+    expected = OFSRFilter(free, n_nodes=3).filter(observations)
+    np.testing.assert_allclose(numbers(table(out)["x"]), expected.x[:, 0], atol=1e-12)
+    result = run("filter", tmp_path / "model.json", data, "--obs", "temperature", "--nodes", 5, "-o", out)
+    assert result.exit_code == 1
+    assert "expected 3 and 'cell'" in result.output
+
+
+# ------------------------------------------------------------------ bad input
+
+
+@pytest.mark.parametrize("verb", ["filter", "smooth"])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "--obs: name a column of new.csv; its columns are when, temperature"),
+        (["--obs", "wind"], "new.csv has no column 'wind'"),
+        (["--obs", "when"], "new.csv, line 2: when is '2014-01-1', expected a number"),
+        (["--obs", "temperature", "--index", "hour"], "new.csv has no column 'hour'"),
+        (["--obs", "temperature", "--level", "1"], "--level: got 1, expected a number between 0 and 1"),
+    ],
+)
+def test_bad_arguments_are_refused_and_nothing_written(
+    verb, arguments, message, model, data, tmp_path
+) -> None:
+    result = run(verb, model, data, *arguments, "-o", tmp_path / "out.csv")
+    assert result.exit_code == 1
+    assert message in " ".join(result.output.split())
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["model.json", "new.csv"]
+
+
+def test_as_many_columns_as_the_model_observes_are_needed(model, data, tmp_path) -> None:
+    data.write_text("a,b\n1,2\n")
+    result = run("filter", model, data, "--obs", "a", "--obs", "b", "-o", tmp_path / "out.csv")
+    assert result.exit_code == 1
+    assert "--obs: got 2 columns, but the model of model.json has 1 observed components" in result.output
+
+
+def test_nodes_are_not_for_hard_regimes(hard_model, data, tmp_path) -> None:
+    hard_model.save(tmp_path / "model.json")
+    result = run("filter", tmp_path / "model.json", data, "--obs", "temperature", "--nodes", 3)
+    assert result.exit_code == 1
+    assert "--nodes: got 3, but the model has 3 hard regimes" in result.output
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda text: text[:-30], "damaged, or not a JSON file"),
+        (lambda text: "load,temperature\n1,2\n", "damaged, or not a JSON file"),
+        (lambda text: "{}", "not a file written by fuzzykf"),
+        (lambda text: text.replace('"version": 1', '"version": 99'), "has schema version 99"),
+        (lambda text: text.replace('"Axx"', '"Bxx"').replace('"means"', '"mean"'), "damaged: "),
+    ],
+)
+@pytest.mark.parametrize("verb", ["filter", "smooth", "simulate"])
+def test_a_damaged_or_foreign_model_is_refused_with_the_reason(
+    verb, damage, message, model, data, tmp_path
+) -> None:
+    model.write_text(damage(model.read_text()))
+    arguments = [] if verb == "simulate" else [data, "--obs", "temperature"]
+    result = run(verb, model, *arguments, "-o", tmp_path / "out.csv")
+    assert result.exit_code == 1
+    assert "model.json: " + message in " ".join(result.output.split())
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_the_model_and_the_data_are_never_written_over(model, data, tmp_path) -> None:
+    before = json.loads(model.read_text())
+    for output in (model, data):
+        result = run("filter", model, data, "--obs", "temperature", "-o", output)
+        assert result.exit_code == 1
+        assert f"{output.name} is also read from" in " ".join(result.output.split())
+    assert json.loads(model.read_text()) == before

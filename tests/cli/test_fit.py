@@ -1,0 +1,205 @@
+"""``fuzzykf fit`` writes the model that the library learns, says what it found, and refuses bad input."""
+
+from __future__ import annotations
+
+import csv
+import re
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel
+from fuzzykf.cli.app import app
+from fuzzykf.io import load_model, model_to_dict
+
+QUICK = ["--nodes", 0, "--max-iter", 3, "--starts", 1]
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, ["fit", *map(str, arguments)], env={"COLUMNS": "200"})
+
+
+@pytest.fixture(scope="module")
+def data(fuzzy_model):
+    series = fuzzy_model.simulate(240, np.random.default_rng(1))
+    return np.column_stack([series.x, series.y])
+
+
+@pytest.fixture
+def write(tmp_path, data):
+    def write(rows=data, header=("load", "temperature"), name="data.csv"):
+        path = tmp_path / name
+        with path.open("w", newline="", encoding="utf-8") as file:
+            cells = [["" if np.isnan(v) else repr(v) for v in row] for row in np.asarray(rows).tolist()]
+            csv.writer(file).writerows([header, *cells])
+        return path
+
+    return write
+
+
+def test_the_file_holds_the_model_that_the_library_learns(write, data, tmp_path) -> None:
+    out = tmp_path / "model.json"
+    result = run(write(), "--state", "load", "--obs", "temperature", "-o", out, "--law", "fmc2", *QUICK)
+    assert result.exit_code == 0, result.output
+    fit = CGOFMSModel.fit(data[:, 0], data[:, 1], law="fmc2", n_nodes=0, n_starts=1, max_iter=3)
+    assert model_to_dict(load_model(out)) == model_to_dict(fit.model)
+    printed = " ".join(result.output.split())
+    assert "Learned load from temperature, on 240 rows of data.csv." in printed
+    assert "law fmc2; regression form, " in printed
+    assert f"log-likelihood {fit.log_likelihood:.2f}" in printed
+    assert f"AIC {fit.aic:.1f}, BIC {fit.bic:.1f}, p_hard {fit.model.law.p_hard:.4g}" in printed
+    assert f"Stopped after {len(fit.trace) - 1} iterations." in printed
+    assert "Note: not converged after 3 iterations" in printed
+    assert f"Wrote {out}" in printed
+
+
+def test_hard_regimes_can_be_learned_and_the_other_rows_test_the_filter(write, data, tmp_path) -> None:
+    out = tmp_path / "model.json"
+    result = run(
+        write(), "--state", "load", "--obs", "temperature", "-o", out, "--switches", 2, "--train", 0.75
+    )
+    assert result.exit_code == 0, result.output
+    model = load_model(out)
+    assert isinstance(model, CGOMSModel)
+    fit = CGOMSModel.fit(data[:180, 0], data[:180, 1], n_switches=2)
+    assert model_to_dict(model) == model_to_dict(fit.model)
+    # Oracle: the filter on the last quarter, begun 100 rows earlier.
+    found = CGOMSMFilter(model).filter(data[80:, 1])
+    rmse = np.sqrt(np.mean((found.x[100:, 0] - data[180:, 0]) ** 2))
+    printed = " ".join(result.output.split())
+    assert f"On the 60 rows after these, from the observation alone: RMSE {rmse:.4g};" in printed
+    stays = ", ".join(f"{p:.3g}" for p in model.transition.diagonal())
+    assert f"2 hard regimes, which stay with probability {stays}" in printed
+    assert re.search(r"Converged after \d+ iterations", printed)
+
+
+def test_several_columns_gaps_and_random_starts(write, data, tmp_path) -> None:
+    rng = np.random.default_rng(0)
+    rows = np.column_stack([data, data @ rng.normal(size=(2, 2)) + rng.normal(size=(240, 2))])
+    rows[10:20, 3] = np.nan
+    path = write(rows, ("a", "b", "c", "d"))
+    common = [
+        path,
+        "--state",
+        "a",
+        "--state",
+        "c",
+        "--obs",
+        "d",
+        "--obs",
+        "b",
+        "--switches",
+        2,
+        "--max-iter",
+        2,
+    ]
+    files = []
+    for seed in (1, 1, 2):
+        files.append(tmp_path / f"model{len(files)}.json")
+        result = run(*common, "--starts", 6, "--seed", seed, "-o", files[-1])
+        assert result.exit_code == 0, result.output
+    assert "Learned a, c from d, b, on 240 rows of data.csv, of which 10 lack something." in result.output
+    model = load_model(files[0])
+    assert (model.dim_x, model.dim_z) == (2, 2)
+    assert files[0].read_text() == files[1].read_text()
+    # Components are in the order in which they were named.
+    np.testing.assert_allclose(
+        model.initial @ model.form.means, np.nanmean(rows[:, [0, 2, 3, 1]], axis=0), atol=1.0
+    )
+
+
+def test_the_covariance_form_of_the_paper_can_be_asked_for(write, tmp_path) -> None:
+    result = run(
+        write(),
+        "--state",
+        "load",
+        "--obs",
+        "temperature",
+        "-o",
+        tmp_path / "m.json",
+        "--form",
+        "covariance",
+        *QUICK,
+    )
+    assert result.exit_code == 0, result.output
+    assert load_model(tmp_path / "m.json").form.kind == "covariance"
+
+
+def test_rows_unequally_far_apart_are_noted(write, data, tmp_path) -> None:
+    path = write(header=("load", "temperature"))
+    lines = path.read_text().splitlines()
+    days = [f"2014-{1 + k // 28:02d}-{1 + k % 28:02d}" for k in range(240)]
+    path.write_text(
+        "\n".join([f"date,{lines[0]}", *(f"{d},{x}" for d, x in zip(days, lines[1:], strict=True))])
+    )
+    result = run(path, "--state", "load", "--obs", "temperature", "-o", tmp_path / "m.json", *QUICK)
+    assert "Note: the steps between rows last from 1 day, 0:00:00 to" in " ".join(result.output.split())
+
+
+# ------------------------------------------------------------------ bad input
+
+
+def refused(tmp_path, path, *arguments, message, output="model.json") -> None:
+    result = run(path, *arguments, "-o", tmp_path / output)
+    assert result.exit_code == 1, result.output
+    assert message in " ".join(result.output.split())
+    assert "Traceback" not in result.output
+    assert not list(tmp_path.glob("*.json"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "--state: name a column of data.csv; its columns are load, temperature"),
+        (["--state", "load"], "--obs: name a column of data.csv"),
+        (["--state", "load", "--obs", "load"], "--obs: the column 'load' is named a second time"),
+        (["--state", "load", "--obs", "wind"], "data.csv has no column 'wind'"),
+        (
+            ["--state", "load", "--obs", "temperature", "--law", "fmc1", "--switches", "2"],
+            "--law fmc1 is a law of a fuzzy switch, --switches 2 asks for hard regimes; give one of them",
+        ),
+        (["--state", "load", "--obs", "temperature", "--train", "0"], "--train: got 0, expected a share"),
+        (["--state", "load", "--obs", "temperature", "--train", "1.1"], "--train: got 1.1, expected a share"),
+        (["--state", "load", "--obs", "temperature", "--train", "0.01"], "hold 1 steps in which x and y"),
+        (
+            ["--state", "load", "--obs", "temperature", "--tolerance", "0"],
+            "tolerance: got 0.0, expected a pos",
+        ),
+    ],
+)
+def test_what_cannot_be_learned_is_refused_with_the_reason(write, tmp_path, arguments, message) -> None:
+    refused(tmp_path, write(), *arguments, message=message)
+
+
+def test_a_constant_column_and_text_are_refused(write, data, tmp_path) -> None:
+    common = ["--state", "load", "--obs", "temperature"]
+    refused(tmp_path, write(data * [1.0, 0.0]), *common, message="y[0]: is constant (0)")
+    path = write()
+    path.write_text(path.read_text().replace(path.read_text().splitlines()[4], "warm,3"))
+    refused(tmp_path, path, *common, message="data.csv, line 5: load is 'warm', expected a number")
+    refused(tmp_path, tmp_path / "none.csv", *common, message="none.csv: No such file")
+
+
+def test_where_nothing_can_be_written_nothing_is_learned(write, tmp_path, monkeypatch) -> None:
+    def fit(*args, **kwargs):
+        raise AssertionError
+
+    monkeypatch.setattr(CGOFMSModel, "fit", fit)
+    common = ["--state", "load", "--obs", "temperature"]
+    path = write()
+    for output, message in (
+        ("none/model.json", "none: there is no such folder"),
+        (".", "expected a file, found a folder"),
+        ("data.csv", "data.csv is also read from; name another file"),
+    ):
+        refused(tmp_path, path, *common, message=message, output=output)
+    assert path.read_text().startswith("load,temperature")
+
+
+def test_a_failure_leaves_an_earlier_model_as_it_was(write, data, tmp_path) -> None:
+    (tmp_path / "model.txt").write_text("precious")
+    result = run(write(data[:5]), "--state", "load", "--obs", "temperature", "-o", tmp_path / "model.txt")
+    assert result.exit_code == 1
+    assert (tmp_path / "model.txt").read_text() == "precious"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["data.csv", "model.txt"]
