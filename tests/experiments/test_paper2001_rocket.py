@@ -75,15 +75,18 @@ def test_it_does_not_withstand_process_noise_outside_of_its_universe(outcome) ->
     assert np.median(values["fuzzy altitude"]) > np.median(values["EKF altitude"])
 
 
-def test_twice_the_nodes_give_the_same_energies(outcome) -> None:
-    # One launch of the same noise on 101 nodes per axis instead of 51.
+def test_the_grid_does_not_decide_who_wins() -> None:
+    # One launch of the same noise on 101 nodes per axis instead of 51: what changes is small
+    # against the lead over the extended Kalman filter.
     piece = dict(ROCKET.pieces["measurement"])
     coarse, fine = (
         ROCKET.run(np.random.default_rng(5), 1, **(piece | {"points": points})) for points in (51, 101)
     )
     assert np.array_equal(coarse["states"], fine["states"])
     for what in ("altitude", "velocity"):
-        assert coarse[f"fuzzy {what}"] == pytest.approx(fine[f"fuzzy {what}"], rel=0.1)
+        lead = fine[f"EKF {what}"] - fine[f"fuzzy {what}"]
+        assert lead > 0.0
+        assert abs(coarse[f"fuzzy {what}"] - fine[f"fuzzy {what}"]) < 0.1 * lead
 
 
 def test_the_picture_shows_the_three_noises(outcome, tmp_path) -> None:

@@ -132,6 +132,21 @@ def test_refusals_between_predict_and_update(known):
     assert known.switch == 0.2
 
 
+def test_two_predicts_say_that_an_observation_is_missing(known):
+    r = [0.3, 0.9, 0.1, 1.0]
+    expected = known.filter([1.0, None, 0.5, None], r)
+    known.reset()
+    known.step(1.0, r[0])
+    known.predict(r[1])
+    known.predict(r[2])
+    np.testing.assert_allclose(known.x[:, 0], expected.x_prior[2], rtol=1e-12)
+    np.testing.assert_allclose(known.P, expected.P_prior[2], rtol=1e-12)
+    known.update(0.5)
+    np.testing.assert_allclose(known.x[:, 0], expected.x[2], rtol=1e-12)
+    known.predict(r[3])
+    np.testing.assert_allclose(known.x[:, 0], expected.x_prior[3], rtol=1e-12)
+
+
 def test_series_and_switches_have_to_match(known):
     with pytest.raises(ShapeError, match=r"r: got 3 values, expected 2, one per observation"):
         known.filter([1.0, 2.0], [0.0, 0.5, 1.0])

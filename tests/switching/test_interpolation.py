@@ -31,6 +31,11 @@ def test_factors_of_a_singular_matrix():
     T, g = decompose(V[None])
     np.testing.assert_array_equal(np.isneginf(g[0]), [False, False, True])
     np.testing.assert_allclose(compose(T, g)[0], V, atol=1e-13)
+    # rank one, but for rounding: what is left of the other components counts as nothing
+    c = np.random.default_rng(0).normal(size=(50, 4, 1))
+    T, g = decompose(c @ np.swapaxes(c, 1, 2))
+    assert np.isneginf(g[:, 1:]).all()
+    assert np.isfinite(g[:, 0]).all()
     T, g = decompose(np.zeros((1, 2, 2)))
     assert np.isneginf(g).all()
     np.testing.assert_array_equal(compose(T, g), np.zeros((1, 2, 2)))
