@@ -1,5 +1,87 @@
-"""The numeric kernels behind recursion and propagation, in NumPy.
+"""The numeric kernels behind recursion and propagation: a reference in NumPy, and a compiled core.
 
-Functions on flat arrays, without checks: their callers own shapes, validity and
-missing data.  A compiled twin of each may take its place here.
+Functions on flat arrays, without checks: their callers own shapes, validity and missing
+data.  Where a compiled twin of a NumPy function exists, `fuzzykf.engine.selected` holds the one
+in use, and `info` says which it is.  The environment variable ``FUZZYKF_ENGINE``, read when the
+first of them is needed, decides between ``compiled`` and ``numpy``; without it, the compiled core
+is used where it has been built.
 """
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from typing import NamedTuple
+
+from fuzzykf.errors import MissingDependencyError, ParameterError
+
+__all__ = ["EngineInfo", "info"]
+
+_VARIABLE = "FUZZYKF_ENGINE"
+
+
+class EngineInfo(NamedTuple):
+    """Which kernels are in use, and why.
+
+    Attributes
+    ----------
+    name : str
+        "compiled" or "numpy".
+    reason : str
+        Why this one.
+    instructions : str or None
+        The instruction set of the compiled kernels: "x86-64-v4" (AVX-512), "x86-64-v3" (AVX2),
+        or "portable".
+    """
+
+    name: str
+    reason: str
+    instructions: str | None
+
+
+def info() -> EngineInfo:
+    """Say which kernels are in use, and why.
+
+    Returns
+    -------
+    EngineInfo
+
+    Raises
+    ------
+    ParameterError
+        If ``FUZZYKF_ENGINE`` is neither "numpy" nor "compiled".
+    MissingDependencyError
+        If it is "compiled", and the compiled core has not been built.
+
+    Examples
+    --------
+    >>> from fuzzykf import engine
+    >>> engine.info().name in ("numpy", "compiled")
+    True
+    """
+    name, reason = _choice()
+    if name == "numpy":
+        return EngineInfo(name, reason, None)
+    from fuzzykf.engine import _core
+
+    return EngineInfo(name, reason, _core.instructions())
+
+
+@cache
+def _choice() -> tuple[str, str]:
+    wanted = os.environ.get(_VARIABLE, "")
+    if wanted not in ("", "numpy", "compiled"):
+        raise ParameterError(f"{_VARIABLE}: got {wanted!r}, expected 'numpy' or 'compiled'")
+    if wanted == "numpy":
+        return wanted, f"{_VARIABLE} is set to 'numpy'"
+    try:
+        from fuzzykf.engine import _core  # noqa: F401
+    except ImportError as error:
+        missing = (
+            f"the compiled core cannot be imported ({error}); it is built when fuzzykf is installed "
+            "with a C compiler at hand"
+        )
+        if wanted:
+            raise MissingDependencyError(f"{_VARIABLE} is set to 'compiled', but {missing}") from error
+        return "numpy", missing
+    return "compiled", f"{_VARIABLE} is set to 'compiled'" if wanted else "the compiled core has been built"

@@ -24,7 +24,7 @@ import numpy as np
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
 
-__all__ = ["DEAD", "LOG_ZERO", "Kernel", "first_step", "log_pairs", "pack", "run", "step"]
+__all__ = ["DEAD", "LOG_ZERO", "Kernel", "first_step", "log_pairs", "node_mean", "pack", "run", "step"]
 
 #: Stand-in for log 0: sums of a few stay finite, and exp of it is zero.
 LOG_ZERO = -1e300
@@ -316,6 +316,12 @@ def _collapse(
     table = _table(log_p, mean, P_node)
     _bury(table, top)
     return table, sign, log_likelihood
+
+
+def node_mean(p: FloatArray, means: FloatArray) -> FloatArray:
+    """Mean (m,) of a mixture with weights p (M,) and means (m, M)."""
+    mean: FloatArray = means.dot(p)
+    return mean
 
 
 def log_pairs(kernel: Kernel, U: FloatArray) -> FloatArray:

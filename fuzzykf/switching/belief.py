@@ -150,7 +150,7 @@ def belief_from_dict(values: dict[str, Any] | None) -> Belief | None:
     fields = values["state"]
     sign, window = decode(fields["sign"], 1), decode(values["window"], 1)
     if values["kind"] == "complete":
-        return Belief(NodeState(decode(fields["table"], 2), sign), window)
+        return Belief(NodeState(decode(fields["table"], 2), sign, decode(fields.get("mass"), 1)), window)
     gap = GapState(
         log_p=decode(fields["log_p"], 1),
         sign=sign,

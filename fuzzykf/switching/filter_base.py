@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep
-from fuzzykf.errors import SequenceError
+from fuzzykf.engine.selected import Stepper
+from fuzzykf.errors import ParameterError, SequenceError
 from fuzzykf.gaussian import mixture_moments
 from fuzzykf.switching import many, recursion
 from fuzzykf.switching.belief import (
@@ -19,7 +20,9 @@ from fuzzykf.switching.belief import (
     predict_state,
     proceed,
 )
+from fuzzykf.switching.recursion import NodeState
 from fuzzykf.switching.series import Trajectory, index_of, run_series, summarise
+from fuzzykf.switching.steady import filter_steady, is_steady
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -32,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["SwitchingFilter"]
 
 
-class SwitchingFilter(Filter):
+class SwitchingFilter(Stepper, Filter):
     """Exact recursive filter of a switching system.
 
     `OFSRFilter` and `CGOMSMFilter` make the system from a model.  Use this class
@@ -130,20 +133,12 @@ class SwitchingFilter(Filter):
         y = as_observation(z, self.dim_z)
         self._take(np.full(self.dim_z, np.nan) if y is None else y)
 
-    def step(self, z: ArrayLike | None) -> FloatArray:
-        """Predict, then update with ``z``.
-
-        Parameters
-        ----------
-        z : array_like or None
-            The observation; None or NaN where missing.
-
-        Returns
-        -------
-        ndarray, shape (dim_x, 1)
-            The new estimate ``x``.
-        """
+    def _step_any(self, z: ArrayLike | None) -> FloatArray:
+        """Do a step with any observation; `step` comes here unless it can be compiled."""
         y = as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
+        if y is not None and self._hand_over() and not np.isnan(y).any():
+            estimate: FloatArray = self.step(y)
+            return estimate
         self.predict()
         try:
             self._take(np.full(self.dim_z, np.nan) if y is None else y)
@@ -151,6 +146,26 @@ class SwitchingFilter(Filter):
             self._predicted = False
             raise
         return self.x
+
+    def _hand_over(self) -> bool:
+        """Let the engine take the steps to come, if their tables are constant and the state complete."""
+        belief, steady_from = self._belief, self._system.steady_from
+        if belief is None or not isinstance(belief.state, NodeState) or self._system.chain.is_signed:
+            return False
+        if steady_from is None or self._n <= steady_from or self._predicted:
+            return False
+        own, base = type(self), SwitchingFilter
+        if own.predict is base.predict and own.update is base.update and own._take is base._take:
+            return self._arm(self._next_tables(), belief.state.table, belief.window, belief.state.mass)
+        return False
+
+    @staticmethod
+    def _as_belief(table: FloatArray, window: FloatArray, mass: FloatArray) -> Belief:
+        """Return a complete state of the engine as a belief."""
+        return Belief(NodeState(table, None, mass), window)
+
+    #: How the engine returns what the latest observation was predicted from.
+    _as_source = Source
 
     def _take(self, y: FloatArray) -> None:
         before = None
@@ -185,11 +200,27 @@ class SwitchingFilter(Filter):
             observation, so that `step` continues.
         """
         ys = as_observations(zs, self.dim_z)
+        if not keep_nodes and is_steady(self._system, ys[None]) and not np.isnan(ys).any():
+            return self._filter_steady(ys, index_of(zs))
         trajectory = run_series(self._system, ys)
         self._adopt(trajectory, ys)
         return summarise(
             self._system.chain, trajectory, self.dim_x, keep_nodes=keep_nodes, index=index_of(zs)
         )
+
+    def _filter_steady(self, ys: FloatArray, index: object) -> FilterResult:
+        """Let the engine filter a complete series at once."""
+        shapes = many.field_shapes(self._system)
+        out = many.allocate((1, len(ys)), shapes)
+        before, last = filter_steady(self._system, ys[None], out)
+        self._start()
+        self._n, self._belief = len(ys), Belief(NodeState(last), ys[-1].copy())
+        if len(ys) > 1:
+            belief = Belief(NodeState(before), ys[-2].copy())
+            self._before = Source(belief, self._system.pair_tables(self._n - 2))
+        self._z, self._log_likelihood = ys[-1].copy(), float(out["log_likelihood"][0, -1])
+        fields = {name: values[0] for name, values in out.items()}
+        return FilterResult(**fields, nodes=self._system.chain.nodes, index=index)
 
     def _adopt(self, trajectory: Trajectory, ys: FloatArray) -> None:
         """Stay at the last observation of a series."""
@@ -222,7 +253,13 @@ class SwitchingFilter(Filter):
         self._adopt(trajectory, ys)
         return smooth_series(self._system, trajectory, ys, keep_nodes=keep_nodes, index=index_of(zs))
 
-    def filter_many(self, zs: ArrayLike, keep: Iterable[str] = ("x", "P", "log_likelihood")) -> FilterResult:
+    def filter_many(
+        self,
+        zs: ArrayLike,
+        keep: Iterable[str] = ("x", "P", "log_likelihood"),
+        *,
+        threads: int = 1,
+    ) -> FilterResult:
         """Filter many series, each from the initial law on; the filter stays as it is.
 
         Complete series go side by side, many times faster than one after the other; a
@@ -235,15 +272,20 @@ class SwitchingFilter(Filter):
         keep : sequence of str
             Which fields to store: names among ``x``, ``P``, ``x_prior``, ``P_prior``,
             ``mu``, ``switch``, ``switch_mean``, ``log_likelihood``.
+        threads : int
+            How many threads the compiled engine shares complete series among; results are
+            the same to the bit.  NumPy uses one.
 
         Returns
         -------
         FilterResult
             The fields in ``keep``, each with a leading axis for the series.
         """
+        if threads < 1:
+            raise ParameterError(f"threads: got {threads}, expected at least 1")
         names = check_keep(keep, many.FIELDS)
         series = as_many(zs, self.dim_z)
-        out = many.filter_series(self._system, series, names, lambda one: self.copy().filter(one))
+        out = many.filter_series(self._system, series, names, lambda one: self.copy().filter(one), threads)
         return FilterResult(**out, nodes=self.nodes if "mu" in out else None)
 
     def forecast(self, steps: int) -> FilterResult:
@@ -300,8 +342,7 @@ class SwitchingFilter(Filter):
         if self._belief is None or self._predicted:
             return self._prior()[0][:, None]
         state = node_state(self._belief, self.dim_x)
-        mean: FloatArray = state.table[1 : 1 + self.dim_x].dot(recursion.node_probabilities(state))
-        return mean[:, None]
+        return recursion.posterior_mean(state, self.dim_x)[:, None]
 
     @property
     def P(self) -> FloatArray:

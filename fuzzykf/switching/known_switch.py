@@ -237,7 +237,7 @@ class KnownSwitchFilter(SwitchingFilter):
         result = smooth_series(path, trajectory, ys, keep_nodes=keep_nodes, index=index_of(zs))
         return replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
 
-    def filter_many(
+    def filter_many(  # type: ignore[override]
         self, zs: ArrayLike, keep: Iterable[str] = ("x", "P", "log_likelihood"), *, r: ArrayLike | None = None
     ) -> FilterResult:
         """Filter many series with their switches; the filter stays as it is.

@@ -6,20 +6,23 @@ equations are those of `fuzzykf.switching.recursion`.
 
 from __future__ import annotations
 
+from math import prod
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.switching import first_step
-from fuzzykf.engine.switching_many import step_many
+from fuzzykf.engine.selected import first_step, step_many
 from fuzzykf.gaussian import cholesky, mixture_moments
 from fuzzykf.switching import recursion
 from fuzzykf.switching.recursion import NodeState
 from fuzzykf.switching.series import windows_of
+from fuzzykf.switching.steady import filter_steady, is_steady
 from fuzzykf.switching.tables import log_probability
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from numpy.typing import NDArray
 
     from fuzzykf.base import FilterResult, FloatArray
     from fuzzykf.switching.tables import SwitchingSystem
@@ -48,17 +51,29 @@ def field_shapes(system: SwitchingSystem) -> dict[str, tuple[int, ...]]:
     }
 
 
+def allocate(lead: tuple[int, int], shapes: dict[str, tuple[int, ...]]) -> dict[str, FloatArray]:
+    """Return arrays (*lead, *shape) in one block: new pages of memory cost more than what fills them."""
+    sizes = [lead[0] * lead[1] * prod(shape) for shape in shapes.values()]
+    parts = np.split(np.empty(sum(sizes)), np.cumsum(sizes)[:-1])
+    return {name: part.reshape(*lead, *shapes[name]) for name, part in zip(shapes, parts, strict=True)}
+
+
 def filter_series(
     system: SwitchingSystem,
     series: FloatArray,
     names: tuple[str, ...],
     alone: Callable[[FloatArray], FilterResult],
+    threads: int = 1,
 ) -> dict[str, FloatArray]:
     """Filter series (s, n, q): complete ones side by side, the others by ``alone``."""
     shapes = field_shapes(system)
     out = {name: np.empty((*series.shape[:2], *shapes[name])) for name in names}
     single = np.full(len(series), system.chain.is_signed) | np.isnan(series).any(axis=(1, 2))
-    together = np.flatnonzero(~single)
+    if is_steady(system, series):
+        filter_complete(system, series, ~single, out, threads)
+        together = np.empty(0, dtype=np.intp)
+    else:
+        together = np.flatnonzero(~single)
     size = max(1, BLOCK // len(system.chain) ** 2)
     for start in range(0, together.size, size):
         block = together[start : start + size]
@@ -71,6 +86,23 @@ def filter_series(
         for name, values in out.items():
             values[k] = getattr(result, name)
     return out
+
+
+def filter_complete(
+    system: SwitchingSystem,
+    series: FloatArray,
+    complete: NDArray[np.bool_],
+    out: dict[str, FloatArray],
+    threads: int,
+) -> None:
+    """Let the engine filter the complete series at once."""
+    if complete.all():
+        filter_steady(system, series, out, threads)
+    elif complete.any():
+        part = {name: np.empty((int(complete.sum()), *values.shape[1:])) for name, values in out.items()}
+        filter_steady(system, series[complete], part, threads)
+        for name, values in part.items():
+            out[name][complete] = values
 
 
 def filter_block(system: SwitchingSystem, ys: FloatArray, out: dict[str, FloatArray]) -> None:

@@ -14,7 +14,7 @@ window w of the latest observations and the new observation y':
     x = sum_j p'_j x'_j, and P likewise                                    (21)-(22)
 
 Second moments are central, unlike in the paper, where they cancel.  The arithmetic
-is in `fuzzykf.engine.switching`; the functions here give it its meaning.
+is in `fuzzykf.engine`; the functions here give it its meaning.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fuzzykf.engine import switching as engine
+from fuzzykf.engine import selected as engine
 from fuzzykf.errors import QuadratureError
 from fuzzykf.gaussian import cholesky, mixture_moments, symmetrize
 
@@ -39,6 +39,7 @@ __all__ = [
     "first_observation",
     "node_moments",
     "node_probabilities",
+    "posterior_mean",
     "posterior_moments",
     "predict_observation",
     "predict_state",
@@ -53,6 +54,7 @@ class NodeState(NamedTuple):
 
     table: FloatArray  # (..., 1 + m + m*m, M): log-probability, mean, covariance
     sign: FloatArray | None = None  # (..., M), only for chains with negative weights
+    mass: FloatArray | None = None  # (..., M): the probabilities, where the engine carries them, too
 
 
 def first_observation(law: InitialLaw, y: FloatArray) -> tuple[NodeState, float]:
@@ -96,7 +98,7 @@ def advance_all(
     log_likelihood : ndarray, shape (n,)
     """
     U = np.concatenate([np.ones((len(ys), 1)), windows, ys], axis=1)
-    table, sign, log_likelihood = engine.run(tables.kernel, *state, U)
+    table, sign, log_likelihood = engine.run(tables.kernel, state.table, state.sign, U)
     states = NodeState(table, sign)
     if sign is not None:
         _check_masses(states)
@@ -126,6 +128,8 @@ def _check_masses(state: NodeState) -> None:
 
 def node_probabilities(state: NodeState) -> FloatArray:
     """p(r_n = i | y_1..n), shape (..., M)."""
+    if state.mass is not None:
+        return state.mass.copy()
     p = np.exp(state.table[..., 0, :])
     return p if state.sign is None else p * state.sign
 
@@ -134,6 +138,11 @@ def node_moments(state: NodeState, m: int) -> tuple[FloatArray, FloatArray]:
     """Means (..., M, m) and covariances (..., M, m, m) of X_n given each node."""
     flat = np.swapaxes(state.table[..., 1:, :], -1, -2)
     return flat[..., :m], flat[..., m:].reshape(*flat.shape[:-1], m, m)
+
+
+def posterior_mean(state: NodeState, m: int) -> FloatArray:
+    """Mean (m,) of X_n given y_1..n (eq. 21), for a single state."""
+    return engine.node_mean(node_probabilities(state), state.table[1 : 1 + m])
 
 
 def posterior_moments(state: NodeState, m: int) -> tuple[FloatArray, FloatArray]:

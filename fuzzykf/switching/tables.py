@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from fuzzykf.engine.switching import LOG_ZERO, Kernel, pack
+from fuzzykf.engine.selected import Kernel, pack
+from fuzzykf.engine.switching import LOG_ZERO
 from fuzzykf.gaussian import check_definite, cholesky, symmetrize
 
 if TYPE_CHECKING:
@@ -177,6 +178,9 @@ class PairTables:
             twice=np.swapaxes(np.einsum("ij,ijkl->ikl", self.transition, twice), -1, -2).reshape(-1, m * m),
             noise=np.einsum("ij,ijkl->ikl", self.transition, Qxx).reshape(M1, m * m),
         )
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
+        return type(self), (self.transition, self.pairs)  # what is cached belongs to one engine
 
     def __copy__(self) -> Self:
         return self

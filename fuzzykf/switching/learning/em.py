@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.hmm import forward_backward
+from fuzzykf.engine.selected import forward_backward
 from fuzzykf.switching.learning.gaussians import transition_vectors
 from fuzzykf.switching.learning.regression import Cells
 

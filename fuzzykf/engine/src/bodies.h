@@ -1,0 +1,17 @@
+/* All the arithmetic for one kind of processor. */
+#include "lanes_body.h"
+
+#include "switching_body.h"
+
+#include "hmm_body.h"
+
+#undef FK_V
+#undef FK_B
+#undef FK_AS_VECTORS
+#undef FK_CELL
+#undef FK_ROW
+#undef FK_AT
+#undef FK_READ
+#undef FK_NAME
+#undef FK_TARGET
+#undef FK_WIDTH

@@ -1,0 +1,76 @@
+/* FK_WIDTH numbers side by side; included once per kind of processor (FK_NAME, FK_TARGET). */
+
+typedef double FK_NAME(fk_vector) __attribute__((vector_size(8 * FK_WIDTH), aligned(8 * FK_WIDTH), may_alias));
+typedef int64_t FK_NAME(fk_bits) __attribute__((vector_size(8 * FK_WIDTH), aligned(8 * FK_WIDTH), may_alias));
+#define FK_V FK_NAME(fk_vector)
+#define FK_B FK_NAME(fk_bits)
+
+FK_INLINE_HERE FK_V FK_NAME(fk_all)(double a) { return a - (FK_V){0}; }
+
+FK_INLINE_HERE double FK_NAME(fk_sum)(FK_V a) {
+#if FK_WIDTH == 8
+  return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));
+#elif FK_WIDTH == 4
+  return (a[0] + a[2]) + (a[1] + a[3]);
+#else
+  return a[0] + a[1];
+#endif
+}
+
+FK_INLINE_HERE FK_V FK_NAME(fk_select)(FK_B mask, FK_V a, FK_V b) {
+  return (FK_V)(((FK_B)a & mask) | ((FK_B)b & ~mask));
+}
+
+FK_INLINE_HERE FK_V FK_NAME(fk_max)(FK_V a, FK_V b) {
+#if FK_WIDTH == 8
+  return (FK_V)_mm512_max_pd((__m512d)a, (__m512d)b);
+#elif FK_WIDTH == 4
+  return (FK_V)_mm256_max_pd((__m256d)a, (__m256d)b);
+#else
+  return FK_NAME(fk_select)((FK_B)(a > b), a, b);
+#endif
+}
+
+/* exp; zero where it would be less than the smallest normal number, and finite or infinite,
+ * above 1e307, where it would be more than the largest one */
+FK_INLINE_HERE FK_V FK_NAME(fk_exp)(FK_V x) {
+#if FK_WIDTH == 8
+  FK_V y = (FK_V)_mm512_max_pd((__m512d)x, _mm512_set1_pd(-750.0));
+  FK_V n = (FK_V)_mm512_roundscale_pd((__m512d)(y * FK_LOG2E), _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC);
+#else
+  FK_V y = FK_NAME(fk_max)(x, FK_NAME(fk_all)(-708.0));
+  y = -FK_NAME(fk_max)(-y, FK_NAME(fk_all)(-709.0));
+  FK_V shifted = y * FK_LOG2E + FK_ROUNDER;
+  FK_V n = shifted - FK_ROUNDER;
+#endif
+  FK_V r = y - n * FK_LN2_HIGH;
+  r = r - n * FK_LN2_LOW;
+  /* the Taylor sum up to the 12th power is wrong by less than 1.7e-16 for |r| < log(2) / 2 */
+  FK_V s = r * (1.0 / 479001600.0) + 1.0 / 39916800.0;
+  s = s * r + 1.0 / 3628800.0;
+  s = s * r + 1.0 / 362880.0;
+  s = s * r + 1.0 / 40320.0;
+  s = s * r + 1.0 / 5040.0;
+  s = s * r + 1.0 / 720.0;
+  s = s * r + 1.0 / 120.0;
+  s = s * r + 1.0 / 24.0;
+  s = s * r + 1.0 / 6.0;
+  s = s * r + 0.5;
+  s = s * r + 1.0;
+  s = s * r + 1.0;
+#if FK_WIDTH == 8
+  return (FK_V)_mm512_scalef_pd((__m512d)s, (__m512d)n);
+#else
+  /* the low bits of `shifted` are those of n */
+  return (FK_V)(((FK_B)s + ((FK_B)shifted << 52)) & (FK_B)(x >= -708.0));
+#endif
+}
+
+#define FK_AS_VECTORS(M) (((M) + FK_WIDTH - 1) / FK_WIDTH)
+/* The cell of row i and vector b of columns, and its entry r. */
+#define FK_CELL(cells, stride, i, b)                                                                      \
+  ((cells) + ((size_t)(i) * k->blocks + (b) / (FK_LANES / FK_WIDTH)) * (stride) * FK_LANES +                \
+   (b) % (FK_LANES / FK_WIDTH) * FK_WIDTH)
+#define FK_ROW(cell, r) (*(const FK_V *)((cell) + (size_t)(r) * FK_LANES))
+#define FK_AT(pointer, b) (*(FK_V *)((pointer) + (size_t)(b) * FK_WIDTH))
+#define FK_READ(pointer, b) (*(const FK_V *)((pointer) + (size_t)(b) * FK_WIDTH))

@@ -1,0 +1,195 @@
+/* The exact switching recursion: tables, and one version of the arithmetic per kind of processor. */
+#ifndef FUZZYKF_SWITCHING_H
+#define FUZZYKF_SWITCHING_H
+
+#include "hmm_logs.h"
+#include "lanes.h"
+
+#define FK_LOG_ZERO (-1e300)
+#define FK_DEAD (0.5 * FK_LOG_ZERO)
+#define FK_TINY 1e-250
+#define FK_HUGE 1e250
+
+/* Tables of one step.  Columns j stand side by side in lanes, `blocks` vectors of them; the
+ * lanes beyond M2 hold a harmless system (no noise, no motion).
+ *
+ * A cell (i, block) is `stride` vectors: log_scale, sign, white (q rows), offset (m rows),
+ * Axx (m x m), C (m x m), each FK_LANES numbers; a row has the 1 + w + q coefficients of u = (1, w, y').
+ */
+typedef struct {
+  int M1, M2, m, q, w, blocks, stride, is_signed, is_scalar;
+  double *cells;
+  double *mask; /* 1 in the lanes of real columns, 0 elsewhere */
+} fk_kernel;
+
+/* Tables of the moments of X' before Y' is seen, and of the estimate of the switch.
+ *
+ * A cell (i, block) is 1 + m (1 + w) rows: transition, offset of the mean.  `noise` (m m, padded
+ * M1) and `twice` (m m, m m, padded M1) carry p_i and p_i P_i to the covariance. */
+typedef struct {
+  int stride;
+  const double *cells;
+  const double *twice, *noise;
+  const double *nodes, *weights;
+  const unsigned char *atoms;
+} fk_summary;
+
+/* Sizes in doubles */
+FK_INLINE int fk_padded(int M) { return (M + FK_LANES - 1) / FK_LANES * FK_LANES; }
+FK_INLINE size_t fk_table_size(int M, int m) { return (size_t)(1 + m + m * m) * fk_padded(M); }
+FK_INLINE int fk_cell_size(int m, int q, int w) { return 2 + (m + q) * (1 + w + q) + 2 * m * m; }
+FK_INLINE size_t fk_scratch_size(int M, int m) {
+  return (size_t)FK_LANES * (3 * m * m + 3 * m + 4) + (size_t)fk_padded(M) * M * (1 + m) + FK_LANES * (size_t)M;
+}
+
+/* Fill cell column j of row i from the coefficients of its pair; factor is the lower Cholesky
+ * factor of Qyy.  The white rows solve L z = (y' - Ayy w - Ny), divided by sqrt(2). */
+static void fk_fill(fk_kernel *k, int i, int j, double transition, const double *factor, const double *Axx,
+                    const double *H, const double *G, const double *c, const double *C, const double *Ayy,
+                    const double *Ny) {
+  const int m = k->m, q = k->q, w = k->w, n = 1 + w + q;
+  double *cell = k->cells + ((size_t)i * k->blocks + j / FK_LANES) * k->stride * FK_LANES + j % FK_LANES;
+#define FK_ENTRY(index) cell[(size_t)(index)*FK_LANES]
+  double log_scale = transition == 0.0 ? FK_LOG_ZERO : log(fabs(transition));
+  for (int r = 0; r < q; r++) log_scale -= log(factor[r * q + r]) + 0.91893853320467274178;
+  FK_ENTRY(0) = log_scale;
+  FK_ENTRY(1) = transition < 0.0 ? -1.0 : (transition > 0.0 ? 1.0 : 0.0);
+  for (int t = 0; t < n; t++)
+    for (int r = 0; r < q; r++) {
+      double a = t == 0 ? -Ny[r] : (t <= w ? -Ayy[r * w + t - 1] : (t - 1 - w == r ? 1.0 : 0.0));
+      a *= 0.70710678118654752440;
+      for (int s = 0; s < r; s++) a -= factor[r * q + s] * FK_ENTRY(2 + s * n + t);
+      FK_ENTRY(2 + r * n + t) = a / factor[r * q + r];
+    }
+  const int offset = 2 + q * n;
+  for (int r = 0; r < m; r++)
+    for (int t = 0; t < n; t++)
+      FK_ENTRY(offset + r * n + t) = t == 0 ? c[r] : (t <= w ? H[r * w + t - 1] : G[r * q + t - 1 - w]);
+  const int matrix = offset + m * n;
+  for (int r = 0; r < m * m; r++) {
+    FK_ENTRY(matrix + r) = Axx[r];
+    FK_ENTRY(matrix + m * m + r) = C[r];
+  }
+#undef FK_ENTRY
+}
+
+/* Condition the law of (r_1, Z_1) on the first observation, as first_step in NumPy.
+ * mean (M, d), covariance (M, d, d), factor (M, q, q); scratch holds q (1 + m) numbers. */
+static double fk_first(int M, int m, int q, const double *log_initial, const double *mean,
+                       const double *covariance, const double *factor, const double *y, double *table, int ld,
+                       double *scratch) {
+  const int d = m + q;
+  double peak = -INFINITY, total = 0.0, *white = scratch, *root = scratch + q;
+  for (int i = 0; i < M; i++) {
+    const double *mu = mean + (size_t)i * d, *S = covariance + (size_t)i * d * d, *L = factor + (size_t)i * q * q;
+    double log_w = log_initial[i];
+    for (int r = 0; r < q; r++) {
+      double a = y[r] - mu[m + r];
+      for (int s = 0; s < r; s++) a -= L[r * q + s] * white[s];
+      white[r] = a / L[r * q + r];
+      log_w -= 0.5 * white[r] * white[r] + log(L[r * q + r]) + 0.91893853320467274178;
+      for (int k = 0; k < m; k++) {
+        double b = S[k * d + m + r];
+        for (int s = 0; s < r; s++) b -= L[r * q + s] * root[s * m + k];
+        root[r * m + k] = b / L[r * q + r];
+      }
+    }
+    table[i] = log_w;
+    if (log_w > peak) peak = log_w;
+    for (int k = 0; k < m; k++) {
+      double x = mu[k];
+      for (int r = 0; r < q; r++) x += root[r * m + k] * white[r];
+      table[(size_t)(1 + k) * ld + i] = x;
+      for (int l = 0; l < m; l++) {
+        double P = S[k * d + l], less = 0.0;
+        for (int r = 0; r < q; r++) less += root[r * m + k] * root[r * m + l];
+        P -= less;
+        /* the subtraction may leave a rounding error below zero */
+        table[(size_t)(1 + m + k * m + l) * ld + i] = m == 1 && P < 0.0 ? 0.0 : P;
+      }
+    }
+  }
+  for (int i = 0; i < M; i++) total += exp(table[i] - peak);
+  const double log_likelihood = peak + log(total);
+  for (int i = 0; i < M; i++) table[i] -= log_likelihood;
+  return log_likelihood;
+}
+
+/* The estimate of the switch by the rule of the 2020 paper, section VI-B. */
+static double fk_most_likely(const fk_summary *s, const double *mu, int M) {
+  double atoms = 0.0, best = -INFINITY, best_inner = -INFINITY;
+  int hard = -1, soft = -1;
+  for (int j = M - 1; j >= 0; j--) /* on a tie of atoms the later one counts */
+    if (s->atoms[j]) {
+      atoms += mu[j];
+      if (mu[j] > best) best = mu[j], hard = j;
+    }
+  for (int j = 0; j < M; j++)
+    if (!s->atoms[j] && mu[j] / s->weights[j] > best_inner) best_inner = mu[j] / s->weights[j], soft = j;
+  return s->nodes[soft < 0 || (hard >= 0 && atoms > 0.5) ? hard : soft];
+}
+
+/* One copy of the arithmetic for each kind of processor. */
+#define FK_NAME(name) name##_portable
+#define FK_TARGET
+#define FK_WIDTH 2
+#include "bodies.h"
+
+#ifdef FK_X86
+#define FK_NAME(name) name##_v3
+#define FK_TARGET __attribute__((target("avx2,fma")))
+#define FK_WIDTH 4
+#include "bodies.h"
+
+#define FK_NAME(name) name##_v4
+#define FK_TARGET __attribute__((target("avx512f,avx512dq,avx512vl,avx2,fma")))
+#define FK_WIDTH 8
+#include "bodies.h"
+#endif
+
+typedef struct {
+  const char *instructions;
+  double (*step)(const fk_kernel *, const double *, const double *, const double *, double *, double *, double *);
+  int (*step_scalar)(const fk_kernel *, const double *, double, double, double *, double *, double *);
+  double (*exp_row)(const double *, int, double *);
+  void (*log_pairs)(const fk_kernel *, const double *, double *);
+  void (*prior)(const fk_kernel *, const fk_summary *, const double *, const double *, const double *, double *,
+                double *, double *);
+  void (*posterior)(int, int, const double *, const double *, double *, double *);
+  int (*forward_backward)(int, int, const double *, const double *, const double *, double *, double *,
+                           double *, double *);
+} fk_engine;
+
+#define FK_VERSION(name, suffix)                                                                          \
+  {name,                                                                                                  \
+   fk_step_##suffix,                                                                                      \
+   fk_step_scalar_##suffix,                                                                               \
+   fk_exp_row_##suffix,                                                                                   \
+   fk_log_pairs_##suffix,                                                                                 \
+   fk_prior_##suffix,                                                                                     \
+   fk_posterior_##suffix,                                                                                 \
+   fk_forward_backward_##suffix}
+
+static const fk_engine fk_engines[] = {
+    FK_VERSION("portable", portable),
+#ifdef FK_X86
+    FK_VERSION("x86-64-v3", v3),
+    FK_VERSION("x86-64-v4", v4),
+#endif
+};
+
+/* Number of versions this processor can run; the last of them is the fastest. */
+static int fk_levels(void) {
+#ifdef FK_X86
+  __builtin_cpu_init();
+  if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) return 1;
+  if (!__builtin_cpu_supports("avx512f") || !__builtin_cpu_supports("avx512dq") ||
+      !__builtin_cpu_supports("avx512vl"))
+    return 2;
+  return 3;
+#else
+  return 1;
+#endif
+}
+
+#endif

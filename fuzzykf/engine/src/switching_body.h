@@ -1,0 +1,263 @@
+/* The recursion itself; included once per kind of processor (FK_NAME, FK_TARGET).
+ *
+ * A table (1 + m + m m, padded M) holds per node the logarithm of its probability (the scalar
+ * step: the probability), the mean and the covariance of X.  u = (1, w, y').
+ */
+
+/* Inlined with constant sizes for the usual ones, so that the loops over m, q, w unroll. */
+FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_sized)(
+    const fk_kernel *k, const int m, const int q, const int w, const double *table, const double *sign,
+    const double *u, double *out, double *out_sign, double *scratch) {
+  const int n = 1 + w + q, M1 = k->M1, M2 = k->M2, ld = fk_padded(M1), to = fk_padded(M2);
+  FK_V few_T[16], few_V[16], few_S[4], few_D[4]; /* sums of a small system stay in registers */
+  FK_V *weight = (FK_V *)scratch, *X = weight + M1, *rest = X + (size_t)M1 * m;
+  FK_V *T = m <= 4 ? few_T : rest, *V = m <= 4 ? few_V : rest + m * m;
+  FK_V *S = m <= 4 ? few_S : rest + 2 * m * m, *D = m <= 4 ? few_D : rest + 2 * m * m + m;
+  double peak = -INFINITY, total = 0.0;
+  for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
+    FK_V top = FK_NAME(fk_all)(-DBL_MAX), column = FK_NAME(fk_all)(0.0);
+    for (int i = 0; i < M1; i++) {
+      const double *cell = FK_CELL(k->cells, k->stride, i, b);
+      FK_V log_w = FK_ROW(cell, 0) + table[i];
+      FK_UNROLL for (int r = 0; r < q; r++) {
+        const double *row = cell + (2 + r * n) * FK_LANES;
+        FK_V z = FK_ROW(row, 0);
+        FK_UNROLL for (int t = 1; t < n; t++) z += FK_ROW(row, t) * u[t];
+        log_w -= z * z;
+      }
+      weight[i] = log_w;
+      top = FK_NAME(fk_max)(top, log_w);
+    }
+    FK_UNROLL for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
+    for (int i = 0; i < M1; i++) {
+      const double *cell = FK_CELL(k->cells, k->stride, i, b);
+      const double *offset = cell + (2 + q * n) * FK_LANES, *A = offset + m * n * FK_LANES;
+      FK_V e = FK_NAME(fk_exp)(weight[i] - top);
+      if (k->is_signed) {
+        e *= FK_ROW(cell, 1);
+        if (sign) e *= FK_NAME(fk_all)(sign[i]);
+      }
+      weight[i] = e;
+      column += e;
+      FK_UNROLL for (int r = 0; r < m; r++) {
+        FK_V x = FK_ROW(offset, r * n);
+        FK_UNROLL for (int t = 1; t < n; t++) x += FK_ROW(offset, r * n + t) * u[t];
+        FK_UNROLL for (int l = 0; l < m; l++) x += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
+        X[(size_t)i * m + r] = x;
+        S[r] += e * x;
+      }
+    }
+    if (k->is_signed) column = FK_NAME(fk_select)((FK_B)(column == 0.0), FK_NAME(fk_all)(DBL_MIN), column);
+    const FK_V inverse = 1.0 / column;
+    FK_UNROLL for (int r = 0; r < m; r++) S[r] *= inverse;
+    FK_UNROLL for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
+    for (int i = 0; i < M1; i++) {
+      const double *A = FK_CELL(k->cells, k->stride, i, b) + (size_t)(2 + (q + m) * n) * FK_LANES;
+      const FK_V o = weight[i] * inverse;
+      FK_UNROLL for (int r = 0; r < m; r++) {
+        D[r] = X[(size_t)i * m + r] - S[r];
+        FK_UNROLL for (int l = 0; l < m; l++) {
+          FK_V t = FK_NAME(fk_all)(0.0);
+          FK_UNROLL for (int s = 0; s < m; s++) t += FK_ROW(A, r * m + s) * table[(size_t)(1 + m + s * m + l) * ld + i];
+          T[r * m + l] = t;
+        }
+      }
+      FK_UNROLL for (int r = 0; r < m; r++)
+        FK_UNROLL for (int l = r; l < m; l++) {
+          FK_V P = FK_ROW(A, m * m + r * m + l) + D[r] * D[l];
+          FK_UNROLL for (int s = 0; s < m; s++) P += T[r * m + s] * FK_ROW(A, l * m + s);
+          V[r * m + l] += o * P;
+        }
+    }
+    /* nodes that no path reaches get moments of zero, or they might grow without bound */
+    const FK_V alive = (FK_V)((FK_B)FK_READ(k->mask, b) & (FK_B)(top >= FK_DEAD));
+    for (int r = 0; r < m; r++) {
+      FK_AT(out + (size_t)(1 + r) * to, b) = FK_NAME(fk_select)((FK_B)(alive != 0.0), S[r], FK_NAME(fk_all)(0.0));
+      for (int l = r; l < m; l++) {
+        const FK_V P = FK_NAME(fk_select)((FK_B)(alive != 0.0), V[r * m + l], FK_NAME(fk_all)(0.0));
+        FK_AT(out + (size_t)(1 + m + r * m + l) * to, b) = P;
+        FK_AT(out + (size_t)(1 + m + l * m + r) * to, b) = P;
+      }
+    }
+    for (int t = 0; t < FK_WIDTH; t++) {
+      const int j = b * FK_WIDTH + t;
+      out[j] = j < M2 ? log(fabs(column[t])) + top[t] : FK_LOG_ZERO;
+      if (out_sign) out_sign[j] = column[t] < 0.0 ? -1.0 : 1.0;
+      if (j < M2 && out[j] > peak) peak = out[j];
+    }
+  }
+  for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
+    FK_V mass = FK_NAME(fk_exp)(FK_AT(out, b) - peak);
+    if (out_sign) mass *= FK_AT(out_sign, b);
+    total += FK_NAME(fk_sum)(mass * FK_READ(k->mask, b));
+  }
+  /* the caller looks at negative masses */
+  const double log_likelihood = peak + (total > 0.0 ? log(total) : NAN);
+  for (int j = 0; j < to; j++) out[j] = j < M2 ? out[j] - log_likelihood : 0.0; /* padding stays zero */
+  return log_likelihood;
+}
+
+FK_TARGET static double FK_NAME(fk_step)(const fk_kernel *k, const double *table, const double *sign,
+                                         const double *u, double *out, double *out_sign, double *scratch) {
+  switch (k->w == k->q && k->m <= 4 && k->q <= 2 ? 10 * k->m + k->q : 0) {
+  case 11: return FK_NAME(fk_step_sized)(k, 1, 1, 1, table, sign, u, out, out_sign, scratch);
+  case 21: return FK_NAME(fk_step_sized)(k, 2, 1, 1, table, sign, u, out, out_sign, scratch);
+  case 22: return FK_NAME(fk_step_sized)(k, 2, 2, 2, table, sign, u, out, out_sign, scratch);
+  case 42: return FK_NAME(fk_step_sized)(k, 4, 2, 2, table, sign, u, out, out_sign, scratch);
+  default: return FK_NAME(fk_step_sized)(k, k->m, k->q, k->w, table, sign, u, out, out_sign, scratch);
+  }
+}
+
+/* One step for scalar x and y, on probabilities instead of their logarithms and without maxima.
+ * Returns 0, and nothing else of use, where a sum comes near the ends of the range of numbers. */
+FK_TARGET static int FK_NAME(fk_step_scalar)(const fk_kernel *k, const double *table, double w, double y,
+                                             double *out, double *total, double *scratch) {
+  const int M1 = k->M1, blocks = FK_AS_VECTORS(k->M2), ld = fk_padded(M1), to = fk_padded(k->M2);
+  const double *p = table, *x = table + ld, *P = table + 2 * ld;
+  FK_V *weight = (FK_V *)scratch, *X = weight + M1, sum = FK_NAME(fk_all)(0.0), least = FK_NAME(fk_all)(DBL_MAX);
+  for (int b = 0; b < blocks; b++) {
+    FK_V column = FK_NAME(fk_all)(0.0), S = FK_NAME(fk_all)(0.0), V = FK_NAME(fk_all)(0.0);
+    for (int i = 0; i < M1; i++) {
+      const double *cell = FK_CELL(k->cells, k->stride, i, b);
+      const FK_V z = FK_ROW(cell, 2) + FK_ROW(cell, 3) * w + FK_ROW(cell, 4) * y;
+      const FK_V e = FK_NAME(fk_exp)(FK_ROW(cell, 0) - z * z) * p[i];
+      const FK_V moved = FK_ROW(cell, 5) + FK_ROW(cell, 6) * w + FK_ROW(cell, 7) * y + FK_ROW(cell, 8) * x[i];
+      weight[i] = e;
+      X[i] = moved;
+      column += e;
+      S += e * moved;
+    }
+    const FK_V inverse = 1.0 / column;
+    S *= inverse;
+    for (int i = 0; i < M1; i++) {
+      const double *cell = FK_CELL(k->cells, k->stride, i, b);
+      const FK_V d = X[i] - S;
+      V += weight[i] * (d * d + (FK_ROW(cell, 8) * P[i] * FK_ROW(cell, 8) + FK_ROW(cell, 9)));
+    }
+    FK_AT(out, b) = column * FK_READ(k->mask, b);
+    FK_AT(out + to, b) = S;
+    FK_AT(out + 2 * to, b) = V * inverse;
+    sum += column * FK_READ(k->mask, b);
+    /* lanes beyond M2 have columns of one */
+    least = FK_NAME(fk_max)(-column, b ? least : FK_NAME(fk_all)(-DBL_MAX));
+  }
+  const double all = FK_NAME(fk_sum)(sum), scale = 1.0 / all;
+  for (int b = 0; b < blocks; b++) FK_AT(out, b) *= scale;
+  *total = all;
+  double smallest = DBL_MAX;
+  for (int t = 0; t < FK_WIDTH; t++) smallest = -least[t] < smallest ? -least[t] : smallest;
+  return smallest > FK_TINY && smallest * scale > FK_TINY && all < FK_HUGE;
+}
+
+/* p = exp(log_p) for `blocks` vectors; the smallest of the first M. */
+FK_TARGET static double FK_NAME(fk_exp_row)(const double *log_p, int M, double *p) {
+  double smallest = DBL_MAX;
+  for (int b = 0; b < FK_AS_VECTORS(M); b++)
+    FK_AT(p, b) = FK_NAME(fk_exp)(FK_READ(log_p, b));
+  for (int i = 0; i < M; i++) smallest = p[i] < smallest ? p[i] : smallest;
+  return smallest;
+}
+
+/* log |P_ij| + log N(y'; Ayy w + Ny, Qyy) of all pairs, (M1, M2). */
+FK_TARGET static void FK_NAME(fk_log_pairs)(const fk_kernel *k, const double *u, double *out) {
+  const int q = k->q, n = 1 + k->w + q;
+  for (int i = 0; i < k->M1; i++)
+    for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
+      const double *cell = FK_CELL(k->cells, k->stride, i, b);
+      FK_V log_w = FK_ROW(cell, 0);
+      for (int r = 0; r < q; r++) {
+        const double *row = cell + (2 + r * n) * FK_LANES;
+        FK_V z = FK_ROW(row, 0);
+        for (int t = 1; t < n; t++) z += FK_ROW(row, t) * u[t];
+        log_w -= z * z;
+      }
+      for (int t = 0; t < FK_WIDTH && b * FK_WIDTH + t < k->M2; t++)
+        out[(size_t)i * k->M2 + b * FK_WIDTH + t] = log_w[t];
+    }
+}
+
+/* Mean (m) and covariance (m, m) of X' before Y' is seen. */
+FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_sized)(
+    const fk_kernel *k, const fk_summary *s, const int m, const int w, const double *p, const double *table,
+    const double *u, double *x, double *P, double *scratch) {
+  const int M1 = k->M1, ld = fk_padded(M1), matrix = 2 + (k->q + m) * (1 + w + k->q);
+  const int blocks = FK_AS_VECTORS(k->M2);
+  FK_V few_V[16], few_S[4];
+  FK_V *rest = (FK_V *)scratch, *V = m <= 4 ? few_V : rest, *S = m <= 4 ? few_S : rest + m * m;
+  FK_V *mean = rest + m * m + m, *now = mean; /* of the pairs: M1 blocks m */
+  FK_UNROLL for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
+  FK_UNROLL for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
+  for (int i = 0; i < M1; i++)
+    for (int b = 0; b < blocks; b++, now += m) {
+      const double *cell = FK_CELL(s->cells, s->stride, i, b);
+      const double *A = FK_CELL(k->cells, k->stride, i, b) + (size_t)matrix * FK_LANES;
+      FK_UNROLL for (int r = 0; r < m; r++) {
+        const double *row = cell + (1 + r * (1 + w)) * FK_LANES;
+        FK_V a = FK_ROW(row, 0);
+        FK_UNROLL for (int t = 1; t <= w; t++) a += FK_ROW(row, t) * u[t];
+        FK_UNROLL for (int l = 0; l < m; l++) a += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
+        now[r] = a;
+        S[r] += FK_ROW(cell, 0) * p[i] * a;
+      }
+    }
+  FK_UNROLL for (int r = 0; r < m; r++) x[r] = FK_NAME(fk_sum)(S[r]);
+  now = mean;
+  for (int i = 0; i < M1; i++)
+    for (int b = 0; b < blocks; b++, now += m) {
+      const double *cell = FK_CELL(s->cells, s->stride, i, b);
+      FK_UNROLL for (int r = 0; r < m; r++) now[r] -= x[r];
+      FK_UNROLL for (int r = 0; r < m; r++) {
+        const FK_V weighted = FK_ROW(cell, 0) * p[i] * now[r];
+        FK_UNROLL for (int l = r; l < m; l++) V[r * m + l] += weighted * now[l];
+      }
+    }
+  FK_UNROLL for (int r = 0; r < m; r++)
+    FK_UNROLL for (int l = r; l < m; l++) {
+      FK_V within = FK_NAME(fk_all)(0.0);
+      for (int b = 0; b < FK_AS_VECTORS(M1); b++) { /* here the nodes i are side by side, not j */
+        FK_V all = FK_READ(s->noise + (size_t)(r * m + l) * ld, b);
+        FK_UNROLL for (int a = 0; a < m * m; a++)
+          all += FK_READ(table + (size_t)(1 + m + a) * ld, b) *
+                 FK_READ(s->twice + ((size_t)a * m * m + r * m + l) * ld, b);
+        within += FK_READ(p, b) * all;
+      }
+      P[r * m + l] = P[l * m + r] = FK_NAME(fk_sum)(V[r * m + l] + within);
+    }
+}
+
+FK_TARGET static void FK_NAME(fk_prior)(const fk_kernel *k, const fk_summary *s, const double *p,
+                                        const double *table, const double *u, double *x, double *P,
+                                        double *scratch) {
+  switch (k->w <= 2 && k->m <= 4 ? 10 * k->m + k->w : 0) {
+  case 11: FK_NAME(fk_prior_sized)(k, s, 1, 1, p, table, u, x, P, scratch); break;
+  case 21: FK_NAME(fk_prior_sized)(k, s, 2, 1, p, table, u, x, P, scratch); break;
+  case 42: FK_NAME(fk_prior_sized)(k, s, 4, 2, p, table, u, x, P, scratch); break;
+  default: FK_NAME(fk_prior_sized)(k, s, k->m, k->w, p, table, u, x, P, scratch);
+  }
+}
+
+/* Mean and covariance of X, the mixture of M nodes with probabilities p (eqs. 21, 22). */
+FK_TARGET static void FK_NAME(fk_posterior)(int M, int m, const double *p, const double *table, double *x,
+                                            double *P) {
+  const int ld = fk_padded(M), blocks = FK_AS_VECTORS(M);
+  for (int r = 0; r < m; r++) {
+    FK_V S = FK_NAME(fk_all)(0.0);
+    for (int b = 0; b < blocks; b++)
+      S += FK_READ(p, b) * FK_READ(table + (size_t)(1 + r) * ld, b);
+    x[r] = FK_NAME(fk_sum)(S);
+  }
+  if (!P) return;
+  for (int r = 0; r < m; r++)
+    for (int l = r; l < m; l++) {
+      FK_V S = FK_NAME(fk_all)(0.0);
+      for (int b = 0; b < blocks; b++) {
+        const double *at = table + b * FK_WIDTH;
+        const FK_V d = *(const FK_V *)(at + (size_t)(1 + r) * ld) - x[r];
+        const FK_V e = *(const FK_V *)(at + (size_t)(1 + l) * ld) - x[l];
+        const FK_V both = *(const FK_V *)(at + (size_t)(1 + m + r * m + l) * ld) +
+                           *(const FK_V *)(at + (size_t)(1 + m + l * m + r) * ld);
+        S += FK_READ(p, b) * (d * e + 0.5 * both);
+      }
+      P[r * m + l] = P[l * m + r] = FK_NAME(fk_sum)(S);
+    }
+}

@@ -1,0 +1,47 @@
+"""Build of the compiled core; everything else is in pyproject.toml and setup.cfg.
+
+This file exists because the headers of NumPy have to be found when the package is built.  The
+core is optional: where it cannot be compiled, installation goes on and fuzzykf runs on NumPy.
+"""
+
+from pathlib import Path
+
+import numpy
+from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
+
+
+class BuildOptional(build_ext):
+    """Says once, and clearly, that the compiled core is missing."""
+
+    def run(self):
+        """Build what can be built."""
+        super().run()
+        for extension in self.extensions:
+            if not self.built(extension):
+                self.warn(
+                    f"{extension.name} could not be compiled (see the messages above): fuzzykf is installed "
+                    "without it and runs on NumPy, many times slower; fuzzykf.engine.info() says so, too"
+                )
+
+    def built(self, extension):
+        """Whether the library of an extension has been made."""
+        return Path(self.get_ext_fullpath(extension.name)).exists() or (
+            Path(self.build_lib, self.get_ext_filename(extension.name)).exists()
+        )
+
+
+setup(
+    cmdclass={"build_ext": BuildOptional},
+    ext_modules=[
+        Extension(
+            "fuzzykf.engine._core",
+            ["fuzzykf/engine/_core.pyx"],
+            depends=sorted(str(header) for header in Path("fuzzykf/engine/src").glob("*.h")),
+            include_dirs=["fuzzykf/engine", numpy.get_include()],
+            define_macros=[("NPY_NO_DEPRECATED_API", "NPY_1_7_API_VERSION")],
+            extra_compile_args=["-O3", "-Wno-psabi"],
+            optional=True,
+        )
+    ],
+)

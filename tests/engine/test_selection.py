@@ -1,0 +1,92 @@
+"""One place chooses the engine; it says which one it chose, and why."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from fuzzykf import engine
+from fuzzykf.engine import selected
+
+NUMPY_HOMES = {
+    "pack": "fuzzykf.engine.switching",
+    "first_step": "fuzzykf.engine.switching",
+    "step": "fuzzykf.engine.switching",
+    "run": "fuzzykf.engine.switching",
+    "log_pairs": "fuzzykf.engine.switching",
+    "node_mean": "fuzzykf.engine.switching",
+    "step_many": "fuzzykf.engine.switching_many",
+    "forward_backward": "fuzzykf.engine.hmm",
+    "Kernel": "fuzzykf.engine.switching",
+    "Stepper": "fuzzykf.engine.stepper",
+}
+
+
+def in_a_new_process(code: str, wanted: str | None) -> subprocess.CompletedProcess[str]:
+    """Run code under a setting of FUZZYKF_ENGINE."""
+    environment = {name: value for name, value in os.environ.items() if name != "FUZZYKF_ENGINE"}
+    if wanted is not None:
+        environment["FUZZYKF_ENGINE"] = wanted
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+
+
+def built() -> bool:
+    """Whether the compiled core is there, whatever is selected."""
+    return in_a_new_process("import fuzzykf.engine._core", None).returncode == 0
+
+
+def test_what_is_selected_is_what_info_says() -> None:
+    # each function comes from the module of the engine that `info` names: none is handed on
+    name = engine.info().name
+    for function, home in NUMPY_HOMES.items():
+        expected = "fuzzykf.engine._core" if name == "compiled" else home
+        assert getattr(selected, function).__module__ == expected
+
+
+def test_the_tests_run_on_the_engine_that_was_asked_for() -> None:
+    wanted = os.environ.get("FUZZYKF_ENGINE")
+    assert engine.info().name == (wanted or ("compiled" if built() else "numpy"))
+
+
+@pytest.mark.parametrize("wanted", ["numpy", "compiled"])
+def test_the_variable_decides(wanted) -> None:
+    code = "from fuzzykf import engine; print(*engine.info()[:2], sep='|')"
+    run = in_a_new_process(code, wanted)
+    if wanted == "compiled" and not built():
+        assert "FUZZYKF_ENGINE is set to 'compiled', but the compiled core" in run.stderr
+    else:
+        assert run.stdout.strip() == f"{wanted}|FUZZYKF_ENGINE is set to '{wanted}'"
+
+
+def test_numpy_does_not_load_the_compiled_core() -> None:
+    code = "import sys, fuzzykf.switching; print('fuzzykf.engine._core' in sys.modules)"
+    assert in_a_new_process(code, "numpy").stdout.strip() == "False"
+
+
+def test_a_missing_core_is_reported_not_hidden() -> None:
+    # without the variable: NumPy, and the reason; with it: an error
+    hide = "import sys; sys.modules['fuzzykf.engine._core'] = None; from fuzzykf import engine; "
+    run = in_a_new_process(hide + "print(*engine.info()[:2])", None)
+    assert run.stdout.startswith("numpy the compiled core cannot be imported")
+    run = in_a_new_process(hide + "engine.info()", "compiled")
+    assert "MissingDependencyError" in run.stderr
+
+
+def test_an_unknown_engine_is_an_error() -> None:
+    run = in_a_new_process("from fuzzykf import engine; engine.info()", "fortran")
+    assert "FUZZYKF_ENGINE: got 'fortran', expected 'numpy' or 'compiled'" in run.stderr
+
+
+def test_importing_the_engine_loads_numpy_and_nothing_heavier() -> None:
+    code = "import numpy, sys; before = set(sys.modules); from fuzzykf.engine import selected\n"
+    code += "print(*{m.partition('.')[0] for m in set(sys.modules) - before})"
+    loaded = set(in_a_new_process(code, None).stdout.split())
+    # Cython registers its own run-time types in modules without files
+    assert {name for name in loaded if not name.startswith(("_cython", "cython"))} <= {
+        "fuzzykf",
+        "numpy",
+        *sys.stdlib_module_names,
+    }
