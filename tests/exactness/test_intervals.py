@@ -204,4 +204,5 @@ def test_keeping_nodes_changes_nothing_else(fuzzy_model):
         a = getattr(OFSRFilter(model, 2), verb)(ys)
         b = getattr(OFSRFilter(model, 2), verb)(ys, keep_nodes=True)
         for name in ("x", "P", "mu", "switch_mean", "log_likelihood"):
-            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+            # kept moments are summed in another order, hence the last digit
+            np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-12, atol=1e-14)
