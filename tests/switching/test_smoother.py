@@ -23,8 +23,9 @@ def ys(f):
 def test_the_last_state_is_filtered(f, ys):
     filtered, smoothed = f.filter(ys), f.smooth(ys)
     for name in ("x", "P", "mu", "switch_mean"):
-        np.testing.assert_array_equal(getattr(smoothed, name)[-1], getattr(filtered, name)[-1])
-    np.testing.assert_array_equal(smoothed.log_likelihood, filtered.log_likelihood)
+        last, expected = getattr(smoothed, name)[-1], getattr(filtered, name)[-1]
+        np.testing.assert_allclose(last, expected, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(smoothed.log_likelihood, filtered.log_likelihood, rtol=1e-12, atol=1e-14)
     assert np.abs(smoothed.x[:-1] - filtered.x[:-1]).max() > 1e-3
 
 
