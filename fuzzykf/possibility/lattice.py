@@ -134,17 +134,17 @@ class Lattice:
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Centroid (d,) and second central moments (d, d), by the trapezoidal rule."""
+        # About the likeliest node, which is within the spread of the mean: nothing cancels.
         best = np.unravel_index(int(np.argmin(self.cost)), self.cost.shape)
-        mean = np.array([axis[k] for axis, k in zip(self.axes, best, strict=True)])
+        center = np.array([axis[k] for axis, k in zip(self.axes, best, strict=True)])
         if self.parts > 1:
-            mean, _ = self._moments_within_cells(mean)
-            return self._moments_within_cells(mean)
-        mass = self.memberships()
-        mean, _ = _moments_about(mass, self.axes, mean)
-        return _moments_about(mass, self.axes, mean)
+            shift, about = self._moments_within_cells(center)
+        else:
+            shift, about = _moments_about(self.memberships(), self.axes, center)
+        return center + shift, about - np.outer(shift, shift)
 
     def _moments_within_cells(self, center: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean, and second moments about a point, by the midpoint rule on parts of live cells."""
+        """First and second moments about a point, by the midpoint rule on parts of live cells."""
         free, d = self.free, len(self.axes)
         cost = self.cost.reshape([self.axes[k].size for k in free])
         best = float(cost.min())
@@ -163,7 +163,7 @@ class Lattice:
             total += float(mass.sum())
             first += mass @ deviation
             second += (mass[:, None] * deviation).T @ deviation
-        return center + first / total, second / total
+        return first / total, second / total
 
     def peak(self) -> FloatArray:
         """Return the point (d,) of largest membership, between the nodes."""
@@ -193,7 +193,7 @@ def grid_points(axes: tuple[FloatArray, ...]) -> FloatArray:
 def _moments_about(
     mass: FloatArray, axes: tuple[FloatArray, ...], center: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean, and second moments about a point, by the trapezoidal rule."""
+    """First and second moments about a point, by the trapezoidal rule."""
     for axis, c in zip(reversed(axes), reversed(center), strict=True):
         weight = np.ones(axis.size)
         weight[[0, -1]] *= 0.5
@@ -203,5 +203,5 @@ def _moments_about(
     d = len(axes)
     unit = np.eye(d, dtype=np.intp)
     mass = mass / mass[(0,) * d]
-    mean = center + np.array([mass[tuple(unit[k])] for k in range(d)])
-    return mean, np.array([[mass[tuple(unit[j] + unit[k])] for j in range(d)] for k in range(d)])
+    first = np.array([mass[tuple(unit[k])] for k in range(d)])
+    return first, np.array([[mass[tuple(unit[j] + unit[k])] for j in range(d)] for k in range(d)])

@@ -123,7 +123,7 @@ def warp(
         else:
             axes[k] = universe.axis(k, float(low[k]), float(high[k]))
     shape = tuple(axis.size for axis in axes)
-    cost = np.full(shape, np.inf)
+    cost = np.array(np.inf)
     if not moving:
         cost = np.full(shape, float(source.cost[live].min()))
     elif invertible:

@@ -1,0 +1,46 @@
+"""What the studies share: the models of the paper, and tables for the documentation.
+
+Run them by ``nox -s studies``; each writes its table to docs/_tables, which the page on
+learning includes.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fuzzykf import CGOFMSModel, FuzzyMarkovLaw
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="session")
+def paper_model():
+    """FMC1 (.07, .05, eta) with the printed matrices: eta -> model."""
+    cases = json.loads((ROOT / "tests" / "data" / "ofsrf.json").read_text())["cases"]
+    case = next(c for c in cases if c["id"] == "P1")
+    gamma = np.array([[case["Gamma"][f"{i}{j}"] for j in range(2)] for i in range(2)])
+
+    def make(eta):
+        return CGOFMSModel(FuzzyMarkovLaw.fmc1(0.07, 0.05, eta), [case["M0"], case["M1"]], gamma, 1)
+
+    return make
+
+
+@pytest.fixture
+def write_table(request):
+    """Write a table in Markdown: (name, header, rows of strings); print it as well."""
+
+    def write(name, header, rows):
+        lines = ["| " + " | ".join(row) + " |" for row in [header, ["---"] * len(header), *rows]]
+        text = "\n".join(lines) + "\n"
+        folder = ROOT / "docs" / "_tables"
+        folder.mkdir(exist_ok=True)
+        (folder / f"{name}.inc").write_text(text)
+        with request.config.pluginmanager.getplugin("capturemanager").global_and_fixture_disabled():
+            print(f"\n{name}\n{text}")
+
+    return write
