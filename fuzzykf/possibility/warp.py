@@ -23,7 +23,6 @@ from fuzzykf.engine.grid import continue_tails, interpolate
 from fuzzykf.engine.raster import cover, flat_cells, live_cells, samples, tangents
 from fuzzykf.engine.scales import scaled
 from fuzzykf.errors import SupportLostError
-from fuzzykf.possibility.lattice import Lattice
 from fuzzykf.possibility.memberships import GaussianMembership, ParabolicMembership
 from fuzzykf.possibility.noise import Kernel
 
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzykf.base import FloatArray
+    from fuzzykf.possibility.lattice import Lattice
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.propagation import Universe
