@@ -147,6 +147,19 @@ def test_of_three_components_the_first_two_are_drawn_or_those_asked_for():
     np.testing.assert_allclose(line.get_ydata(), np.exp(-(line.get_xdata() ** 2) / 8.0))
 
 
+def test_a_series_of_intervals_is_drawn_with_its_bounds():
+    box = IntervalMembership(-1.0, 1.0)
+    est = FuzzyRelationEstimator(1, 1, state=box, process_noise=box, measurement_noise=box)
+    est.H = np.eye(1)
+    result = est.filter([0.5, None, 0.8, 1.0])
+    band = result.plot().collections[0]
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert (heights.min(), heights.max()) == (result.lower.min(), result.upper.max())
+    assert band.get_label() == "possible"
+    # memberships of unbounded support have no such bounds
+    assert FuzzyRelationEstimator(1, 1).filter([0.5, 1.0]).plot().collections[0].get_label() == "90 % band"
+
+
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
