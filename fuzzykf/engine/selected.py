@@ -14,20 +14,18 @@ from fuzzykf import engine
 SUMMARISES = engine.info().name == "compiled"
 
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
-    from fuzzykf.engine._core import (
-        Kernel,
-        Stepper,
-        Summary,
-        filter_series,
+    from fuzzykf.engine.compiled.series import filter_series
+    from fuzzykf.engine.compiled.stepper import Stepper
+    from fuzzykf.engine.compiled.switching import (
         first_step,
         forward_backward,
         log_pairs,
         node_mean,
-        pack,
         run,
         step,
         step_many,
     )
+    from fuzzykf.engine.compiled.tables import Kernel, Summary, pack
 else:
     from fuzzykf.engine.hmm import forward_backward
     from fuzzykf.engine.stepper import Stepper

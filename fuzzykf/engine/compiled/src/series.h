@@ -15,14 +15,14 @@ typedef struct {
 FK_INLINE double fk_log_likelihood(const fk_state *s) { return s->log_known ? s->total : log(s->total); }
 
 /* Bring a state to logarithms. */
-static void fk_to_logs(fk_state *s, int M) {
+FK_STATIC void fk_to_logs(fk_state *s, int M) {
   if (!s->linear) return;
   for (int i = 0; i < M; i++) s->table[i] = s->table[i] > 0.0 ? log(s->table[i]) : FK_LOG_ZERO;
   s->linear = 0;
 }
 
 /* Probabilities of the nodes, in `p` unless the state holds them. */
-static const double *fk_probabilities(const fk_engine *e, const fk_state *s, int M, double *p) {
+FK_STATIC const double *fk_probabilities(const fk_engine *e, const fk_state *s, int M, double *p) {
   if (s->linear) return s->table;
   e->exp_row(s->table, M, p);
   if (s->sign)
@@ -33,7 +33,7 @@ static const double *fk_probabilities(const fk_engine *e, const fk_state *s, int
 
 /* Move a state to the next observation.  The old one keeps its meaning, though perhaps in
  * logarithms afterwards. */
-static void fk_advance(const fk_engine *e, const fk_kernel *k, fk_state *from, fk_state *to, const double *u,
+FK_STATIC void fk_advance(const fk_engine *e, const fk_kernel *k, fk_state *from, fk_state *to, const double *u,
                        double *scratch) {
   if (k->is_scalar) {
     if (!from->linear) {
@@ -59,7 +59,7 @@ typedef struct {
 } fk_output;
 
 /* Write what is known after observation n; x and P are temporaries of m and m m numbers. */
-static void fk_summarise(const fk_engine *e, const fk_summary *s, const fk_state *state, int M, int m, size_t n,
+FK_STATIC void fk_summarise(const fk_engine *e, const fk_summary *s, const fk_state *state, int M, int m, size_t n,
                          const fk_output *out, double *p, double *x) {
   const double *mu = fk_probabilities(e, state, M, p);
   if (out->log_likelihood) out->log_likelihood[n] = fk_log_likelihood(state);
@@ -76,7 +76,7 @@ static void fk_summarise(const fk_engine *e, const fk_summary *s, const fk_state
 
 /* Filter n observations from the state `now` on, summarising each; rows u = (1, w, y').  The two
  * states change places; returns 1 if the last one is in `other`. */
-static int fk_filter(const fk_engine *e, const fk_kernel *k, const fk_summary *s, fk_state *now, fk_state *other,
+FK_STATIC int fk_filter(const fk_engine *e, const fk_kernel *k, const fk_summary *s, fk_state *now, fk_state *other,
                      const double *U, size_t n, const fk_output *out, size_t first, double *p, double *x,
                      double *scratch) {
   const int width = 1 + k->w + k->q, m = k->m;

@@ -44,7 +44,7 @@ FK_INLINE size_t fk_scratch_size(int M, int m) {
 
 /* Fill cell column j of row i from the coefficients of its pair; factor is the lower Cholesky
  * factor of Qyy.  The white rows solve L z = (y' - Ayy w - Ny), divided by sqrt(2). */
-static void fk_fill(fk_kernel *k, int i, int j, double transition, const double *factor, const double *Axx,
+FK_STATIC void fk_fill(fk_kernel *k, int i, int j, double transition, const double *factor, const double *Axx,
                     const double *H, const double *G, const double *c, const double *C, const double *Ayy,
                     const double *Ny) {
   const int m = k->m, q = k->q, w = k->w, n = 1 + w + q;
@@ -75,7 +75,7 @@ static void fk_fill(fk_kernel *k, int i, int j, double transition, const double 
 
 /* Condition the law of (r_1, Z_1) on the first observation, as first_step in NumPy.
  * mean (M, d), covariance (M, d, d), factor (M, q, q); scratch holds q (1 + m) numbers. */
-static double fk_first(int M, int m, int q, const double *log_initial, const double *mean,
+FK_STATIC double fk_first(int M, int m, int q, const double *log_initial, const double *mean,
                        const double *covariance, const double *factor, const double *y, double *table, int ld,
                        double *scratch) {
   const int d = m + q;
@@ -116,7 +116,7 @@ static double fk_first(int M, int m, int q, const double *log_initial, const dou
 }
 
 /* The estimate of the switch by the rule of the 2020 paper, section VI-B. */
-static double fk_most_likely(const fk_summary *s, const double *mu, int M) {
+FK_STATIC double fk_most_likely(const fk_summary *s, const double *mu, int M) {
   double atoms = 0.0, best = -INFINITY, best_inner = -INFINITY;
   int hard = -1, soft = -1;
   for (int j = M - 1; j >= 0; j--) /* on a tie of atoms the later one counts */
@@ -129,26 +129,8 @@ static double fk_most_likely(const fk_summary *s, const double *mu, int M) {
   return s->nodes[soft < 0 || (hard >= 0 && atoms > 0.5) ? hard : soft];
 }
 
-/* One copy of the arithmetic for each kind of processor. */
-#define FK_NAME(name) name##_portable
-#define FK_TARGET
-#define FK_WIDTH 2
-#include "bodies.h"
-
-#ifdef FK_X86
-#define FK_NAME(name) name##_v3
-#define FK_TARGET __attribute__((target("avx2,fma")))
-#define FK_WIDTH 4
-#include "bodies.h"
-
-#define FK_NAME(name) name##_v4
-#define FK_TARGET __attribute__((target("avx512f,avx512dq,avx512vl,avx2,fma")))
-#define FK_WIDTH 8
-#include "bodies.h"
-#endif
-
+/* The arithmetic for one kind of processor; engines.h has them all. */
 typedef struct {
-  const char *instructions;
   double (*step)(const fk_kernel *, const double *, const double *, const double *, double *, double *, double *);
   int (*step_scalar)(const fk_kernel *, const double *, double, double, double *, double *, double *);
   double (*exp_row)(const double *, int, double *);
@@ -159,37 +141,5 @@ typedef struct {
   int (*forward_backward)(int, int, const double *, const double *, const double *, double *, double *,
                            double *, double *);
 } fk_engine;
-
-#define FK_VERSION(name, suffix)                                                                          \
-  {name,                                                                                                  \
-   fk_step_##suffix,                                                                                      \
-   fk_step_scalar_##suffix,                                                                               \
-   fk_exp_row_##suffix,                                                                                   \
-   fk_log_pairs_##suffix,                                                                                 \
-   fk_prior_##suffix,                                                                                     \
-   fk_posterior_##suffix,                                                                                 \
-   fk_forward_backward_##suffix}
-
-static const fk_engine fk_engines[] = {
-    FK_VERSION("portable", portable),
-#ifdef FK_X86
-    FK_VERSION("x86-64-v3", v3),
-    FK_VERSION("x86-64-v4", v4),
-#endif
-};
-
-/* Number of versions this processor can run; the last of them is the fastest. */
-static int fk_levels(void) {
-#ifdef FK_X86
-  __builtin_cpu_init();
-  if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) return 1;
-  if (!__builtin_cpu_supports("avx512f") || !__builtin_cpu_supports("avx512dq") ||
-      !__builtin_cpu_supports("avx512vl"))
-    return 2;
-  return 3;
-#else
-  return 1;
-#endif
-}
 
 #endif

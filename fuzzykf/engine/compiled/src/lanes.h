@@ -17,13 +17,15 @@
 #error "the compiled core of fuzzykf needs GCC or Clang"
 #endif
 
-#if defined(__x86_64__)
-#define FK_X86 1
+#include "processor.h"
+
+#ifdef FK_X86
 #include <immintrin.h>
 #endif
 
 /* Tables are laid out in rows of 8 columns, whatever the processor: one AVX-512 register. */
 #define FK_LANES 8
+#define FK_STATIC static __attribute__((unused))
 #define FK_INLINE static inline __attribute__((always_inline, unused))
 #define FK_INLINE_HERE FK_TARGET static inline __attribute__((always_inline, unused))
 
