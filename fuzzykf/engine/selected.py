@@ -1,4 +1,4 @@
-"""The kernels of the switching recursion that are in use, compiled or in NumPy.
+"""The kernels of recursion and propagation that are in use, compiled or in NumPy.
 
 This is the one place that binds them; `fuzzykf.engine.info` says which they are.
 """
@@ -14,6 +14,18 @@ from fuzzykf import engine
 SUMMARISES = engine.info().name == "compiled"
 
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
+    from fuzzykf.engine.compiled.convolution import convolve_parabola, refine
+    from fuzzykf.engine.compiled.grid import continue_tails, interpolate, interpolate_lines
+    from fuzzykf.engine.compiled.kernels import (
+        convolve_bounded,
+        convolve_convex,
+        convolve_joint,
+        convolve_table,
+        crossing,
+        is_convex,
+        totals,
+    )
+    from fuzzykf.engine.compiled.raster import cover, flat_cells, live_cells
     from fuzzykf.engine.compiled.series import filter_series
     from fuzzykf.engine.compiled.stepper import Stepper
     from fuzzykf.engine.compiled.switching import (
@@ -27,7 +39,19 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     )
     from fuzzykf.engine.compiled.tables import Kernel, Summary, pack
 else:
+    from fuzzykf.engine.convolution import convolve_parabola, refine
+    from fuzzykf.engine.grid import continue_tails, interpolate, interpolate_lines
     from fuzzykf.engine.hmm import forward_backward
+    from fuzzykf.engine.kernels import (
+        convolve_bounded,
+        convolve_convex,
+        convolve_joint,
+        convolve_table,
+        crossing,
+        is_convex,
+        totals,
+    )
+    from fuzzykf.engine.raster import cover, flat_cells, live_cells
     from fuzzykf.engine.stepper import Stepper
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.switching_many import step_many
@@ -36,14 +60,29 @@ __all__ = [
     "SUMMARISES",
     "Kernel",
     "Stepper",
+    "continue_tails",
+    "convolve_bounded",
+    "convolve_convex",
+    "convolve_joint",
+    "convolve_parabola",
+    "convolve_table",
+    "cover",
+    "crossing",
     "first_step",
+    "flat_cells",
     "forward_backward",
+    "interpolate",
+    "interpolate_lines",
+    "is_convex",
+    "live_cells",
     "log_pairs",
     "node_mean",
     "pack",
+    "refine",
     "run",
     "step",
     "step_many",
+    "totals",
 ]
 
 if SUMMARISES:

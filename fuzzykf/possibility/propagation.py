@@ -14,15 +14,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.convolution import convolve_parabola, refine
-from fuzzykf.engine.grid import continue_tails, interpolate_lines
-from fuzzykf.engine.kernels import (
+from fuzzykf.engine.selected import (
+    continue_tails,
     convolve_bounded,
     convolve_convex,
     convolve_joint,
+    convolve_parabola,
     convolve_table,
     crossing,
+    interpolate_lines,
     is_convex,
+    refine,
     totals,
 )
 from fuzzykf.possibility.lattice import Lattice, grid_points

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from fuzzykf.engine.grid import continue_tails, interpolate
-from fuzzykf.engine.raster import cover, flat_cells, live_cells, samples, tangents
+from fuzzykf.engine.raster import samples, tangents
 from fuzzykf.engine.scales import scaled
+from fuzzykf.engine.selected import continue_tails, cover, flat_cells, interpolate, live_cells
 from fuzzykf.errors import SupportLostError
 from fuzzykf.possibility.lattice import Lattice, grid_points
 from fuzzykf.possibility.memberships import GaussianMembership, ParabolicMembership

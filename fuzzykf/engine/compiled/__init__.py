@@ -5,6 +5,28 @@ Arrays of any type and stride are converted, wrong shapes are refused; the arith
 is at work.
 """
 
-from fuzzykf.engine.compiled import arrays, processor, series, stepper, switching, tables
+from fuzzykf.engine.compiled import (
+    arrays,
+    convolution,
+    grid,
+    kernels,
+    processor,
+    raster,
+    series,
+    stepper,
+    switching,
+    tables,
+)
 
-__all__ = ["arrays", "processor", "series", "stepper", "switching", "tables"]
+__all__ = [
+    "arrays",
+    "convolution",
+    "grid",
+    "kernels",
+    "processor",
+    "raster",
+    "series",
+    "stepper",
+    "switching",
+    "tables",
+]
