@@ -94,9 +94,8 @@ class Lattice:
         else:
             origin, step = np.array([self.axes[k][0] for k in free]), self.step[free]
             shape = tuple(self.axes[k].size for k in free)
-            value = interpolate(
-                self.cost.reshape(shape), (points[:, free] - origin) / step, self.t_norm.scale
-            )
+            position = points if len(free) == len(self.axes) else points[:, free]
+            value = interpolate(self.cost.reshape(shape), (position - origin) / step, self.t_norm.scale)
         value[off] = np.inf
         return value
 

@@ -23,7 +23,7 @@ from fuzzykf.engine.raster import samples, tangents
 from fuzzykf.engine.scales import scaled
 from fuzzykf.engine.selected import continue_tails, cover, flat_cells, interpolate, live_cells
 from fuzzykf.errors import SupportLostError
-from fuzzykf.possibility.lattice import Lattice, grid_points
+from fuzzykf.possibility.lattice import Lattice
 from fuzzykf.possibility.memberships import GaussianMembership, ParabolicMembership
 from fuzzykf.possibility.noise import Kernel
 
@@ -98,11 +98,11 @@ def warp(
     SupportLostError
         If the whole image lies outside the domain.
     """
-    nodes, limit = source.points, universe.limit if universe.domain is None else np.inf
+    limit = universe.limit if universe.domain is None else np.inf
     with np.errstate(all="ignore"):
-        image = move(nodes)
+        image = move.on_grid(source.axes)
     live = source.live(limit)
-    move.require_finite(nodes, image, live)
+    move.require_finite(source.axes, image, live)
     low, high = _span(image, live)
     d = low.size
     reached = [
@@ -127,8 +127,9 @@ def warp(
     if not moving:
         cost = np.full(shape, float(source.cost[live].min()))
     elif invertible:
-        some = np.flatnonzero(live)[:: max(1, live.size // TRIALS)]
-        move.require_inverse(nodes.reshape(-1, d)[some], 1e-3 * source.step)
+        if move.matrix is None:
+            some = np.flatnonzero(live)[:: max(1, live.size // TRIALS)]
+            move.require_inverse(source.points.reshape(-1, d)[some], 1e-3 * source.step)
         cost = _pull_back(source, move, tuple(axes)).reshape(shape)
     if not (cost < source.t_norm.impossible).any():
         # No inverse, or an image so small that it falls between the nodes.
@@ -252,11 +253,9 @@ def _pull_back(source: Lattice, move: Mapping, axes: tuple[FloatArray, ...]) -> 
     cost = []
     rows = max(1, SLAB * axes[0].size // int(np.prod([axis.size for axis in axes])))
     for start in range(0, axes[0].size, rows):
-        nodes = grid_points((axes[0][start : start + rows], *axes[1:])).reshape(-1, len(axes))
         with np.errstate(all="ignore"):
-            points = move.inverse(nodes)
-        points[~np.isfinite(points)] = np.nan
-        cost.append(source.at(points))
+            points = move.inverse_on_grid((axes[0][start : start + rows], *axes[1:]))
+        cost.append(source.at(points.reshape(-1, len(axes))))
     return np.concatenate(cost)
 
 
