@@ -21,7 +21,7 @@ class BuildOptional(build_ext):
         if missing:
             self.warn(
                 f"{', '.join(missing)} could not be compiled (see the messages above): fuzzykf is installed "
-                "without the compiled core and runs on NumPy, many times slower, as fuzzykf.engine.info() says, too"
+                "without the compiled core and runs on NumPy, many times slower (see fuzzykf.engine.info())"
             )
 
     def built(self, extension):

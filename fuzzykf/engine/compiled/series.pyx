@@ -1,13 +1,11 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
 """Whole series, filtered and summarised in one go."""
 
-from libc.string cimport memcpy
-
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, at_or_null, doubles
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
-    Kernel, Summary, Workspace, fk_engine, fk_filter, fk_first, fk_kernel, fk_output, fk_padded, fk_state,
-    fk_summarise, fk_to_logs, store, versions,
+    Kernel, Summary, Workspace, fk_chunk_tables, fk_chunk_weights, fk_engine, fk_filter, fk_first, fk_kernel,
+    fk_output, fk_padded, fk_room, fk_state, fk_summarise, fk_to_logs, store, versions,
 )
 
 cimport numpy as cnp
@@ -61,19 +59,23 @@ def filter_series(Kernel kernel not None, Summary summary not None, law, ys, dic
         The states of the last series after the last two observations.
     """
     cdef fk_kernel *k = &kernel.k
-    cdef int M = k.M1, m = k.m, q = k.q, d = k.m + k.q, width = 1 + 2 * k.q, rows = 1 + k.m + k.m * k.m, r
+    cdef int M = k.M1, m = k.m, q = k.q, d = k.m + k.q, rows = 1 + k.m + k.m * k.m, r
     if k.is_signed or k.w != q or k.M2 != M:
         raise ValueError("kernel: expected constant tables without negative weights, of order one")
     cdef cnp.ndarray y = doubles(ys, "ys", (-1, -1, q))
-    cdef Py_ssize_t s = y.shape[0], n = y.shape[1], a, t
+    cdef Py_ssize_t s = y.shape[0], n = y.shape[1], a
     if s < 1 or n < 1:
         raise ValueError("ys: expected at least one observation")
     cdef cnp.ndarray l_ = doubles(law[0], "log_initial", (M,)), mean = doubles(law[1], "mean", (M, d))
     cdef cnp.ndarray S_ = doubles(law[2], "covariance", (M, d, d)), f_ = doubles(law[3], "factor", (M, q, q))
     cdef fk_output o = outputs(out, s, n, m, M)
     cdef Workspace work = Workspace(kernel)
-    cdef Buffer rows_u = Buffer(<size_t> n * width), root = Buffer(q * (1 + m))
-    cdef double *u = rows_u.data
+    cdef size_t ahead = fk_chunk_tables(M) if k.is_scalar else 0, pairs = fk_chunk_weights(M) if k.is_scalar else 0
+    cdef Buffer more = Buffer(ahead + pairs + 1 + 2 * q + q * (1 + m))
+    cdef double *root = more.data + ahead + pairs + 1 + 2 * q
+    cdef fk_room room
+    room.p, room.x, room.scratch = work.p, work.x, work.scratch
+    room.tables, room.weights, room.u = more.data, more.data + ahead, more.data + ahead + pairs
     cdef const double *one
     cdef const double *log_initial = at(l_)
     cdef const double *means = at(mean)
@@ -84,20 +86,15 @@ def filter_series(Kernel kernel not None, Summary summary not None, law, ys, dic
     cdef fk_state *before = &work.two
     cdef int ld = fk_padded(M)
     with nogil:
-        for t in range(n):
-            u[t * width] = 1.0
         for a in range(s):
             one = series + a * n * q
-            for t in range(1, n):
-                memcpy(u + t * width + 1, one + (t - 1) * q, 2 * q * sizeof(double))
             work.one.total = fk_first(
-                M, m, q, log_initial, means, covariances, factors, one, work.one.table, ld, root.data
+                M, m, q, log_initial, means, covariances, factors, one, work.one.table, ld, root
             )
             work.one.linear, work.one.log_known = 0, 1
-            fk_summarise(engine(), &summary.s, &work.one, M, m, a * n, &o, work.p, work.x)
+            fk_summarise(engine(), &summary.s, &work.one, M, m, a * n, &o, &room)
             r = fk_filter(
-                engine(), k, &summary.s, &work.one, &work.two, u + width, n - 1, &o, a * n + 1, work.p, work.x,
-                work.scratch
+                engine(), k, &summary.s, &work.one, &work.two, one, n - 1, &o, a * n + 1, &room
             )
         if r:
             last = &work.two

@@ -10,13 +10,21 @@ cdef extern from "src/series.h" nogil:
         double *cells
         double *mask
     ctypedef struct fk_summary:
-        int stride
+        int stride, n_atoms, M
         const double *cells
         const double *twice
         const double *noise
+        const double *ahead
         const double *nodes
         const double *weights
-        const unsigned char *atoms
+        const int *order
+    ctypedef struct fk_room:
+        double *p
+        double *x
+        double *u
+        double *scratch
+        double *tables
+        double *weights
     ctypedef struct fk_state:
         double *table
         double *sign
@@ -57,13 +65,16 @@ cdef extern from "src/series.h" nogil:
     void fk_to_logs(fk_state *, int) noexcept
     const double *fk_probabilities(const fk_engine *, const fk_state *, int, double *) noexcept
     void fk_advance(const fk_engine *, const fk_kernel *, fk_state *, fk_state *, const double *, double *) noexcept
+    void fk_fill_ahead(int, int, int, const double *, double *, double *) noexcept
+    size_t fk_chunk_tables(int) noexcept
+    size_t fk_chunk_weights(int) noexcept
     void fk_summarise(
-        const fk_engine *, const fk_summary *, const fk_state *, int, int, size_t, const fk_output *, double *,
-        double *
+        const fk_engine *, const fk_summary *, const fk_state *, int, int, size_t, const fk_output *,
+        const fk_room *
     ) noexcept
     int fk_filter(
         const fk_engine *, const fk_kernel *, const fk_summary *, fk_state *, fk_state *, const double *, size_t,
-        const fk_output *, size_t, double *, double *, double *
+        const fk_output *, size_t, const fk_room *
     ) noexcept
 
 cdef const fk_engine *versions  # one per kind of processor
@@ -81,7 +92,7 @@ cdef class Summary:
 
     cdef fk_summary s
     cdef Buffer memory
-    cdef cnp.ndarray nodes, weights, atoms
+    cdef cnp.ndarray order
 
 
 cdef class Workspace:

@@ -84,26 +84,25 @@ def pack(transition, factor, Axx, H, G, c, C, Ayy, Ny):
 
 
 cdef class Summary:
-    """What the moments before an observation and the estimate of the switch need."""
-
     def __cinit__(self, Kernel kernel, transition, offset, twice, noise, nodes, weights, atoms):
         cdef fk_kernel *k = &kernel.k
         cdef int M1 = k.M1, M2 = k.M2, m = k.m, w = k.w, size = 1 + m * (1 + w), i, j, r, t
         cdef cnp.ndarray T = doubles(transition, "transition", (M1, M2))
         cdef cnp.ndarray b = doubles(offset, "offset", (1 + w, M1 * M2 * m))
-        cdef double *cell
         cdef cnp.ndarray twice_ = doubles(twice, "twice", (M1 * m * m, m * m))
         cdef cnp.ndarray noise_ = doubles(noise, "noise", (M1, m * m))
-        cdef size_t cells = <size_t> M1 * k.blocks * size * 8, ld = fk_padded(M1)
-        cdef double *to_noise
-        cdef double *to_twice
-        self.nodes, self.weights = doubles(nodes, "nodes", (M2,)), doubles(weights, "weights", (M2,))
-        self.atoms = np.array(atoms, dtype=np.uint8)
-        if self.atoms.shape[0] != M2:
-            raise ValueError(f"atoms: expected shape ({M2},)")
-        self.memory = Buffer(cells + (m * m + m * m * m * m) * ld)
-        to_noise = self.memory.data + cells
-        to_twice = to_noise + m * m * ld
+        cdef cnp.ndarray nodes_ = doubles(nodes, "nodes", (M2,)), weights_ = doubles(weights, "weights", (M2,))
+        cdef cnp.ndarray atoms_ = np.array(atoms, dtype=bool)
+        if np.shape(atoms_) != (M2,):
+            raise ValueError(f"atoms: got shape {np.shape(atoms_)}, expected ({M2},)")
+        cdef size_t cells = <size_t> M1 * k.blocks * size * 8, ld = fk_padded(M1), to = fk_padded(M2)
+        self.memory = Buffer(cells + (m * m + m * m * m * m + 9) * ld + 2 * to + 3 * <size_t> M2)
+        cdef double *cell
+        cdef double *to_noise = self.memory.data + cells
+        cdef double *to_twice = to_noise + m * m * ld
+        cdef double *ahead = to_twice + m * m * m * m * ld
+        cdef double *to_nodes = ahead + 9 * ld
+        cdef double *pairs = to_nodes + 2 * to  # temporaries of fk_fill_ahead
         for i in range(M1):
             for r in range(m * m):
                 to_noise[r * ld + i] = at(noise_)[i * m * m + r]
@@ -116,10 +115,20 @@ cdef class Summary:
                 for r in range(m):
                     for t in range(1 + w):
                         cell[8 * (1 + r * (1 + w) + t)] = at(b)[<size_t> t * M1 * M2 * m + (i * M2 + j) * m + r]
-        self.s.stride, self.s.cells = size, self.memory.data
-        self.s.twice, self.s.noise = to_twice, to_noise
-        self.s.nodes, self.s.weights = at(self.nodes), at(self.weights)
-        self.s.atoms = <const unsigned char *> cnp.PyArray_DATA(self.atoms)
+        if k.is_scalar:
+            for i in range(M1):
+                for j in range(M2):
+                    pairs[3 * j], pairs[3 * j + 1] = at(b)[i * M2 + j], at(b)[M1 * M2 + i * M2 + j]
+                    pairs[3 * j + 2] = k.cells[((<size_t> i * k.blocks + j // 8) * k.stride + 8) * 8 + j % 8]
+                fk_fill_ahead(i, M2, <int> ld, at(T) + i * M2, pairs, ahead)
+        memcpy(to_nodes, at(nodes_), M2 * sizeof(double))
+        memcpy(to_nodes + to, at(weights_), M2 * sizeof(double))
+        hard = np.flatnonzero(atoms_)[::-1]
+        self.order = np.concatenate([hard, np.flatnonzero(~atoms_)]).astype(np.intc)
+        self.s.stride, self.s.n_atoms, self.s.M, self.s.cells = size, len(hard), M2, self.memory.data
+        self.s.twice, self.s.noise, self.s.ahead = to_twice, to_noise, ahead
+        self.s.nodes, self.s.weights = to_nodes, to_nodes + to
+        self.s.order = <const int *> cnp.PyArray_DATA(self.order)
 
 
 cdef class Workspace:

@@ -53,44 +53,89 @@ FK_STATIC void fk_advance(const fk_engine *e, const fk_kernel *k, fk_state *from
   to->linear = 0, to->log_known = 1;
 }
 
-/* Where the summaries of a series go; any of them may be NULL. */
+/* Room for temporaries along a series: M numbers, m + m m, a row u, what a step needs, and for scalar
+ * systems the states and the pair weights of fk_chunk steps. */
 typedef struct {
-  double *x, *P, *x_prior, *P_prior, *mu, *modes, *means, *log_likelihood;
-} fk_output;
+  double *p, *x, *u, *scratch, *tables, *weights;
+} fk_room;
 
-/* Write what is known after observation n; x and P are temporaries of m and m m numbers. */
+/* How many steps to take at once: their pair weights, padded M x M each, stay in the cache. */
+#define FK_CHUNK 32
+FK_INLINE int fk_chunk(int M) {
+  const int steps = 2048 / (fk_padded(M) * M);
+  return steps > FK_CHUNK ? FK_CHUNK : (steps < 2 ? 2 : steps);
+}
+FK_INLINE size_t fk_chunk_tables(int M) { return 3 * (size_t)(fk_chunk(M) + 1) * fk_padded(M); }
+FK_INLINE size_t fk_chunk_weights(int M) { return (size_t)FK_LANES * M + (size_t)fk_chunk(M) * fk_padded(M) * M; }
+
+/* Write what is known after observation n. */
 FK_STATIC void fk_summarise(const fk_engine *e, const fk_summary *s, const fk_state *state, int M, int m, size_t n,
-                         const fk_output *out, double *p, double *x) {
-  const double *mu = fk_probabilities(e, state, M, p);
+                            const fk_output *out, const fk_room *room) {
+  const double *mu = fk_probabilities(e, state, M, room->p);
   if (out->log_likelihood) out->log_likelihood[n] = fk_log_likelihood(state);
   if (out->mu) memcpy(out->mu + n * M, mu, M * sizeof(double));
-  if (out->modes) out->modes[n] = fk_most_likely(s, mu, M);
+  if (out->modes) out->modes[n] = fk_most_likely(s, mu);
   if (out->means) {
     double mean = 0.0;
     for (int j = 0; j < M; j++) mean += mu[j] * s->nodes[j];
     out->means[n] = mean;
   }
   if (out->x || out->P)
-    e->posterior(M, m, mu, state->table, out->x ? out->x + n * m : x, out->P ? out->P + n * m * m : NULL);
+    e->posterior(M, m, mu, state->table, out->x ? out->x + n * m : room->x, out->P ? out->P + n * m * m : NULL);
 }
 
-/* Filter n observations from the state `now` on, summarising each; rows u = (1, w, y').  The two
- * states change places; returns 1 if the last one is in `other`. */
+/* Filter the observation after y[0], q numbers each, from the state `now` on to `other`. */
+FK_STATIC void fk_filter_one(const fk_engine *e, const fk_kernel *k, const fk_summary *s, fk_state *now,
+                             fk_state *other, const double *y, const fk_output *out, size_t n, const fk_room *room) {
+  const int m = k->m;
+  room->u[0] = 1.0;
+  memcpy(room->u + 1, y, 2 * k->q * sizeof(double));
+  if (out->x_prior || out->P_prior) {
+    double *x = out->x_prior ? out->x_prior + n * m : room->x, *P = out->P_prior ? out->P_prior + n * m * m : room->x + m;
+    const double *mu = fk_probabilities(e, now, k->M1, room->p);
+    e->prior(k, s, mu, now->table, room->u, x, P, room->scratch);
+  }
+  fk_advance(e, k, now, other, room->u, room->scratch);
+  fk_summarise(e, s, other, k->M2, m, n, out, room);
+}
+
+/* As many steps as can be taken at once for a scalar system, at most n; the last two states go to
+ * `now` and `other`, the latest to `now`. */
+FK_STATIC int fk_filter_chunk(const fk_engine *e, const fk_kernel *k, const fk_summary *s, fk_state *now,
+                              fk_state *other, const double *y, int n, const fk_output *out, size_t first,
+                              const fk_room *room) {
+  const int M = k->M1;
+  const size_t size = 3 * (size_t)fk_padded(M);
+  double totals[FK_CHUNK];
+  memcpy(room->tables, now->table, size * sizeof(double));
+  const int done = e->run_scalar(k, y, n, room->tables, totals, room->weights);
+  if (!done) return 0;
+  e->summarise_scalar(s, M, y, done, room->tables, totals, first, out);
+  fk_state *states[2] = {other, now};
+  for (int t = 0; t < 2; t++) {
+    memcpy(states[t]->table, room->tables + (size_t)(done - 1 + t) * size, size * sizeof(double));
+    states[t]->linear = 1;
+  }
+  if (done > 1) other->log_known = 0, other->total = totals[done - 2];
+  now->log_known = 0, now->total = totals[done - 1];
+  return done;
+}
+
+/* Filter n observations after y[0] from the state `now` on, summarising each.  The two states change
+ * places; returns 1 if the last one is in `other`. */
 FK_STATIC int fk_filter(const fk_engine *e, const fk_kernel *k, const fk_summary *s, fk_state *now, fk_state *other,
-                     const double *U, size_t n, const fk_output *out, size_t first, double *p, double *x,
-                     double *scratch) {
-  const int width = 1 + k->w + k->q, m = k->m;
-  const int priors = out->x_prior || out->P_prior;
+                        const double *y, size_t n, const fk_output *out, size_t first, const fk_room *room) {
+  const size_t chunk = fk_chunk(k->M1);
   fk_state *one = now, *two = other;
-  for (size_t t = 0; t < n; t++) {
-    const double *u = U + t * width;
-    if (priors) {
-      const double *mu = fk_probabilities(e, one, k->M1, p);
-      e->prior(k, s, mu, one->table, u, out->x_prior ? out->x_prior + (first + t) * m : x,
-               out->P_prior ? out->P_prior + (first + t) * m * m : x + m, scratch);
+  for (size_t t = 0; t < n;) {
+    if (k->is_scalar && one->linear) {
+      const int most = n - t < chunk ? (int)(n - t) : (int)chunk;
+      const int done = fk_filter_chunk(e, k, s, one, two, y + t, most, out, first + t, room);
+      t += done;
+      if (done == most) continue;
     }
-    fk_advance(e, k, one, two, u, scratch);
-    fk_summarise(e, s, two, k->M2, m, first + t, out, p, x);
+    fk_filter_one(e, k, s, one, two, y + t * k->q, out, first + t, room);
+    t++;
     fk_state *swap = one;
     one = two, two = swap;
   }
