@@ -13,6 +13,9 @@ from fuzzykf import engine
 #: summarises a series after it has been filtered, in `fuzzykf.switching.series`.
 SUMMARISES = engine.info().name == "compiled"
 
+#: Convolutions of up to so many sums in all try every source: NumPy does that faster than anything else.
+BRUTE_FORCE = 0 if SUMMARISES else 4_000_000
+
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     from fuzzykf.engine.compiled.convolution import convolve_parabola, refine
     from fuzzykf.engine.compiled.grid import continue_tails, interpolate, interpolate_lines
@@ -25,7 +28,7 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
         is_convex,
         totals,
     )
-    from fuzzykf.engine.compiled.raster import cover, flat_cells, live_cells
+    from fuzzykf.engine.compiled.raster import corrected, cover, flat_cells, live_cells, stranded
     from fuzzykf.engine.compiled.series import filter_series
     from fuzzykf.engine.compiled.stepper import Stepper
     from fuzzykf.engine.compiled.switching import (
@@ -51,12 +54,13 @@ else:
         is_convex,
         totals,
     )
-    from fuzzykf.engine.raster import cover, flat_cells, live_cells
+    from fuzzykf.engine.raster import corrected, cover, flat_cells, live_cells, stranded
     from fuzzykf.engine.stepper import Stepper
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.switching_many import step_many
 
 __all__ = [
+    "BRUTE_FORCE",
     "SUMMARISES",
     "Kernel",
     "Stepper",
@@ -66,6 +70,7 @@ __all__ = [
     "convolve_joint",
     "convolve_parabola",
     "convolve_table",
+    "corrected",
     "cover",
     "crossing",
     "first_step",
@@ -82,6 +87,7 @@ __all__ = [
     "run",
     "step",
     "step_many",
+    "stranded",
     "totals",
 ]
 

@@ -3,7 +3,7 @@
 
 from itertools import combinations, permutations
 
-from fuzzykf.engine.compiled.arrays cimport at, lattice, whole
+from fuzzykf.engine.compiled.arrays cimport at, axes_of, doubles, lattice, whole
 from fuzzykf.engine.raster import CHUNK, Cover
 
 cimport numpy as cnp
@@ -31,6 +31,12 @@ cdef extern from "src/raster.h" nogil:
     void fk_places(int, const fk_index *, const unsigned char *, fk_index *) noexcept
     fk_index fk_cover_simplices(
         const fk_raster *, const fk_index *, fk_index, fk_index, fk_cover, fk_index *, fk_index *
+    ) noexcept
+    void fk_correct(
+        int, int, const int *, const fk_index *, const double *, const double *, fk_index, double *
+    ) noexcept
+    void fk_keep_stranded(
+        int, const fk_index *, const double *, const double *, fk_index, unsigned char *
     ) noexcept
     void fk_keep_flat(int, int, const fk_index *, const double *, unsigned char *) noexcept
 
@@ -146,3 +152,35 @@ cdef tuple simplices_from(
     with nogil:
         found = fk_cover_simplices(&r, whole(base), n, most, out, &next_, &need)
     return Cover(node[:found], position[:found], inverse[:found], order), next_, need
+
+
+def corrected(part, miss, shape):
+    cdef int s = <int> len(shape), d = <int> len(part.axes), k
+    cdef int order[FK_IMAGE]
+    cdef fk_index lengths[FK_AXES]
+    if not 1 <= d <= FK_IMAGE or not d <= s <= FK_AXES or not all(0 <= axis < s for axis in part.axes):
+        raise ValueError(f"part: got axes {part.axes} of {s}, expected 1 to {FK_IMAGE} of them")
+    for k in range(s):
+        lengths[k] = shape[k]
+    for k in range(d):
+        order[k] = part.axes[k]
+    cdef cnp.ndarray position = np.array(doubles(part.position, "position", (-1, s)))
+    cdef Py_ssize_t n = position.shape[0]
+    cdef cnp.ndarray inverse = doubles(part.inverse, "inverse", (n, d, d)), off = doubles(miss, "miss", (n, d))
+    with nogil:
+        fk_correct(s, d, order, lengths, at(inverse), at(off), n, at(position))
+    return position
+
+
+def stranded(image, live, out):
+    cdef cnp.ndarray flags = flags_of(live), target = lattice(out, "out")
+    cdef cnp.ndarray values = image_for(image, flags)
+    cdef int d = <int> values.shape[cnp.PyArray_NDIM(flags)]
+    cdef fk_index shape[FK_AXES]
+    cdef Py_ssize_t n = flags.size
+    if cnp.PyArray_NDIM(target) != d:
+        raise ValueError(f"out: got shape {np.shape(target)}, expected {d} axes")
+    axes_of(target, shape)
+    with nogil:
+        fk_keep_stranded(d, shape, at(target), at(values), n, bytes_of(flags))
+    return flags

@@ -17,6 +17,10 @@ FK_EXACT_BEGIN
 #define FK_TAIL_ROUGHNESS 0.02
 #define FK_EXACT_PARABOLA 1e-8
 
+/* Positions are on nodes if they are off by less than this (in steps), here for so many at a time. */
+#define FK_ON_NODE 1e-11
+#define FK_POSITIONS (1 << 15)
+
 /* How far (in steps) beyond the last node a position still counts as on it. */
 #define FK_BEYOND 1e-9
 
@@ -38,10 +42,20 @@ FK_INLINE double fk_bend(const double *node, fk_index stride) {
 /* Shift by which memberships too small for a float are kept from vanishing: the best cost, if finite. */
 FK_INLINE double fk_shift(double best, int scale) { return scale == FK_LOG && isfinite(best) ? best : 0.0; }
 
-/* Linear in the memberships of the nodes around a position. */
-FK_STATIC double fk_between_memberships(const fk_lattice *g, const double *node, const double *t) {
+/* Lower of the two nodes around a position along one axis of n nodes, and the part of the way from there. */
+FK_INLINE fk_index fk_below(double position, fk_index n, double *part) {
+  const double last = (double)n - 2.0, start = position < 0.0 ? 0.0 : position;
+  const fk_index node = start < last ? (fk_index)start : n - 2;
+  *part = fk_least(fk_most(position - (double)node, 0.0), 1.0);
+  return node;
+}
+
+/* Cost at a position within the lattice, linear in the memberships of the nodes around it. */
+FK_STATIC double fk_between_memberships(const fk_lattice *g, const double *position) {
   const int corners = 1 << g->d;
-  double best = INFINITY, sum = 0.0;
+  const double *node = g->cost;
+  double t[FK_AXES], best = INFINITY, sum = 0.0;
+  for (int k = 0; k < g->d; k++) node += g->stride[k] * fk_below(position[k], g->shape[k], t + k);
   for (int pass = 0; pass < 2; pass++) {
     const double shift = fk_shift(best, g->scale);
     for (int c = 0; c < corners; c++) {
@@ -57,40 +71,49 @@ FK_STATIC double fk_between_memberships(const fk_lattice *g, const double *node,
       else
         sum += weight * fk_to_membership(node[offset] - shift, g->scale);
     }
+    if (best == INFINITY && g->scale != FK_COMPLEMENT) return INFINITY;
   }
   return fk_shift(best, g->scale) + fk_from_membership(sum, g->scale);
 }
 
-/* Cost at a position within the lattice; d is g->d, for loops of known length. */
-FK_INLINE double fk_at(const fk_lattice *g, const int d, const double *position) {
+/* Cost at a position within the lattice.  d is g->d, and bit k of ``whole`` says that the position is a
+ * node along axis k: given as constants, they make loops of known length. */
+FK_INLINE double fk_at(const fk_lattice *g, const int d, const int whole, const double *position) {
   fk_index corner[FK_AXES], place = 0;
   double t[FK_AXES], value = 0.0;
   for (int k = 0; k < d; k++) {
-    const double last = (double)g->shape[k] - 2.0, start = position[k] < 0.0 ? 0.0 : position[k];
-    corner[k] = start < last ? (fk_index)start : (fk_index)last;
-    t[k] = fk_least(fk_most(position[k] - (double)corner[k], 0.0), 1.0);
+    if (whole >> k & 1)
+      corner[k] = (fk_index)(position[k] + 0.5);
+    else
+      corner[k] = fk_below(position[k], g->shape[k], t + k);
     place += corner[k] * g->stride[k];
   }
   const double *node = g->cost + place;
   for (int c = 0; c < 1 << d; c++) {
     fk_index offset = 0;
     double weight = 1.0;
+    int counts = 1;
     for (int k = 0; k < d; k++) {
       const int up = c >> (d - 1 - k) & 1;
+      if (whole >> k & 1) {
+        counts &= !up;
+        continue;
+      }
       offset += up ? g->stride[k] : 0;
       weight *= up ? t[k] : 1.0 - t[k];
     }
-    value += weight * node[offset];
+    if (counts) value += weight * node[offset];
   }
   for (int k = 0; k < d; k++) { /* four nodes along the edge that is nearest in the other directions */
+    if (whole >> k & 1) continue;
     fk_index first = corner[k] > 0 ? corner[k] - 1 : 0;
     if (first > g->shape[k] - 4) first = g->shape[k] - 4;
     const double *edge = g->cost + first * g->stride[k];
     for (int m = 0; m < d; m++)
-      if (m != k) edge += (corner[m] + (t[m] > 0.5)) * g->stride[m];
+      if (m != k) edge += (corner[m] + (!(whole >> m & 1) && t[m] > 0.5)) * g->stride[m];
     value -= 0.5 * t[k] * (1.0 - t[k]) * fk_bend(edge, g->stride[k]);
   }
-  if (!isfinite(value)) value = fk_between_memberships(g, node, t);
+  if (!isfinite(value)) value = fk_between_memberships(g, position);
   return value < 0.0 ? 0.0 : value; /* no membership exceeds one */
 }
 
@@ -101,21 +124,43 @@ FK_INLINE int fk_inside(const fk_lattice *g, const int d, const double *position
   return inside;
 }
 
-FK_INLINE void fk_at_all(const fk_lattice *g, const int d, const double *position, fk_index n, double *out) {
+FK_INLINE void fk_at_all(const fk_lattice *g, const int d, const int whole, const double *position, fk_index n,
+                         double *out) {
   for (fk_index j = 0; j < n; j++)
-    out[j] = fk_inside(g, d, position + j * d) ? fk_at(g, d, position + j * d) : INFINITY;
+    out[j] = fk_inside(g, d, position + j * d) ? fk_at(g, d, whole, position + j * d) : INFINITY;
+}
+
+/* Along which axes all positions inside are nodes, as bits. */
+FK_INLINE int fk_whole(const fk_lattice *g, const int d, const double *position, fk_index n) {
+  int whole = (1 << d) - 1;
+  for (fk_index j = 0; j < n && whole; j++)
+    if (fk_inside(g, d, position + j * d))
+      for (int k = 0; k < d; k++) {
+        const double along = position[j * d + k];
+        const double off = along - (double)(fk_index)(fk_most(along, 0.0) + 0.5);
+        if (fabs(off) > FK_ON_NODE) whole &= ~(1 << k);
+      }
+  return whole;
 }
 
 /* Costs at positions (n, d) in steps from the first node; infinite outside. */
 FK_STATIC void fk_interpolate(const fk_lattice *g, const double *position, fk_index n, double *out) {
-  if (g->d == 1)
-    fk_at_all(g, 1, position, n, out);
-  else if (g->d == 2)
-    fk_at_all(g, 2, position, n, out);
-  else if (g->d == 3)
-    fk_at_all(g, 3, position, n, out);
-  else
-    fk_at_all(g, g->d, position, n, out);
+  for (fk_index start = 0; start < n; start += FK_POSITIONS, position += FK_POSITIONS * g->d, out += FK_POSITIONS) {
+    const fk_index count = n - start < FK_POSITIONS ? n - start : FK_POSITIONS;
+    const int whole = fk_whole(g, g->d, position, count);
+    if (g->d == 1 && whole == 0)
+      fk_at_all(g, 1, 0, position, count, out);
+    else if (g->d == 2 && whole == 0)
+      fk_at_all(g, 2, 0, position, count, out);
+    else if (g->d == 2 && whole == 1)
+      fk_at_all(g, 2, 1, position, count, out);
+    else if (g->d == 2 && whole == 2)
+      fk_at_all(g, 2, 2, position, count, out);
+    else if (g->d == 3 && whole == 0)
+      fk_at_all(g, 3, 0, position, count, out);
+    else
+      fk_at_all(g, g->d, whole, position, count, out);
+  }
 }
 
 /* Costs (lines, m) between the nodes of lines (lines, n), at the same positions (m) on each. */
@@ -124,7 +169,7 @@ FK_STATIC void fk_interpolate_lines(const double *cost, fk_index lines, fk_index
   for (fk_index line = 0; line < lines; line++) {
     fk_lattice g = {1, scale, {n}, {1}, cost + line * n};
     for (fk_index j = 0; j < m; j++)
-      out[line * m + j] = fk_inside(&g, 1, position + j) ? fk_at(&g, 1, position + j) : INFINITY;
+      out[line * m + j] = fk_inside(&g, 1, position + j) ? fk_at(&g, 1, 0, position + j) : INFINITY;
   }
 }
 

@@ -85,6 +85,19 @@ FK_INLINE double fk_adjugate(const int d, const double *a, double *out) {
   return a[0] * out[0] + a[3] * out[1] + a[6] * out[2];
 }
 
+/* Floor and ceiling where they may be places on an axis; what is beyond does not matter. */
+FK_INLINE double fk_floor(double x) {
+  if (!(x > -1.0 && x < 1e9)) return x;
+  const double whole = (double)(fk_index)x;
+  return whole - (x < whole);
+}
+
+FK_INLINE double fk_ceiling(double x) {
+  if (!(x > -1.0 && x < 1e9)) return x;
+  const double whole = (double)(fk_index)x;
+  return whole + (x > whole);
+}
+
 /* Cover target nodes by the simplices from ``*next`` on of n cells (n, s); stops before the room for
  * ``most`` nodes may not be enough.  Returns the nodes found; *next is n when all is done, and *need the
  * room that the next simplex asks for. */
@@ -109,8 +122,8 @@ FK_INLINE fk_index fk_simplices(const fk_raster *r, const int d, const fk_index 
         most_ = fk_most(most_, corner[c][k]);
         number &= corner[c][k] == corner[c][k];
       }
-      const double from = fk_most(ceil(least - FK_WITHIN), 0.0);
-      const double to = fk_least(floor(most_ + FK_WITHIN), (double)(r->shape[k] - 1));
+      const double from = fk_most(fk_ceiling(least - FK_WITHIN), 0.0);
+      const double to = fk_floor(fk_least(most_ + FK_WITHIN, (double)(r->shape[k] - 1)));
       if (!(number && to >= from)) {
         count = 0;
         break;
@@ -182,6 +195,46 @@ FK_STATIC void fk_keep_flat(int s, int d, const fk_index *shape, const double *i
     threshold = FK_FLATNESS * FK_FLATNESS;
     threshold *= d == 1 ? length : d == 2 ? length * length : length * length * length;
     flags[j] = fk_adjugate(d, gram, adjugate) <= threshold;
+  }
+}
+
+/* Move positions (n, s) by one Newton step, inverse (n, d, d) times miss (n, d), along the axes of ``order``,
+ * where it is as small as it should be and stays within the lattice. */
+FK_STATIC void fk_correct(int s, int d, const int *order, const fk_index *shape, const double *inverse,
+                          const double *miss, fk_index n, double *position) {
+  for (fk_index j = 0; j < n; j++, position += s, inverse += d * d, miss += d) {
+    double change[FK_IMAGE];
+    int good = 1;
+    for (int i = 0; i < d; i++) {
+      change[i] = 0.0;
+      for (int k = 0; k < d; k++) change[i] += inverse[i * d + k] * miss[k];
+      const double moved = position[order[i]] + change[i];
+      good &= (fabs(change[i]) <= 0.5) & (moved >= 0.0) & (moved <= (double)(shape[order[i]] - 1));
+    }
+    if (good)
+      for (int i = 0; i < d; i++) position[order[i]] += change[i];
+  }
+}
+
+/* Keep of the flags of n source nodes those whose image (n, d) lies within a target of this shape, no node
+ * of which around it is finite. */
+FK_STATIC void fk_keep_stranded(int d, const fk_index *shape, const double *out, const double *image, fk_index n,
+                                unsigned char *flags) {
+  for (fk_index j = 0; j < n; j++) {
+    const double *x = image + j * d;
+    int inside = flags[j] != 0, drawn = 0;
+    for (int k = 0; k < d; k++) inside &= isfinite(x[k]) && x[k] > -1.0 && x[k] < (double)shape[k];
+    for (int c = 0; inside && !drawn && c < 1 << d; c++) {
+      fk_index node = 0;
+      int there = 1;
+      for (int k = 0; k < d; k++) {
+        const fk_index at = (fk_index)fk_floor(x[k]) + (c >> k & 1);
+        there &= at >= 0 && at < shape[k];
+        node = node * shape[k] + at;
+      }
+      drawn = there && isfinite(out[node]);
+    }
+    flags[j] = inside && !drawn;
   }
 }
 
