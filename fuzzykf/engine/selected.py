@@ -18,7 +18,13 @@ BRUTE_FORCE = 0 if SUMMARISES else 4_000_000
 
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     from fuzzykf.engine.compiled.convolution import convolve_parabola, refine
-    from fuzzykf.engine.compiled.grid import continue_tails, interpolate, interpolate_lines
+    from fuzzykf.engine.compiled.grid import (
+        continue_tails,
+        interpolate,
+        interpolate_lines,
+        least_outside,
+        pull_back,
+    )
     from fuzzykf.engine.compiled.kernels import (
         convolve_bounded,
         convolve_convex,
@@ -43,7 +49,13 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     from fuzzykf.engine.compiled.tables import Kernel, Summary, pack
 else:
     from fuzzykf.engine.convolution import convolve_parabola, refine
-    from fuzzykf.engine.grid import continue_tails, interpolate, interpolate_lines
+    from fuzzykf.engine.grid import (
+        continue_tails,
+        interpolate,
+        interpolate_lines,
+        least_outside,
+        pull_back,
+    )
     from fuzzykf.engine.hmm import forward_backward
     from fuzzykf.engine.kernels import (
         convolve_bounded,
@@ -79,10 +91,12 @@ __all__ = [
     "interpolate",
     "interpolate_lines",
     "is_convex",
+    "least_outside",
     "live_cells",
     "log_pairs",
     "node_mean",
     "pack",
+    "pull_back",
     "refine",
     "run",
     "step",

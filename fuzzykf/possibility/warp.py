@@ -26,7 +26,9 @@ from fuzzykf.engine.selected import (
     cover,
     flat_cells,
     interpolate,
+    least_outside,
     live_cells,
+    pull_back,
     stranded,
 )
 from fuzzykf.errors import SupportLostError
@@ -143,7 +145,7 @@ def warp(
         cost = _Drawing(source, move, image, universe, extra).draw(moving, axes).reshape(shape)
     if universe.domain is None and not universe.bounded:
         cost = continue_tails(cost, universe.limit)
-    lost = _lost(source, image, live, universe, low, high)
+    lost = _lost(source, image, universe, low, high)
     if universe.domain is not None and lost <= source.cost.min():
         # A component known exactly keeps its value, wherever that is.
         outside = [axes[k][0] < a or axes[k][-1] > b for k, (a, b) in enumerate(universe.domain)]
@@ -243,26 +245,33 @@ def _reached(
 def _lost(
     source: Lattice,
     image: FloatArray,
-    live: np.ndarray,
     universe: Universe,
     low: FloatArray,
     high: FloatArray,
 ) -> float:
-    """Least cost of a live node mapped out of the domain."""
+    """Least cost of a possible node mapped out of the domain."""
     if universe.domain is None:
         return np.inf
     slack = 1e-9 * (universe.domain[:, 1] - universe.domain[:, 0])
     if (low >= universe.domain[:, 0] - slack).all() and (high <= universe.domain[:, 1] + slack).all():
         return np.inf
-    outside = np.zeros(live.shape, dtype=bool)
-    with np.errstate(invalid="ignore"):
-        for k, (a, b) in enumerate(universe.domain):
-            outside |= (image[..., k] < a - slack[k]) | (image[..., k] > b + slack[k])
-    return float(source.cost[outside & live].min(initial=np.inf))
+    least = least_outside(image, source.cost, universe.domain + slack[:, None] * [-1.0, 1.0])
+    return least if least < source.t_norm.impossible else np.inf
 
 
 def _pull_back(source: Lattice, move: Mapping, axes: tuple[FloatArray, ...]) -> FloatArray:
-    """Costs (n,) of the new nodes at their pre-images."""
+    """Costs of the new nodes at their pre-images."""
+    if move.matrix is not None:
+        inverse = np.asarray(np.linalg.inv(move.matrix))
+        first, step = np.array([[a[0], (a[-1] - a[0]) / (a.size - 1)] for a in axes]).T
+        origin = np.array([a[0] for a in source.axes])
+        return pull_back(
+            source.cost,
+            inverse * step / source.step[:, None],
+            (inverse @ (first - move.shift) - origin) / source.step,
+            tuple(a.size for a in axes),
+            source.t_norm.scale,
+        )
     cost = []
     rows = max(1, SLAB * axes[0].size // int(np.prod([axis.size for axis in axes])))
     for start in range(0, axes[0].size, rows):

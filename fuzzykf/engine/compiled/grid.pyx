@@ -1,7 +1,7 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
 """Interpolation of costs on regular lattices; see `fuzzykf.engine.grid`."""
 
-from fuzzykf.engine.compiled.arrays cimport at, axes_of, doubles, lattice
+from fuzzykf.engine.compiled.arrays cimport Buffer, at, axes_of, doubles, lattice
 
 cimport numpy as cnp
 
@@ -14,6 +14,7 @@ cdef extern from "src/interpolation.h" nogil:
     enum: FK_RECIPROCAL
     enum: FK_COMPLEMENT
     enum: FK_AXES
+    enum: FK_POSITIONS
     ctypedef Py_ssize_t fk_index
     ctypedef struct fk_lattice:
         int d, scale
@@ -24,6 +25,10 @@ cdef extern from "src/interpolation.h" nogil:
     void fk_interpolate_lines(
         const double *, fk_index, fk_index, const double *, fk_index, int, double *
     ) noexcept
+    void fk_pull_back(
+        const fk_lattice *, const double *, const double *, const fk_index *, fk_index, fk_index, double *, double *
+    ) noexcept
+    double fk_least_outside(const double *, const double *, fk_index, int, const double *) noexcept
     void fk_continue_tails(int, const fk_index *, double *, double) noexcept
 
 
@@ -34,8 +39,7 @@ cdef int code_of(object scale) except -1:
     raise ValueError(f"scale: got {scale!r}, expected 'log', 'reciprocal' or 'complement'")
 
 
-def interpolate(cost, position, scale):
-    cdef cnp.ndarray nodes = lattice(cost, "cost")
+cdef fk_lattice lattice_of(cnp.ndarray nodes, object scale) except *:
     cdef fk_lattice g
     cdef int k
     g.d, g.scale, g.cost = cnp.PyArray_NDIM(nodes), code_of(scale), at(nodes)
@@ -44,12 +48,48 @@ def interpolate(cost, position, scale):
         g.stride[k] = cnp.PyArray_STRIDE(nodes, k) // <Py_ssize_t> sizeof(double)
         if g.shape[k] < 4:
             raise ValueError(f"cost: got shape {np.shape(nodes)}, expected at least 4 nodes along each axis")
+    return g
+
+
+def interpolate(cost, position, scale):
+    cdef cnp.ndarray nodes = lattice(cost, "cost")
+    cdef fk_lattice g = lattice_of(nodes, scale)
     cdef cnp.ndarray places = doubles(position, "position", (-1, g.d))
     cdef Py_ssize_t n = places.shape[0]
     cdef cnp.ndarray out = np.empty(n)
     with nogil:
         fk_interpolate(&g, at(places), n, at(out))
     return out
+
+
+def pull_back(cost, matrix, shift, shape, scale):
+    cdef cnp.ndarray nodes = lattice(cost, "cost")
+    cdef fk_lattice g = lattice_of(nodes, scale)
+    cdef cnp.ndarray rows = doubles(matrix, "matrix", (g.d, g.d)), start = doubles(shift, "shift", (g.d,))
+    cdef cnp.ndarray out = np.empty(tuple(shape))
+    cdef fk_index lengths[FK_AXES]
+    cdef Py_ssize_t size = out.size, count, done = 0
+    if cnp.PyArray_NDIM(out) != g.d:
+        raise ValueError(f"shape: got {shape}, expected {g.d} lengths")
+    axes_of(out, lengths)
+    cdef Buffer position = Buffer(<size_t> min(size, <Py_ssize_t> FK_POSITIONS) * g.d)
+    with nogil:
+        while done < size:
+            count = min(size - done, <Py_ssize_t> FK_POSITIONS)
+            fk_pull_back(&g, at(rows), at(start), lengths, done, count, position.data, at(out) + done)
+            done += count
+    return out
+
+
+def least_outside(image, cost, box):
+    cdef cnp.ndarray costs = lattice(cost, "cost"), bounds = doubles(box, "box", (-1, 2))
+    cdef int d = <int> bounds.shape[0]
+    cdef cnp.ndarray values = doubles(image, "image", (*np.shape(costs), d))
+    cdef Py_ssize_t n = costs.size
+    cdef double least
+    with nogil:
+        least = fk_least_outside(at(values), at(costs), n, d, at(bounds))
+    return least
 
 
 def interpolate_lines(cost, position, scale):

@@ -163,6 +163,38 @@ FK_STATIC void fk_interpolate(const fk_lattice *g, const double *position, fk_in
   }
 }
 
+/* Costs at positions shift + matrix n for the nodes from number ``start`` on, ``count`` of them, of a lattice of
+ * this shape; room for their positions, not more than FK_POSITIONS. */
+FK_STATIC void fk_pull_back(const fk_lattice *g, const double *matrix, const double *shift, const fk_index *shape,
+                            fk_index start, fk_index count, double *position, double *out) {
+  const int d = g->d;
+  fk_index node[FK_AXES], rest = start;
+  for (int k = d - 1; k >= 0; k--) node[k] = rest % shape[k], rest /= shape[k];
+  for (fk_index j = 0; j < count; j++) {
+    for (int i = 0; i < d; i++) {
+      double sum = shift[i];
+      for (int k = 0; k < d; k++) sum += matrix[i * d + k] * (double)node[k];
+      position[j * d + i] = sum;
+    }
+    for (int k = d - 1; k >= 0; k--) {
+      if (++node[k] < shape[k]) break;
+      node[k] = 0;
+    }
+  }
+  fk_interpolate(g, position, count, out);
+}
+
+/* Least cost of the n nodes whose image (n, d) is outside a box (d, 2); infinite if there is none. */
+FK_STATIC double fk_least_outside(const double *image, const double *cost, fk_index n, int d, const double *box) {
+  double least = INFINITY;
+  for (fk_index j = 0; j < n; j++) {
+    int outside = 0;
+    for (int k = 0; k < d; k++) outside |= (image[j * d + k] < box[2 * k]) | (image[j * d + k] > box[2 * k + 1]);
+    least = outside ? fk_least(least, cost[j]) : least;
+  }
+  return least;
+}
+
 /* Costs (lines, m) between the nodes of lines (lines, n), at the same positions (m) on each. */
 FK_STATIC void fk_interpolate_lines(const double *cost, fk_index lines, fk_index n, const double *position,
                                     fk_index m, int scale, double *out) {
