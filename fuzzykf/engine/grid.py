@@ -26,6 +26,8 @@ __all__ = [
     "continue_tails",
     "interpolate",
     "interpolate_lines",
+    "least_outside",
+    "pull_back",
     "sharpness",
     "subgrid_minimum",
 ]
@@ -147,6 +149,63 @@ def _interpolate_memberships(cost: FloatArray, position: FloatArray, scale: Scal
     return shift + from_membership(
         (weight * to_membership(values - shift[:, None], scale)).sum(axis=1), scale
     )
+
+
+def pull_back(
+    cost: FloatArray, matrix: FloatArray, shift: FloatArray, shape: tuple[int, ...], scale: Scale
+) -> FloatArray:
+    """Costs at the positions shift + matrix n, for all nodes n of another lattice.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (n_1, ..., n_d)
+        At least four nodes along each axis.
+    matrix : ndarray, shape (d, d)
+        Steps of this lattice per step of the other.
+    shift : ndarray, shape (d,)
+        Position of the first node of the other lattice.
+    shape : tuple of int, length d
+        Of the other lattice.
+    scale : {"log", "reciprocal", "complement"}
+
+    Returns
+    -------
+    ndarray, shape ``shape``
+    """
+    out = np.empty(shape)
+    flat = out.reshape(-1)
+    for start in range(0, flat.size, CHUNK):
+        number = np.arange(start, min(start + CHUNK, flat.size))
+        position = np.empty((number.size, len(shape)))
+        position[:] = shift
+        for k, node in enumerate(np.unravel_index(number, shape)):
+            for i, part in enumerate(matrix[:, k]):
+                position[:, i] += part * node
+        flat[start : start + CHUNK] = interpolate(cost, position, scale)
+    return out
+
+
+def least_outside(image: FloatArray, cost: FloatArray, box: FloatArray) -> float:
+    """Least cost of the nodes whose image is outside a box.
+
+    Parameters
+    ----------
+    image : ndarray, shape (n_1, ..., n_s, d)
+        NaN counts as inside.
+    cost : ndarray, shape (n_1, ..., n_s)
+    box : ndarray, shape (d, 2)
+        Bounds.
+
+    Returns
+    -------
+    float
+        Infinite if there is none.
+    """
+    outside = np.zeros(cost.shape, dtype=bool)
+    with np.errstate(invalid="ignore"):
+        for k, (low, high) in enumerate(box):
+            outside |= (image[..., k] < low) | (image[..., k] > high)
+    return float(cost[outside].min(initial=np.inf))
 
 
 def interpolate_lines(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import minimum_filter
 
-from fuzzykf.engine.grid import CUT, continue_tails, subgrid_minimum
+from fuzzykf.engine.grid import CUT, subgrid_minimum
+from fuzzykf.engine.selected import continue_tails
 from fuzzykf.possibility.lattice import Lattice
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.grid import interpolate, sharpness, subgrid_minimum
-from fuzzykf.engine.raster import live_cells
+from fuzzykf.engine.grid import sharpness, subgrid_minimum
+from fuzzykf.engine.selected import interpolate, live_cells
 from fuzzykf.errors import ParameterError
 from fuzzykf.possibility.memberships import GridMembership
 
