@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzykf.base import FloatArray
+    from fuzzykf.engine.scales import Scale
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.noise import Kernel
 
@@ -68,7 +69,7 @@ def predict_scalar(
         found = _searched(axis, cost, move, target, kernel, position, ())
         rough = np.flatnonzero((out < t_norm.impossible) & ~(np.abs(found - expected) <= ROUGH))
         found[rough] = _searched(axis, cost, move, target[rough], kernel, position[rough], HALVINGS)
-        out = np.fmin(out, found)
+        out = np.asarray(np.fmin(out, found))
     else:
         out = meeting(lines, image, target, kernel, source)[0]
     # Sources between the nodes: the likeliest noise, and the ends of a noise that stops short.
@@ -76,7 +77,7 @@ def predict_scalar(
         extra = kernel.cost(np.array([end])) if np.isfinite(end) else np.full(1, np.inf)
         if extra[0] < t_norm.impossible:
             between = _carried(axis, cost, move, image, target - end, t_norm.scale)
-            out = np.minimum(out, t_norm.combine(between, extra))
+            out = np.asarray(np.minimum(out, t_norm.combine(between, extra)))
     return out
 
 
@@ -107,7 +108,7 @@ def _searched(
 
 
 def _carried(
-    axis: FloatArray, cost: FloatArray, move: Mapping, image: FloatArray, wanted: FloatArray, scale: str
+    axis: FloatArray, cost: FloatArray, move: Mapping, image: FloatArray, wanted: FloatArray, scale: Scale
 ) -> FloatArray:
     """Least costs (m,) of the states that the map carries to given places, by interpolation."""
     miss = wanted[:, None] - image
