@@ -69,7 +69,7 @@ def predict_scalar(
         found = _searched(axis, cost, move, target, kernel, position, ())
         rough = np.flatnonzero((out < t_norm.impossible) & ~(np.abs(found - expected) <= ROUGH))
         found[rough] = _searched(axis, cost, move, target[rough], kernel, position[rough], HALVINGS)
-        out = np.asarray(np.fmin(out, found))
+        out = np.fmin(out, found)
     else:
         out = meeting(lines, image, target, kernel, source)[0]
     # Sources between the nodes: the likeliest noise, and the ends of a noise that stops short.
@@ -77,8 +77,8 @@ def predict_scalar(
         extra = kernel.cost(np.array([end])) if np.isfinite(end) else np.full(1, np.inf)
         if extra[0] < t_norm.impossible:
             between = _carried(axis, cost, move, image, target - end, t_norm.scale)
-            out = np.asarray(np.minimum(out, t_norm.combine(between, extra)))
-    return out
+            out = np.minimum(out, t_norm.combine(between, extra))
+    return np.asarray(out, dtype=np.float64)
 
 
 def _searched(
