@@ -121,7 +121,7 @@ class Lattice:
         """Return the same as a membership, linear between the nodes."""
         return GridMembership(self.axes, self.memberships())
 
-    @property
+    @cached_property
     def parts(self) -> int:
         """Into how many parts a step has to be cut for sums over nodes to be integrals.
 
