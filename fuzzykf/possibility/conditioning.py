@@ -83,20 +83,38 @@ def condition(
         prior = _fitted(prior, measure, noise, z, universe, notes)
     t_norm = prior.t_norm
     residual = _residual(prior, measure, z)
-    cost = t_norm.combine(prior.cost, noise.cost(residual, t_norm))
+    surprise = noise.cost(residual, t_norm)
+    cost = t_norm.combine(prior.cost, surprise)
     if not _resolves(prior, residual, cost, noise):
         notes.append(
             "the measurement is finer than the cells of the grid; every node was judged by the best of its "
             "cell (ask for more points)"
         )
-        cost = t_norm.combine(prior.cost, noise.cost(_nearest(residual, noise), t_norm))
+        surprise = noise.cost(_nearest(residual, noise), t_norm)
+        cost = t_norm.combine(prior.cost, surprise)
     best = float(cost.min())
     if best >= t_norm.impossible:
         return Conditioned(None, 0.0, _reaches(prior, measure, noise, z, universe), notes)
-    if t_norm.additive:
-        best = min(best, max(0.0, subgrid_minimum(cost)[0]))
+    best = subgrid_minimum(cost)[0] if t_norm.additive else _meeting(prior.cost, surprise)
+    best = max(0.0, best)
     posterior = Lattice(prior.axes, t_norm.renormalise(cost, best), t_norm)
     return Conditioned(posterior, float(t_norm.membership(best)), True, notes)
+
+
+def _meeting(prior: FloatArray, surprise: FloatArray) -> float:
+    """Least maximum of two costs, at the best node or where they meet next to it along an axis."""
+    cost = np.maximum(prior, surprise)
+    best = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    least = float(cost[best])
+    for k, b in enumerate(best):
+        line = tuple(slice(max(int(b) - 1, 0), int(b) + 2) if m == k else int(i) for m, i in enumerate(best))
+        first, second = prior[line], surprise[line]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ahead = first - second
+            part = ahead[:-1] / (ahead[:-1] - ahead[1:])
+            value = (first[:-1] + part * np.diff(first))[ahead[:-1] * ahead[1:] < 0.0]
+        least = min(least, float(value[np.isfinite(value)].min(initial=np.inf)))
+    return least
 
 
 def _residual(prior: Lattice, measure: Mapping, z: FloatArray) -> FloatArray:

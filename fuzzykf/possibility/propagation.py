@@ -22,7 +22,6 @@ from fuzzykf.engine.selected import (
     convolve_joint,
     convolve_parabola,
     convolve_table,
-    crossing,
     interpolate_lines,
     is_convex,
     refine,
@@ -30,8 +29,10 @@ from fuzzykf.engine.selected import (
 )
 from fuzzykf.possibility.lattice import Lattice, grid_points
 from fuzzykf.possibility.mapping import Mapping
+from fuzzykf.possibility.meeting import meeting
 from fuzzykf.possibility.noise import Kernel
-from fuzzykf.possibility.warp import warp
+from fuzzykf.possibility.scalar import predict_scalar
+from fuzzykf.possibility.warp import landing, warp
 
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
@@ -39,6 +40,9 @@ if TYPE_CHECKING:
     from fuzzykf.possibility.noise import Noise
 
 __all__ = ["Universe", "convolve_axis", "propagate"]
+
+#: Tables up to this many entries are filled for a scalar state and a function without an inverse.
+DIRECT = 1_000_000
 
 #: A log cost beyond the best by more than this cannot win under any kernel in use.
 OVERFLOW = 600.0
@@ -113,9 +117,13 @@ def propagate(source: Lattice, move: Mapping, noise: Noise, universe: Universe) 
         lattice, _ = _propagate(source, move.then(back, noise.peak), noise.kernels, inner)
         return _propagate(lattice, Mapping("basis", d, d, matrix=noise.basis), (None,) * d, universe)
     moved = move.then(np.eye(d), noise.peak) if noise.peak.any() else move
-    if noise.joint is None:
-        return _propagate(source, moved, noise.kernels, universe)
-    return _propagate_joint(source, moved, noise.joint, universe)
+    if noise.joint is not None:
+        return _propagate_joint(source, moved, noise.joint, universe)
+    kernel, size = noise.kernels[0], source.axes[0].size
+    by_function = moved.matrix is None and not moved.is_invertible
+    if d == 1 and kernel is not None and by_function and 1 < size <= DIRECT // universe.points[0]:
+        return _propagate_scalar(source, moved, kernel, universe)
+    return _propagate(source, moved, noise.kernels, universe)
 
 
 def _propagate(
@@ -137,6 +145,25 @@ def _propagate(
         cost = convolve_axis(cost, k, axes[k], target, kernel)
         axes[k] = target
     return Lattice(tuple(axes), cost, source.t_norm), lost
+
+
+def _propagate_scalar(
+    source: Lattice, move: Mapping, kernel: Kernel, universe: Universe
+) -> tuple[Lattice, float]:
+    """Predict a scalar state through a function, from every source to every target."""
+    found = landing(source, move, (kernel,), universe)
+    axis, cost, target = source.axes[0], source.cost, universe.axis(0, *found.reached[0])
+    lost = found.lost
+    if universe.domain is not None:
+        if found.low[0] > target[-1] or found.high[0] < target[0]:
+            raise found.nothing_left(universe)
+        lost = min(lost, _spill(cost, 0, found.image[:, 0], target, kernel))
+    elif not universe.bounded:
+        axis, cost = _wider(axis, cost, 0, universe.limit)
+    cost = predict_scalar(axis, cost, move, target, kernel)
+    if not (cost < source.t_norm.impossible).any():
+        raise found.nothing_left(universe)
+    return Lattice((target,), cost, source.t_norm), lost
 
 
 def _wider(axis: FloatArray, cost: FloatArray, k: int, limit: float) -> tuple[FloatArray, FloatArray]:
@@ -223,7 +250,7 @@ def _convolve_tabulated(
             smooth &= np.abs(offset_used - kink) >= step
         out = np.where(smooth, refine(*near), near[2])
     else:
-        out = crossing(lines, table, source)
+        out = meeting(lines, axis, target, kernel, source)
     # Sources between the nodes: the likeliest noise, and the ends of a noise that stops short.
     for end in (0.0, kernel.lower, kernel.upper):
         extra = kernel.cost(np.array([end]))[0] if np.isfinite(end) else np.inf

@@ -33,7 +33,6 @@ from fuzzykf.engine.selected import (
     stranded,
 )
 from fuzzykf.errors import SupportLostError
-from fuzzykf.possibility.lattice import Lattice
 from fuzzykf.possibility.memberships import GaussianMembership, ParabolicMembership
 from fuzzykf.possibility.noise import Kernel
 
@@ -41,11 +40,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzykf.base import FloatArray
+    from fuzzykf.possibility.lattice import Lattice
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.propagation import Universe
 
-__all__ = ["Image", "warp"]
+__all__ = ["Image", "Landing", "landing", "warp"]
 
 #: A spread of images below this part of their size is none.
 CONSTANT = 1e-13
@@ -81,6 +81,62 @@ class Image:
     lost: float
 
 
+@dataclass(frozen=True, eq=False)
+class Landing:
+    """Where a map takes the nodes of a lattice.
+
+    Attributes
+    ----------
+    image : ndarray, shape (n_1, ..., n_s, d)
+        Of all nodes.
+    live : ndarray of bool, shape (n_1, ..., n_s)
+        The nodes that matter.
+    low, high : ndarray, shape (d,)
+        Bounds of the images of live nodes and of their neighbours.
+    reached : list of (float, float)
+        Bounds per axis of what the noise will reach.
+    lost : float
+        Least cost of a state mapped out of the domain.
+    """
+
+    image: FloatArray
+    live: np.ndarray
+    low: FloatArray
+    high: FloatArray
+    reached: list[tuple[float, float]]
+    lost: float
+
+    def nothing_left(self, universe: Universe) -> SupportLostError:
+        """Return the error for a prediction without any possible state."""
+        if universe.domain is None:
+            return SupportLostError("points: the possible states fall between the nodes; ask for more points")
+        where = ", ".join(f"[{a:.6g}, {b:.6g}]" for a, b in zip(self.low, self.high, strict=True))
+        return SupportLostError(
+            f"domain: all possible states have left {universe.domain.tolist()}, they are within {where}"
+        )
+
+
+def landing(source: Lattice, move: Mapping, kernels: Sequence[Kernel | None], universe: Universe) -> Landing:
+    """Map the nodes of a lattice.
+
+    Raises
+    ------
+    ParameterError
+        If the map returns something inadmissible at a possible state.
+    """
+    limit = universe.limit if universe.domain is None else np.inf
+    with np.errstate(all="ignore"):
+        image = move.on_grid(source.axes)
+    live = source.live(limit)
+    move.require_finite(source.axes, image, live)
+    low, high = span(image, live)
+    reached = [
+        _reached(source, image[..., k], live, kernels[k], float(low[k]), float(high[k]), limit)
+        for k in range(low.size)
+    ]
+    return Landing(image, live, low, high, reached, _lost(source, image, universe, low, high))
+
+
 def warp(
     source: Lattice,
     move: Mapping,
@@ -108,17 +164,9 @@ def warp(
     SupportLostError
         If the whole image lies outside the domain.
     """
-    limit = universe.limit if universe.domain is None else np.inf
-    with np.errstate(all="ignore"):
-        image = move.on_grid(source.axes)
-    live = source.live(limit)
-    move.require_finite(source.axes, image, live)
-    low, high = span(image, live)
+    found = landing(source, move, kernels, universe)
+    image, live, low, high, reached = found.image, found.live, found.low, found.high, found.reached
     d = low.size
-    reached = [
-        _reached(source, image[..., k], live, kernels[k], float(low[k]), float(high[k]), limit)
-        for k in range(d)
-    ]
     moving = [k for k in range(d) if high[k] - low[k] > CONSTANT * max(abs(low[k]), abs(high[k]))]
     invertible = len(moving) == len(source.free) == d and move.is_invertible
     extra: dict[int, Kernel] = {}
@@ -146,19 +194,13 @@ def warp(
         cost = _Drawing(source, move, image, universe, extra).draw(moving, axes).reshape(shape)
     if universe.domain is None and not universe.bounded:
         cost = continue_tails(cost, universe.limit)
-    lost = _lost(source, image, universe, low, high)
-    if universe.domain is not None and lost <= source.cost.min():
+    if universe.domain is not None and found.lost <= source.cost.min():
         # A component known exactly keeps its value, wherever that is.
         outside = [axes[k][0] < a or axes[k][-1] > b for k, (a, b) in enumerate(universe.domain)]
         cost = np.full(shape, np.inf) if any(outside) else cost
     if not (cost < source.t_norm.impossible).any():
-        if universe.domain is None:
-            raise SupportLostError("points: the possible states fall between the nodes; ask for more points")
-        where = ", ".join(f"[{a:.6g}, {b:.6g}]" for a, b in zip(low, high, strict=True))
-        raise SupportLostError(
-            f"domain: all possible states have left {universe.domain.tolist()}, they are within {where}"
-        )
-    return Image(tuple(axes), cost, reached, set(extra), lost)
+        raise found.nothing_left(universe)
+    return Image(tuple(axes), cost, reached, set(extra), found.lost)
 
 
 def _extra_axes(
