@@ -14,6 +14,7 @@ from fuzzykf import engine
 SUMMARISES = engine.info().name == "compiled"
 
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
+    from fuzzykf.engine.compiled.backward import best_path, smooth_back
     from fuzzykf.engine.compiled.series import filter_series
     from fuzzykf.engine.compiled.stepper import Stepper
     from fuzzykf.engine.compiled.switching import (
@@ -27,6 +28,7 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     )
     from fuzzykf.engine.compiled.tables import Kernel, Summary, pack
 else:
+    from fuzzykf.engine.backward import best_path, smooth_back
     from fuzzykf.engine.hmm import forward_backward
     from fuzzykf.engine.stepper import Stepper
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
@@ -36,12 +38,14 @@ __all__ = [
     "SUMMARISES",
     "Kernel",
     "Stepper",
+    "best_path",
     "first_step",
     "forward_backward",
     "log_pairs",
     "node_mean",
     "pack",
     "run",
+    "smooth_back",
     "step",
     "step_many",
 ]

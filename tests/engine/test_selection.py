@@ -20,6 +20,8 @@ NUMPY_HOMES = {
     "node_mean": "fuzzykf.engine.switching",
     "step_many": "fuzzykf.engine.switching_many",
     "forward_backward": "fuzzykf.engine.hmm",
+    "smooth_back": "fuzzykf.engine.backward",
+    "best_path": "fuzzykf.engine.backward",
     "Kernel": "fuzzykf.engine.switching",
     "Stepper": "fuzzykf.engine.stepper",
 }
