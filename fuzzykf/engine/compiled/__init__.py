@@ -5,6 +5,18 @@ Arrays of any type and stride are converted, wrong shapes are refused; the arith
 is at work.
 """
 
-from fuzzykf.engine.compiled import arrays, backward, processor, series, stepper, switching, tables
+from importlib import import_module
 
-__all__ = ["arrays", "backward", "processor", "series", "stepper", "switching", "tables"]
+#: All of them or none: an engine that is compiled in part would be neither.
+MODULES = (
+    "arrays",
+    "backward",
+    "processor",
+    "series",
+    "stepper",
+    "switching",
+    "tables",
+)
+
+for _name in MODULES:
+    import_module(f"{__name__}.{_name}")
