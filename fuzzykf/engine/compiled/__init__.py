@@ -11,7 +11,11 @@ from importlib import import_module
 MODULES = (
     "arrays",
     "backward",
+    "convolution",
+    "grid",
+    "kernels",
     "processor",
+    "raster",
     "series",
     "stepper",
     "switching",
