@@ -237,13 +237,12 @@ def write(outcome: Outcome, folder: Path) -> list[Path]:
 def _as_csv(outcome: Outcome) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(
-        ["quantity", "printed", "ours", "standard_error", "lower", "upper", "p_value", "verdict", "note"]
-    )
+    numbers = ["printed", "ours", "standard_error", "lower", "upper", "p_value"]
+    writer.writerow(["quantity", *numbers, "test", "verdict", "note"])
     for row in outcome.rows:
-        numbers = (row.printed, row.ours, row.standard_error, *(row.interval or (None, None)), row.p_value)
-        shown = ["" if number is None else f"{number:.6g}" for number in numbers]
-        writer.writerow([row.quantity, *shown, row.verdict, row.note])
+        values = (row.printed, row.ours, row.standard_error, *(row.interval or (None, None)), row.p_value)
+        shown = ["" if number is None else f"{number:.6g}" for number in values]
+        writer.writerow([row.quantity, *shown, row.test, row.verdict, row.note])
     return stream.getvalue()
 
 

@@ -127,6 +127,7 @@ def test_files_hold_the_rows_the_parameters_and_a_picture(coins, tmp_path) -> No
         "lower": "",
         "upper": "",
         "p_value": "0",
+        "test": "equal to the last printed digit",
         "verdict": "not reproduced",
         "note": "it is two",
     }
