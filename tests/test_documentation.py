@@ -17,8 +17,10 @@ PAGES = [
     ROOT / "README.md",
     *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
     *sorted((ROOT / "docs" / "howto").glob("*.md")),
-    ROOT / "docs" / "theory" / "switching.md",
-    ROOT / "docs" / "theory" / "corrections.md",
+    *sorted((ROOT / "docs" / "theory").glob("*.md")),
+    ROOT / "docs" / "index.md",
+    ROOT / "docs" / "performance.md",
+    ROOT / "docs" / "reproduction.md",
 ]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -57,6 +59,15 @@ def test_the_links_between_pages_lead_somewhere(page) -> None:
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
         if not target.startswith(("http://", "https://")):
             assert (page.parent / target).exists(), f"{names(page)} links to {target}"
+
+
+def test_the_tests_that_pages_name_exist() -> None:
+    page = (ROOT / "docs" / "theory" / "corrections.md").read_text(encoding="utf-8")
+    named = re.findall(r"`([\w/]+\.py)::(\w+)`", page)
+    assert len(named) > 20
+    for file, function in named:
+        source = (ROOT / "tests" / file).read_text(encoding="utf-8")
+        assert re.search(rf"^def {function}\(", source, re.MULTILINE), f"there is no {file}::{function}"
 
 
 def test_the_reference_lists_every_public_name() -> None:

@@ -78,7 +78,7 @@ def _restore(
     filters = {
         "fuzzy": OFSRFilter(fuzzy, n_nodes=n_nodes),
         "hard": CGOMSMFilter(CGOMSModel.fit(x, y, hard_switch, form=chosen).model),
-        "hidden": CGOMSMFilter(CGOMSModel.fit(x, y).model),  # in the form that is safe
+        "hidden": CGOMSMFilter(CGOMSModel.fit(x, y, form="regression").model),  # the safe form
     }
     out: Samples = {
         "time": elapsed / np.timedelta64(1, "D"),
