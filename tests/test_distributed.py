@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import pickle
 import signal
 import subprocess
 import sys
 import threading
 import time
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -31,9 +31,10 @@ from fuzzykf import (
 from fuzzykf.distributed import filter_dataset
 from fuzzykf.errors import MissingDependencyError, ParameterError, ShapeError
 
-dask = pytest.importorskip("dask", reason="the extra [dask] is not installed")
+da = pytest.importorskip("dask.array", reason="the extra [dask] is not installed")
 distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
 xr = pytest.importorskip("xarray", reason="the extra [dask] is not installed")
+dask = pytest.importorskip("dask", reason="the extra [dask] is not installed")
 zarr = pytest.importorskip("zarr", reason="the extra [dask] is not installed")
 
 
@@ -197,7 +198,9 @@ def test_observations_may_have_components() -> None:
     assert found.P.sel(state="east", state_column="north").dims == ("object", "time")
 
 
-def test_series_that_are_not_chunked_are_cut_to_a_size_that_counts_the_results(monkeypatch, fuzzy_model) -> None:
+def test_series_that_are_not_chunked_are_cut_to_a_size_that_counts_the_results(
+    monkeypatch, fuzzy_model
+) -> None:
     # A step of a series takes 8 bytes for z, and 8 (1 + 1 + 1) for x, P and log_likelihood.
     monkeypatch.setattr("fuzzykf.distributed.blocks.BLOCK_BYTES", 32 * 50 * 10)
     ds = xr.Dataset({"reading": (("meter", "time"), np.zeros((35, 50)))})
@@ -272,9 +275,7 @@ def test_a_store_is_written_block_by_block_and_opened(ds, fuzzy_model, tmp_path)
 def test_no_more_than_a_few_blocks_are_in_memory(tmp_path) -> None:
     # 24 blocks of 1 MiB go in and 24 of 6 MiB come out; each of two threads holds what it works on.
     n_blocks, series, steps = 24, 128, 1024
-    readings = dask.array.random.default_rng(0).normal(
-        size=(n_blocks * series, steps), chunks=(series, steps)
-    )
+    readings = da.random.default_rng(0).normal(size=(n_blocks * series, steps), chunks=(series, steps))
     ds = xr.Dataset({"reading": (("meter", "time"), readings)})
     block = 7 * 8 * series * steps
 
@@ -282,7 +283,7 @@ def test_no_more_than_a_few_blocks_are_in_memory(tmp_path) -> None:
         dim_x, dim_z = 2, 1
 
         def filter_many(self, zs, keep):
-            return FilterResult(x=np.repeat(zs, 2, axis=2), P=np.ones((*zs.shape[:2], 2, 2)))
+            return FilterResult(x=np.ones((*zs.shape[:2], 2)), P=np.ones((*zs.shape[:2], 2, 2)))
 
     raw = {name: {"compressors": None} for name in ("x", "P")}
     with dask.config.set(scheduler="threads", num_workers=2):
@@ -291,4 +292,149 @@ def test_no_more_than_a_few_blocks_are_in_memory(tmp_path) -> None:
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
     assert peak < 6 * block < n_blocks * block / 3
-    print(peak/block)
+
+
+# ------------------------------------------------------------------ on a cluster
+
+N_SERIES, N_BLOCKS = 2000, 40
+
+
+@pytest.fixture
+def slow_filter(fuzzy_model):
+    """The fuzzy filter, slow enough to be interrupted."""
+
+    class Slow:  # a local class, which travels by value: workers cannot import this file
+        def __init__(self, f):
+            self.f, self.dim_x, self.dim_z = f, f.dim_x, f.dim_z
+
+        def filter_many(self, zs, keep):
+            time.sleep(0.05)
+            return self.f.filter_many(zs, keep=keep)
+
+    return Slow(OFSRFilter(fuzzy_model))
+
+
+@pytest.fixture
+def many(tmp_path):
+    """A store of two thousand series, some with gaps, in forty blocks."""
+    rng = np.random.default_rng(7)
+    readings = rng.normal(size=(N_SERIES, 48))
+    readings[::25, 7] = np.nan
+    ds = xr.Dataset({"reading": (("meter", "time"), readings)}).chunk(meter=N_SERIES // N_BLOCKS)
+    ds.to_zarr(tmp_path / "in.zarr", consolidated=False)
+    return xr.open_zarr(tmp_path / "in.zarr", consolidated=False)
+
+
+def kill_a_worker_when(count, cluster) -> tuple[int, int]:
+    """Kill a worker as soon as some blocks are done; return how many were, and the dead process."""
+    deadline = time.monotonic() + 60.0
+    while (done := count()) < 4:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    pid = next(iter(cluster.workers.values())).pid
+    os.kill(pid, signal.SIGKILL)
+    return done, pid
+
+
+def test_from_zarr_to_zarr_nothing_is_missing_after_a_worker_was_killed(
+    many, slow_filter, fuzzy_model, tmp_path
+) -> None:
+    out, keep = tmp_path / "out.zarr", ("x", "P", "mu", "log_likelihood")
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with (
+        distributed.LocalCluster(**options) as cluster,
+        distributed.Client(cluster) as client,
+        ThreadPoolExecutor() as pool,
+    ):
+        pids = set(client.run(os.getpid).values())
+        killing = pool.submit(kill_a_worker_when, lambda: len(list(out.glob("x/c/*/0/0"))), cluster)
+        result = filter_dataset(many, slow_filter, keep=keep, store=out)
+        done, killed = killing.result()
+    assert len(pids) == 2
+    assert os.getpid() not in pids
+    assert killed in pids
+    assert 0 < done < N_BLOCKS / 2
+    local = OFSRFilter(fuzzy_model).filter_many(many.reading.values, keep=keep)
+    for name in keep:
+        assert result[name].sizes["meter"] == N_SERIES
+        assert_same(result[name].values, getattr(local, name))
+
+
+# ------------------------------------------------------------------ what is refused
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "error", "message"),
+    [
+        (lambda ds: ds.reading, {}, ParameterError, "ds: got DataArray, expected an xarray.Dataset"),
+        (lambda ds: ds.chunk(time=10), {}, ParameterError, r"chunked along 'time'.*ds.chunk\({'time': -1"),
+        (lambda ds: ds.assign(other=ds.reading), {}, ParameterError, "ds has 'reading', 'other'"),
+        (None, {"observations": "power"}, ParameterError, "no variable 'power'; it has 'reading'"),
+        (None, {"observations": "street"}, ParameterError, "dim: got 'time', expected one of"),
+        (
+            None,
+            {"dim": "when"},
+            ParameterError,
+            r"dim: got 'when', expected one of the dimensions \('meter', ",
+        ),
+        (
+            lambda ds: ds.chunk(meter=-1),
+            {"component": "meter"},
+            ShapeError,
+            "of 1 components, but 'meter' has 11",
+        ),
+        (lambda ds: ds.astype(str), {}, ParameterError, "'reading' holds <U"),
+        (lambda ds: ds.isel(meter=slice(0)), {}, ShapeError, "'reading' is empty"),
+        (None, {"model": "kalman"}, ParameterError, "model: got str, expected a CGOFMSModel"),
+        (None, {"model": dict}, ParameterError, "model: it returned dict, expected a filter"),
+        (None, {"model": lambda: kalman_filter(2)}, ShapeError, "2 components, but no dimension of"),
+        (None, {"model": kalman_filter(), "n_nodes": 3}, ParameterError, "n_nodes: got 3, expected nothing"),
+        (None, {"n_nodes": -1}, ParameterError, "n_nodes"),
+        (None, {"keep": ["x", "y"]}, ParameterError, "keep: got 'y', expected names among x, P"),
+        (None, {"keep": []}, ParameterError, "keep: got no name"),
+        (None, {"keep": ["possibility"]}, ParameterError, "keep: got 'possibility'"),
+        (None, {"inputs": {"r": "valve"}}, ParameterError, "no variable 'valve', which 'r' asks for"),
+        (None, {"inputs": {"r": "street"}}, ParameterError, "'street' has the dimensions .*expected 'time'"),
+        (None, {"inputs": {"r": "hour"}}, ParameterError, "OFSRFilter does not take them: .*'r'"),
+        (None, {"states": ["a", "b"]}, ShapeError, "expected 1 names"),
+        (lambda ds: ds.rename(meter="x"), {}, ParameterError, "'x' has the name of a result"),
+        (lambda ds: ds.rename(hour="node"), {"keep": ["mu"]}, ParameterError, "'node' has the name"),
+        (None, {"store": "out.zarr", "mode": "r"}, ParameterError, "mode: got 'r'"),
+        (
+            lambda ds: ds.chunk(meter=(3, 5, 3)),
+            {"store": "out.zarr"},
+            ParameterError,
+            "'meter' have sizes from 3 to 5, but a store needs chunks of one size",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_any_work(
+    change, options, error, message, ds, fuzzy_model, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=message):
+        filter_dataset(ds if change is None else change(ds), **{"model": fuzzy_model, **options})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_error_of_a_block_says_where_the_block_is(ds, fuzzy_model) -> None:
+    bad = ds.copy(deep=True)
+    bad["reading"] = ds.reading.where((ds.meter != "M09") | (ds.time != ds.time[3]), np.inf)
+    with pytest.raises(ParameterError, match="observation 3 of series 1 is") as caught:
+        filter_dataset(bad, fuzzy_model).compute(scheduler="threads")
+    assert caught.value.__notes__ == [
+        "fuzzykf: series are counted from the beginning of ds.isel(meter=slice(8, 11))"
+    ]
+
+
+@pytest.mark.parametrize("package", ["xarray", "dask.array", "zarr"])
+def test_without_a_package_the_extra_is_named(package, ds, fuzzy_model, tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(MissingDependencyError, match=r"pip install 'fuzzykf\[dask\]'"):
+        filter_dataset(ds, fuzzy_model, store=tmp_path / "out.zarr")
+
+
+def test_importing_it_loads_neither_dask_nor_xarray() -> None:
+    code = "import sys, fuzzykf.distributed; print({'dask', 'xarray', 'zarr', 'pandas'} & set(sys.modules))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "set()\n"

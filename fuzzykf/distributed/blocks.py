@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import prod
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -42,6 +42,8 @@ class Block:
     loops : tuple of hashable
         The dimensions that count series.
     """
+
+    __name__: ClassVar[str] = "filter_many"  # what dask calls its tasks
 
     make: Any
     is_factory: bool
