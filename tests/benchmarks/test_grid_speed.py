@@ -1,7 +1,6 @@
 """The grid estimator against the loops that its paper prints, as ratios measured in one run.
 
-Run with ``pytest tests/benchmarks/test_grid_speed.py --benchmark-only -s -o addopts=--import-mode=importlib``.
-The loops are in C (``literal_loops.c``) and compiled with the flags of the package.  Times are
+Run with ``nox -s benchmarks -- -k grid_speed -s``.  The loops are in C (``literal_loops.c``) and compiled with the flags of the package.  Times are
 those of the processor, which other work on the machine disturbs least.  Nothing passes or
 fails on a time.
 """
