@@ -1,8 +1,8 @@
 """The grid estimator against the loops that its paper prints, as ratios measured in one run.
 
-Run with ``nox -s benchmarks -- -k grid_speed -s``.  The loops are in C (``literal_loops.c``) and compiled with the flags of the package.  Times are
-those of the processor, which other work on the machine disturbs least.  Nothing passes or
-fails on a time.
+Run with ``nox -s benchmarks -- -k grid_speed -s``.  The loops are in C (``literal_loops.c``) and
+compiled with the flags of the package.  Times are those of the processor, which other work on the
+machine disturbs least.  Nothing passes or fails on a time.
 """
 
 from __future__ import annotations
