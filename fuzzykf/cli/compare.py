@@ -163,7 +163,7 @@ def command(
         methods = comparison.main_methods(law.value)
         check_folder(out)
         if report is not None:
-            check_file(report, *([] if data is None else [data]), option="--report")
+            _check_report(report, data)
             check_installed()
         pieces = sum(method.pieces for method in methods) + (2 if report is None else 3)
         with progress_bar(pieces) as progress:
@@ -177,7 +177,14 @@ def command(
             figure.savefig(picture, format="png", dpi=150)
             if report is not None:
                 progress("report")
-                settings = _settings(result, source, train, law, nodes, seed)
+                repeat = {
+                    "--train": train,
+                    "--switch": switch,
+                    "--law": law,
+                    "--nodes": nodes,
+                    "--seed": seed,
+                }
+                settings = _settings(result, source, data, time, repeat)
                 page = report_page(
                     result, title=source.title, state_label=label, unit=source.unit, settings=settings
                 )
@@ -186,6 +193,7 @@ def command(
         write_text(files[0], _as_csv(result))
         write_bytes(files[1], picture.getvalue())
         if report is not None:
+            report.parent.mkdir(parents=True, exist_ok=True)
             write_text(report, page)
             files.append(report)
     _print(result, source, label, files)
@@ -250,25 +258,40 @@ def _from_file(path: Path, state: str | None, obs: str | None, time: str | None)
 # --------------------------------------------------------------------------- output
 
 
+def _check_report(report: Path, data: Path | None) -> None:
+    """Refuse, before any work is done, a page that cannot be written; its folder may be yet to come."""
+    check_folder(report.parent)
+    if report.parent.is_dir():
+        check_file(report, *([] if data is None else [data]), option="--report")
+
+
 def _settings(
-    result: Comparison, source: Source, train: float, law: Law, nodes: int, seed: int
+    result: Comparison, source: Source, data: Path | None, time: str | None, options: dict[str, object]
 ) -> dict[str, str]:
     """Say what a reader needs to repeat the comparison."""
     import platform
+    import shlex
 
     from fuzzykf import __version__
 
     task = result.task
+    words = ["fuzzykf", "compare", *([] if data is None else [str(data)])]
+    words += ["--state", source.state_column, "--obs", source.observation_column]
+    words += [] if time is None else ["--time", time]
+    words += [str(word) for pair in options.items() for word in pair]
+    words += ["--profile" if task.profile else "--no-profile"]
     return {
         "data": source.title,
         "state": source.state_column,
         "observation": source.observation_column,
-        "rows": f"{len(task.state):,}, the first {task.n_train:,} to learn on (--train {train:g})",
-        "daily profile": "taken away" if task.profile else "left in",
+        "rows": f"{len(task.state):,}: the first {task.n_train:,} to learn on, {task.n_test:,} to compare on",
+        "daily profile of the state": "taken away" if task.profile else "left in",
         "switch": task.switch_source,
-        "law of the fuzzy switch": f"{law.value}, on {nodes} values between 0 and 1, and 0 and 1",
-        "bootstrap": f"blocks of {result.block_length} steps, seed {seed}",
+        "law of the fuzzy switch": str(options["--law"]),
+        "values of the fuzzy switch": f"0, 1 and {options['--nodes']} between them",
+        "bootstrap": f"blocks of {result.block_length} steps, seed {options['--seed']}",
         "made with": f"fuzzykf {__version__}, NumPy {np.__version__}, Python {platform.python_version()}",
+        "to repeat it": shlex.join(words),
     }
 
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import re
+import shlex
 import shutil
+from html import unescape
 
 import numpy as np
 import pytest
@@ -43,7 +46,7 @@ def compare(data, *arguments: object):
 
 @pytest.fixture(scope="module")
 def report(data):
-    path = data.parent / "report.html"
+    path = data.parent / "pages" / "report.html"  # a folder that the command makes
     result = compare(data, "--report", path, "--seed", 3)
     assert result.exit_code == 0, result.output
     assert f"Wrote {path}" in result.output
@@ -52,20 +55,38 @@ def report(data):
 
 def test_the_page_has_the_settings_and_the_numbers_of_the_table(report) -> None:
     page = report.read_text(encoding="utf-8")
-    for setting in ("data.csv", "504, the first 302 to learn on (--train 0.6)", "seed 3", "left in"):
+    for setting in (
+        "504: the first 302 to learn on, 202 to compare on",
+        "seed 3",
+        "left in",
+        "0, 1 and 5 between",
+    ):
         assert setting in page
-    with (report.parent / "out" / "comparison.csv").open(encoding="utf-8", newline="") as file:
+    with (report.parents[1] / "out" / "comparison.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 7
     for row in rows:
         assert f"{float(row['rmse']):.4g}</td>" in page
 
 
+def test_the_command_on_the_page_repeats_the_comparison(report, tmp_path) -> None:
+    found = re.search(r"<dt>to repeat it</dt><dd>(.*?)</dd>", report.read_text(encoding="utf-8"), re.DOTALL)
+    program, *command = shlex.split(unescape(found[1]))
+    assert program == "fuzzykf"
+    result = CliRunner().invoke(app, [*command, "--out", str(tmp_path / "again")])
+    assert result.exit_code == 0, result.output
+    tables = []
+    for folder in (report.parents[1] / "out", tmp_path / "again"):
+        with (folder / "comparison.csv").open(encoding="utf-8", newline="") as file:
+            tables.append([{**row, "microseconds_per_step": ""} for row in csv.DictReader(file)])
+    assert tables[0] == tables[1]
+
+
 def test_a_page_that_cannot_be_written_is_refused_before_any_work(data) -> None:
     before = data.read_bytes()
     for path, message in (
         (data, "--report: "),
-        (data.parent / "none" / "report.html", "there is no such folder"),
+        (data / "report.html", "expected a folder, found a file"),
         (data.parent, "expected a file, found a folder"),
     ):
         result = compare(data, "--report", path)

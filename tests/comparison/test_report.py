@@ -51,7 +51,7 @@ def make_comparison(n=400, *, timed=True, switch=None):
         notes=("mind <this>",),
     )
     bad = Restoration(name=f"other {NASTY}", mean=0.0 * truth, std=np.ones(m), microseconds=20.0)
-    return score(task, (good, bad), np.random.default_rng(1))
+    return score(task, (good, bad), np.random.default_rng(1), n_resamples=200)
 
 
 def values_of(trace) -> np.ndarray:
