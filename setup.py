@@ -17,12 +17,12 @@ class BuildOptional(build_ext):
     def run(self):
         """Build what can be built."""
         super().run()
-        for extension in self.extensions:
-            if not self.built(extension):
-                self.warn(
-                    f"{extension.name} could not be compiled (see the messages above): fuzzykf is installed "
-                    "without it and runs on NumPy, many times slower; fuzzykf.engine.info() says so, too"
-                )
+        missing = [extension.name for extension in self.extensions if not self.built(extension)]
+        if missing:
+            self.warn(
+                f"{', '.join(missing)} could not be compiled (see the messages above): fuzzykf is installed "
+                "without the compiled core and runs on NumPy, many times slower (see fuzzykf.engine.info())"
+            )
 
     def built(self, extension):
         """Whether the library of an extension has been made."""
@@ -31,17 +31,23 @@ class BuildOptional(build_ext):
         )
 
 
+CORE = Path("fuzzykf/engine/compiled")
+
+
+def extension(source):
+    """Describe a module of the compiled core."""
+    return Extension(
+        f"fuzzykf.engine.compiled.{source.stem}",
+        [str(source)],
+        depends=sorted(str(header) for pattern in ("*.pxd", "src/*.h") for header in CORE.glob(pattern)),
+        include_dirs=[str(CORE), numpy.get_include()],
+        define_macros=[("NPY_NO_DEPRECATED_API", "NPY_1_7_API_VERSION")],
+        extra_compile_args=["-O3", "-Wno-psabi"],
+        optional=True,
+    )
+
+
 setup(
     cmdclass={"build_ext": BuildOptional},
-    ext_modules=[
-        Extension(
-            "fuzzykf.engine._core",
-            ["fuzzykf/engine/_core.pyx"],
-            depends=sorted(str(header) for header in Path("fuzzykf/engine/src").glob("*.h")),
-            include_dirs=["fuzzykf/engine", numpy.get_include()],
-            define_macros=[("NPY_NO_DEPRECATED_API", "NPY_1_7_API_VERSION")],
-            extra_compile_args=["-O3", "-Wno-psabi"],
-            optional=True,
-        )
-    ],
+    ext_modules=[extension(source) for source in sorted(CORE.glob("*.pyx"))],
 )

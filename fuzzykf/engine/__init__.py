@@ -62,9 +62,9 @@ def info() -> EngineInfo:
     name, reason = _choice()
     if name == "numpy":
         return EngineInfo(name, reason, None)
-    from fuzzykf.engine import _core
+    from fuzzykf.engine.compiled import processor
 
-    return EngineInfo(name, reason, _core.instructions())
+    return EngineInfo(name, reason, processor.instructions())
 
 
 @cache
@@ -75,7 +75,7 @@ def _choice() -> tuple[str, str]:
     if wanted == "numpy":
         return wanted, f"{_VARIABLE} is set to 'numpy'"
     try:
-        from fuzzykf.engine import _core  # noqa: F401
+        import fuzzykf.engine.compiled  # noqa: F401
     except ImportError as error:
         missing = (
             f"the compiled core cannot be imported ({error}); it is built when fuzzykf is installed "

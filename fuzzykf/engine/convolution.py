@@ -23,7 +23,7 @@ __all__ = ["convolve_parabola", "envelope_of_parabolas", "refine"]
 IntArray: TypeAlias = NDArray[np.intp]
 
 #: Elements worked on at a time: the temporaries then stay in the cache.
-CHUNK = 1 << 16
+CHUNK = 1 << 15
 
 #: Admissible error of a refined cost, as told by the change of the second difference.
 RELATIVE_ERROR, ABSOLUTE_ERROR = 0.1, 0.02
@@ -144,8 +144,9 @@ def _lower_hull(
     memberships lose none.  Where there are dents, chords of farther neighbours clear
     most of each in a few passes, and the rest goes from its rims inwards.
     """
-    dented = _above_chord(source, value, line, bend, 1).any()
-    for reach in chain((256, 128, 64, 32, 16, 8, 4, 2) if dented else (), repeat(1)):
+    if not _above_chord(source, value, line, bend, 1).any():
+        return source, value, line
+    for reach in chain((256, 128, 64, 32, 16, 8, 4, 2), repeat(1)):
         kept = ~_above_chord(source, value, line, bend, reach)
         if reach == 1 and kept.all():
             break

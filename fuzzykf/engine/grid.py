@@ -26,6 +26,8 @@ __all__ = [
     "continue_tails",
     "interpolate",
     "interpolate_lines",
+    "least_outside",
+    "pull_back",
     "sharpness",
     "subgrid_minimum",
 ]
@@ -43,6 +45,9 @@ CUT = 0.7
 
 #: A tail is smooth, or a parabola, if its second difference changes by less than this.
 TAIL_ROUGHNESS, EXACT = 0.02, 1e-8
+
+#: Positions are on nodes if they are off by less than this (in steps): the rounding of 10^4 steps.
+ON_NODE = 1e-11
 
 #: How far (in steps) beyond the last node a position still counts as on it.
 SLACK = 1e-9
@@ -67,8 +72,10 @@ def interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatAr
     out = np.full(position.shape[0], np.inf)
     for start in range(0, position.shape[0], CHUNK):
         part = position[start : start + CHUNK]
-        last = np.array(cost.shape) - 1
-        inside = np.flatnonzero(((part >= -SLACK) & (part <= last + SLACK)).all(axis=1))
+        within = np.ones(part.shape[0], dtype=bool)
+        for along, n in zip(part.T, cost.shape, strict=True):
+            within &= (along >= -SLACK) & (along <= n - 1 + SLACK)
+        inside = np.flatnonzero(within)
         if inside.size == part.shape[0]:
             out[start : start + CHUNK] = _interpolate(cost, part, scale)
         elif inside.size:
@@ -81,26 +88,31 @@ def _interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatA
     d = cost.ndim
     flat = cost.ravel()
     strides = [int(stride) // cost.itemsize for stride in cost.strides]
-    corners, fractions = [], []
+    corners, fractions = [], {}
     for k in range(d):
-        base = np.minimum(np.maximum(np.floor(position[:, k]), 0.0), cost.shape[k] - 2.0)
-        corners.append(base.astype(np.intp))
-        fractions.append(np.minimum(np.maximum(position[:, k] - base, 0.0), 1.0))
+        along = position[:, k]
+        corner = np.rint(along)
+        # Where the map leaves a coordinate alone, all positions are nodes along its axis.
+        if np.abs(along - corner).max(initial=0.0) > ON_NODE:
+            corner = np.minimum(np.maximum(np.floor(along), 0.0), cost.shape[k] - 2.0)
+            fractions[k] = np.minimum(np.maximum(along - corner, 0.0), 1.0)
+        corners.append(corner.astype(np.intp))
     node = sum(corner * stride for corner, stride in zip(corners, strides, strict=True))
     value = np.zeros(position.shape[0])
     with np.errstate(invalid="ignore", over="ignore"):
-        for offsets in product((0, 1), repeat=d):
-            weight = np.ones(1)
-            for t, offset in zip(fractions, offsets, strict=True):
+        for offsets in product((0, 1), repeat=len(fractions)):
+            weight, shift = np.ones(1), 0
+            for (k, t), offset in zip(fractions.items(), offsets, strict=True):
                 weight = weight * (t if offset else 1.0 - t)
-            shift = sum(stride * offset for stride, offset in zip(strides, offsets, strict=True))
+                shift += strides[k] * offset
             value += weight * flat.take(node + shift)
-        for k, t in enumerate(fractions):
+        for k, t in fractions.items():
             # Four nodes along the edge that is nearest in the other directions.
             place = np.minimum(np.maximum(corners[k] - 1, 0), cost.shape[k] - 4) * strides[k]
             for m in range(d):
                 if m != k:
-                    place += (corners[m] + (fractions[m] > 0.5)) * strides[m]
+                    nearest = corners[m] + (fractions[m] > 0.5) if m in fractions else corners[m]
+                    place += nearest * strides[m]
             four = [flat.take(place + j * strides[k]) for j in range(4)]
             value -= 0.5 * t * (1.0 - t) * _bend(*four)
     edge = np.flatnonzero(~np.isfinite(value))
@@ -137,6 +149,63 @@ def _interpolate_memberships(cost: FloatArray, position: FloatArray, scale: Scal
     return shift + from_membership(
         (weight * to_membership(values - shift[:, None], scale)).sum(axis=1), scale
     )
+
+
+def pull_back(
+    cost: FloatArray, matrix: FloatArray, shift: FloatArray, shape: tuple[int, ...], scale: Scale
+) -> FloatArray:
+    """Costs at the positions shift + matrix n, for all nodes n of another lattice.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (n_1, ..., n_d)
+        At least four nodes along each axis.
+    matrix : ndarray, shape (d, d)
+        Steps of this lattice per step of the other.
+    shift : ndarray, shape (d,)
+        Position of the first node of the other lattice.
+    shape : tuple of int, length d
+        Of the other lattice.
+    scale : {"log", "reciprocal", "complement"}
+
+    Returns
+    -------
+    ndarray, shape ``shape``
+    """
+    out = np.empty(shape)
+    flat = out.reshape(-1)
+    for start in range(0, flat.size, CHUNK):
+        number = np.arange(start, min(start + CHUNK, flat.size))
+        position = np.empty((number.size, len(shape)))
+        position[:] = shift
+        for k, node in enumerate(np.unravel_index(number, shape)):
+            for i, part in enumerate(matrix[:, k]):
+                position[:, i] += part * node
+        flat[start : start + CHUNK] = interpolate(cost, position, scale)
+    return out
+
+
+def least_outside(image: FloatArray, cost: FloatArray, box: FloatArray) -> float:
+    """Least cost of the nodes whose image is outside a box.
+
+    Parameters
+    ----------
+    image : ndarray, shape (n_1, ..., n_s, d)
+        NaN counts as inside.
+    cost : ndarray, shape (n_1, ..., n_s)
+    box : ndarray, shape (d, 2)
+        Bounds.
+
+    Returns
+    -------
+    float
+        Infinite if there is none.
+    """
+    outside = np.zeros(cost.shape, dtype=bool)
+    with np.errstate(invalid="ignore"):
+        for k, (low, high) in enumerate(box):
+            outside |= (image[..., k] < low) | (image[..., k] > high)
+    return float(cost[outside].min(initial=np.inf))
 
 
 def interpolate_lines(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:

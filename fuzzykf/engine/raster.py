@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import FloatArray
 
-__all__ = ["Cover", "cover", "flat_cells", "live_cells", "samples", "tangents"]
+__all__ = ["Cover", "corrected", "cover", "flat_cells", "live_cells", "samples", "stranded", "tangents"]
 
 IntArray: TypeAlias = NDArray[np.intp]
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -31,8 +31,8 @@ CHUNK = 1 << 17
 #: Coordinates within a simplex may exceed their range by this rounding error.
 SLACK = 1e-7
 
-#: About so many cells show the rank of a map.
-SAMPLE = 256
+#: About so many cells show the rank of a map, and so few that it is full.
+SAMPLE, FEW = 256, 8
 
 #: A cell is flat if its image is thinner than this part of its length.
 FLATNESS = 1e-9
@@ -165,6 +165,58 @@ def _adjugate(a: FloatArray) -> FloatArray:
     return np.stack([np.cross(columns[(k + 1) % 3], columns[(k + 2) % 3]) for k in range(3)], axis=-2)
 
 
+def corrected(part: Cover, miss: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """One Newton step from pre-images towards the exact ones, where it is as small as it should be.
+
+    Parameters
+    ----------
+    part : Cover
+    miss : ndarray, shape (p, d)
+        Target nodes less the images of their pre-images, in steps of the target.
+    shape : tuple of int
+        Of the source lattice.
+
+    Returns
+    -------
+    ndarray, shape (p, s)
+        Positions like those of ``part``.
+    """
+    axes = list(part.axes)
+    change = np.einsum("pij,pj->pi", part.inverse, miss)
+    moved = part.position.copy()
+    moved[:, axes] += change
+    with np.errstate(invalid="ignore"):
+        admissible = [np.abs(change) <= 0.5, moved >= 0.0, moved <= np.array(shape) - 1.0]
+    good = np.asarray(np.concatenate(admissible, axis=1).all(axis=1))
+    return np.where(good[:, None], moved, part.position)
+
+
+def stranded(image: FloatArray, live: BoolArray, out: FloatArray) -> BoolArray:
+    """Find the live source nodes none of whose surrounding target nodes has been drawn.
+
+    Parameters
+    ----------
+    image : ndarray, shape (n_1, ..., n_s, d)
+        Images of the source nodes, in steps from the first target node.
+    live : ndarray of bool, shape (n_1, ..., n_s)
+    out : ndarray, shape (m_1, ..., m_d)
+        Costs of the target nodes, infinite where nothing has been drawn.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_1, ..., n_s)
+    """
+    drawn = np.pad(np.isfinite(out), 1)
+    near = np.zeros(live.shape, dtype=bool)
+    position = np.where(np.isfinite(image), image, -2.0)
+    inside = ((position > -1.0) & (position < np.array(out.shape))).all(axis=-1)
+    base = np.floor(np.clip(position, -1.0, np.array(out.shape) - 1.0)).astype(np.intp) + 1
+    for corner in product((0, 1), repeat=out.ndim):
+        near |= drawn[tuple(base[..., k] + corner[k] for k in range(out.ndim))]
+    isolated: BoolArray = live & inside & ~near
+    return isolated
+
+
 def flat_cells(image: FloatArray, alive: BoolArray) -> IntArray:
     """Find the cells whose image has no volume; `cover` sees nothing of them.
 
@@ -204,8 +256,16 @@ def tangents(image: FloatArray, alive: BoolArray) -> FloatArray:
     ndarray, shape (d, r)
         Orthonormal columns; r is the rank of the map.
     """
-    base = live_cells(alive)
-    base = base[:: max(1, base.shape[0] // SAMPLE)]
+    cells = live_cells(alive)
+    for sample in (FEW, SAMPLE):
+        columns = _directions(image, cells[:: max(1, cells.shape[0] // sample)])
+        if columns.shape[1] == image.shape[-1]:
+            break
+    return columns
+
+
+def _directions(image: FloatArray, base: IntArray) -> FloatArray:
+    """Directions in which the images of some cells extend, where they extend in most."""
     here = image[tuple(base.T)]
     edges = [image[tuple((base + step).T)] - here for step in np.eye(base.shape[1], dtype=np.intp)]
     if not edges or not base.size:

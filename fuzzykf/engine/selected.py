@@ -1,4 +1,4 @@
-"""The kernels of the switching recursion that are in use, compiled or in NumPy.
+"""The kernels of recursion and propagation that are in use, compiled or in NumPy.
 
 This is the one place that binds them; `fuzzykf.engine.info` says which they are.
 """
@@ -13,39 +13,100 @@ from fuzzykf import engine
 #: summarises a series after it has been filtered, in `fuzzykf.switching.series`.
 SUMMARISES = engine.info().name == "compiled"
 
+#: Convolutions of up to so many sums in all try every source: NumPy does that faster than anything else.
+BRUTE_FORCE = 0 if SUMMARISES else 4_000_000
+
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
-    from fuzzykf.engine._core import (
-        Kernel,
-        Stepper,
-        Summary,
-        filter_series,
+    from fuzzykf.engine.compiled.backward import best_path, smooth_back
+    from fuzzykf.engine.compiled.convolution import convolve_parabola, refine
+    from fuzzykf.engine.compiled.grid import (
+        continue_tails,
+        interpolate,
+        interpolate_lines,
+        least_outside,
+        pull_back,
+    )
+    from fuzzykf.engine.compiled.kernels import (
+        convolve_bounded,
+        convolve_convex,
+        convolve_joint,
+        convolve_table,
+        crossing,
+        is_convex,
+        totals,
+    )
+    from fuzzykf.engine.compiled.raster import corrected, cover, flat_cells, live_cells, stranded
+    from fuzzykf.engine.compiled.series import filter_series
+    from fuzzykf.engine.compiled.stepper import Stepper
+    from fuzzykf.engine.compiled.switching import (
         first_step,
         forward_backward,
         log_pairs,
         node_mean,
-        pack,
         run,
         step,
         step_many,
     )
+    from fuzzykf.engine.compiled.tables import Kernel, Summary, pack
 else:
+    from fuzzykf.engine.backward import best_path, smooth_back
+    from fuzzykf.engine.convolution import convolve_parabola, refine
+    from fuzzykf.engine.grid import (
+        continue_tails,
+        interpolate,
+        interpolate_lines,
+        least_outside,
+        pull_back,
+    )
     from fuzzykf.engine.hmm import forward_backward
+    from fuzzykf.engine.kernels import (
+        convolve_bounded,
+        convolve_convex,
+        convolve_joint,
+        convolve_table,
+        crossing,
+        is_convex,
+        totals,
+    )
+    from fuzzykf.engine.raster import corrected, cover, flat_cells, live_cells, stranded
     from fuzzykf.engine.stepper import Stepper
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.switching_many import step_many
 
 __all__ = [
+    "BRUTE_FORCE",
     "SUMMARISES",
     "Kernel",
     "Stepper",
+    "best_path",
+    "continue_tails",
+    "convolve_bounded",
+    "convolve_convex",
+    "convolve_joint",
+    "convolve_parabola",
+    "convolve_table",
+    "corrected",
+    "cover",
+    "crossing",
     "first_step",
+    "flat_cells",
     "forward_backward",
+    "interpolate",
+    "interpolate_lines",
+    "is_convex",
+    "least_outside",
+    "live_cells",
     "log_pairs",
     "node_mean",
     "pack",
+    "pull_back",
+    "refine",
     "run",
+    "smooth_back",
     "step",
     "step_many",
+    "stranded",
+    "totals",
 ]
 
 if SUMMARISES:

@@ -20,6 +20,9 @@ __all__ = ["plot_result"]
 #: Share of the height that the strip of the switch takes, below the axis of time.
 _STRIP_HEIGHT = 0.05
 
+#: Share of the height that is kept free for the legend, above what is drawn.
+_LEGEND_HEIGHT = 0.16
+
 
 def plot_result(
     result: FilterResult,
@@ -42,7 +45,8 @@ def plot_result(
     component : int
         Which component of the state.
     level : float
-        Nominal coverage of the band.
+        Nominal coverage of the band.  Where the result holds finite bounds of the state, as
+        of a possibilistic filter with memberships of bounded support, the band is these.
     truth : array_like, shape (n,) or (n, dim_x), optional
         What the state was.
     label, unit : str
@@ -80,6 +84,9 @@ def plot_result(
             raise ShapeError(f"truth: got shape {known.shape}, expected ({n},) or ({n}, {m})")
         known = known if known.ndim == 1 else known[:, component]
     lower, upper = result.interval(level)
+    name = f"{100 * level:g} % band"
+    if result.lower is not None and np.isfinite([result.lower, result.upper]).all():
+        lower, upper, name = result.lower, result.upper, "possible"
     axes = axes_or_new(ax)
     time: Any = np.arange(n) if result.index is None else np.asarray(result.index)
     axes.fill_between(
@@ -89,7 +96,7 @@ def plot_result(
         color=BLUE,
         alpha=0.25,
         linewidth=0,
-        label=f"{100 * level:g} % band",
+        label=name,
     )
     if known is not None:
         axes.plot(time, known, color=TRUTH, linewidth=0.9, linestyle=":", label="true")
@@ -99,7 +106,9 @@ def plot_result(
     axes.margins(x=0)
     if result.switch_mean is not None:
         _strip(axes, time, result)
-    axes.legend(loc="upper right", fontsize="small", framealpha=0.8)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + _LEGEND_HEIGHT * (high - low))
+    axes.legend(loc="upper right", fontsize="small", ncols=3, frameon=False)
     return axes
 
 

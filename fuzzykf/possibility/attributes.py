@@ -17,6 +17,7 @@ from fuzzykf.possibility.noise import as_noise
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
     from fuzzykf.base import FloatArray
@@ -175,6 +176,24 @@ class EstimatorState(Filter):
         if method == "peak":
             return self._belief.peak().reshape(-1, 1)
         raise ParameterError(f"method: got {method!r}, expected 'centroid', 'mean_of_maximum' or 'peak'")
+
+    def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
+        """Draw the membership of the state, with the estimate marked.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; by default a new figure.
+        **options
+            See `fuzzykf.plotting.plot_estimate`: components, level, truth, label, unit.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from fuzzykf.plotting.memberships import plot_estimate
+
+        return plot_estimate(self, ax, **options)
 
     # ------------------------------------------------------------------ checks
 

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["is_reachable", "predict", "restart", "update"]
 
+#: Relative error of a measurement: a true state on the bound of its interval must not be lost by it.
+ROUNDING = 4.0 * float(np.finfo(float).eps)
+
 
 def predict(box: IntervalMembership, move: Mapping, noise: IntervalMembership) -> IntervalMembership:
     """Image of a box under the map, enlarged by the noise.
@@ -46,7 +49,7 @@ def update(
     Layne and Passino (2001), equations (62)-(65), corrected: h(x) is in
     [z - upper noise, z - lower noise].
     """
-    least, most = z - noise.upper, z - noise.lower
+    least, most = _explained(noise, z)
     found: tuple[FloatArray, FloatArray] | None = box.lower, box.upper
     if measure.has_interval:
         found = intervals.shave(measure.interval, box.lower, box.upper, least, most)
@@ -71,7 +74,8 @@ def is_reachable(box: IntervalMembership, measure: Mapping, noise: IntervalMembe
         return True
     ranges = [intervals.monotone_range(_component(measure, k), box.lower, box.upper) for k in range(z.size)]
     low, high = np.array(ranges).T
-    return bool((z - noise.lower >= low).all() and (z - noise.upper <= high).all())
+    least, most = _explained(noise, z)
+    return bool((most >= low).all() and (least <= high).all())
 
 
 def restart(
@@ -82,7 +86,7 @@ def restart(
     None if they are unbounded, or cannot be found (a function with an interval
     extension has no inverse).
     """
-    least, most = z - noise.upper, z - noise.lower
+    least, most = _explained(noise, z)
     if measure.has_interval:
         return None
     if box.dim == 1:
@@ -101,6 +105,12 @@ def restart(
     lower, upper = box.lower.copy(), box.upper.copy()
     lower[seen], upper[seen] = intervals.linear_image(inverse, least - measure.shift, most - measure.shift)
     return update(IntervalMembership(lower, upper), measure, noise, z)
+
+
+def _explained(noise: IntervalMembership, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Bounds of what h may be, widened by the rounding errors of z, of h and of the difference."""
+    slack = ROUNDING * (np.abs(z) + np.maximum(np.abs(noise.lower), np.abs(noise.upper)))
+    return z - noise.upper - slack, z - noise.lower + slack
 
 
 def _component(mapping: Mapping, k: int) -> Callable[[FloatArray], FloatArray]:

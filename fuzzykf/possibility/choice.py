@@ -185,8 +185,12 @@ def universe_of(
     box = None
     if domain is not None:
         box = np.array(domain, dtype=np.float64)
+        box = box[None] if d == 1 and box.shape == (2,) else box
         if box.shape != (d, 2) or not np.isfinite(box).all() or (box[:, 0] >= box[:, 1]).any():
-            raise ParameterError(f"domain: got {domain!r}, expected {d} finite pairs (lo, hi) with lo < hi")
+            raise ParameterError(
+                f"domain: got {domain!r}, expected one finite pair (lo, hi) with lo < hi for each of {d} "
+                "components"
+            )
         peak = choice.state.peak
         if ((peak < box[:, 0]) | (peak > box[:, 1])).any():
             raise ParameterError(f"state: its peak {peak.tolist()} lies outside the domain {box.tolist()}")

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import minimum_filter
 
-from fuzzykf.engine.grid import CUT, continue_tails, subgrid_minimum
+from fuzzykf.engine.grid import CUT, subgrid_minimum
+from fuzzykf.engine.selected import continue_tails
 from fuzzykf.possibility.lattice import Lattice
 
 if TYPE_CHECKING:
@@ -100,10 +101,9 @@ def condition(
 
 def _residual(prior: Lattice, measure: Mapping, z: FloatArray) -> FloatArray:
     """Return z - h at the nodes (..., q), infinite where h is no number."""
-    nodes = prior.points
     with np.errstate(all="ignore"):
-        value = measure(nodes)
-    measure.require_finite(nodes, value, prior.live(np.inf))
+        value = measure.on_grid(prior.axes)
+    measure.require_finite(prior.axes, value, prior.live(np.inf))
     return np.where(np.isfinite(value), z - value, np.inf)
 
 
@@ -202,13 +202,19 @@ def _extended(prior: Lattice, sides: list[tuple[int, int]], universe: Universe) 
 
 
 def _reaches(prior: Lattice, measure: Mapping, noise: Membership, z: FloatArray, universe: Universe) -> bool:
-    """Whether any state within the domain, or within a box grown very far, explains the measurement."""
-    t_norm = prior.t_norm
-    axes = prior.axes
+    """Whether any state within the domain, or within a box grown very far, explains the measurement.
+
+    Judged component by component: h is continuous, so that it takes all values between
+    the least and the largest that it takes at the nodes.
+    """
+    lower, upper = noise.support()
+    axes, least, most = prior.axes, np.full(z.size, np.inf), np.full(z.size, -np.inf)
     for _ in range(ROUNDS):
-        blank = Lattice(axes, np.full([axis.size for axis in axes], np.inf), t_norm)
-        residual = _residual(blank, measure, z)
-        if (noise.cost(_nearest(residual, noise), t_norm) < t_norm.impossible).any():
+        blank = Lattice(axes, np.full([axis.size for axis in axes], np.inf), prior.t_norm)
+        residual = _residual(blank, measure, z).reshape(-1, z.size)
+        least = np.minimum(least, residual.min(axis=0))
+        most = np.maximum(most, np.where(np.isfinite(residual), residual, -np.inf).max(axis=0))
+        if ((least <= upper) & (most >= lower)).all():
             return True
         if universe.domain is not None:
             return False

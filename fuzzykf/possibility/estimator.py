@@ -15,7 +15,7 @@ from fuzzykf.errors import (
     SupportWarning,
     UnreachableMeasurementError,
 )
-from fuzzykf.gaussian import as_array
+from fuzzykf.gaussian import as_array, is_whole
 from fuzzykf.possibility.attributes import EstimatorState, as_map
 from fuzzykf.possibility.choice import choose, universe_of
 from fuzzykf.possibility.mapping import Mapping
@@ -181,22 +181,22 @@ class FuzzyRelationEstimator(EstimatorState):
         floor: float | None = None,
     ) -> None:
         for name, value in (("dim_x", dim_x), ("dim_z", dim_z)):
-            if value < 1:
-                raise ParameterError(f"{name}: got {value}, expected a whole number of at least 1")
+            if not is_whole(value) or value < 1:
+                raise ParameterError(f"{name}: got {value!r}, expected a whole number of at least 1")
         if on_empty not in {"raise", "keep", "reset"}:
             raise ParameterError(f"on_empty: got {on_empty!r}, expected 'raise', 'keep' or 'reset'")
         if fx is None and (fx_inverse is not None or fx_interval is not None):
             raise ParameterError(
                 "fx: got None, expected the function that belongs to fx_inverse or fx_interval"
             )
-        self.dim_x, self.dim_z, self.dim_u = dim_x, dim_z, dim_u
+        self.dim_x, self.dim_z, self.dim_u = int(dim_x), int(dim_z), dim_u
         self.fx, self.hx, self.fx_inverse = fx, hx, fx_inverse
         self.fx_interval, self.hx_interval = fx_interval, hx_interval
         self.t_norm, self.t_conorm = as_t_norm(t_norm), as_t_conorm(t_conorm, continuum=True)
         self.on_empty = on_empty
         choice = choose(
-            dim_x,
-            dim_z,
+            self.dim_x,
+            self.dim_z,
             self.t_norm,
             state=state,
             process_noise=process_noise,
@@ -207,8 +207,8 @@ class FuzzyRelationEstimator(EstimatorState):
             grid=points is not None or domain is not None,
         )
         self.representation = choice.representation
-        self.F = np.eye(dim_x) if fx is None else None
-        self.H = np.zeros((dim_z, dim_x)) if hx is None else None
+        self.F = np.eye(self.dim_x) if fx is None else None
+        self.H = np.zeros((self.dim_z, self.dim_x)) if hx is None else None
         self.B = None
         self._process_noise = self._as_used("process_noise", choice.process_noise)
         self._measurement_noise = self._as_used("measurement_noise", choice.measurement_noise)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.grid import interpolate, sharpness, subgrid_minimum
-from fuzzykf.engine.raster import live_cells
+from fuzzykf.engine.grid import sharpness, subgrid_minimum
+from fuzzykf.engine.selected import interpolate, live_cells
 from fuzzykf.errors import ParameterError
 from fuzzykf.possibility.memberships import GridMembership
 
@@ -94,9 +94,8 @@ class Lattice:
         else:
             origin, step = np.array([self.axes[k][0] for k in free]), self.step[free]
             shape = tuple(self.axes[k].size for k in free)
-            value = interpolate(
-                self.cost.reshape(shape), (points[:, free] - origin) / step, self.t_norm.scale
-            )
+            position = points if len(free) == len(self.axes) else points[:, free]
+            value = interpolate(self.cost.reshape(shape), (position - origin) / step, self.t_norm.scale)
         value[off] = np.inf
         return value
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.possibility.lattice import grid_points
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -78,6 +79,12 @@ class Mapping:
             value = value[..., self.components]
         return self._shifted(value)
 
+    def on_grid(self, axes: tuple[FloatArray, ...]) -> FloatArray:
+        """Map the nodes of a lattice, (n_1, ..., n_d, dim_out)."""
+        if self.matrix is not None:
+            return _apply_to_grid(self.matrix, axes, self.shift)
+        return self(grid_points(axes))
+
     def _shifted(self, value: FloatArray) -> FloatArray:
         return value + self.shift if self.shift.any() else value
 
@@ -93,21 +100,22 @@ class Mapping:
             )
         return array
 
-    def require_finite(self, x: FloatArray, value: FloatArray, where: np.ndarray) -> None:
-        """Refuse NaN and infinite values at the points that matter.
+    def require_finite(self, axes: tuple[FloatArray, ...], value: FloatArray, where: np.ndarray) -> None:
+        """Refuse NaN and infinite values at the nodes of a lattice that matter.
 
         Raises
         ------
         ParameterError
-            Names the function, the first such point and the value.
+            Names the function, the first such node and the value.
         """
         if np.isfinite(value).all():
             return
         bad = where & ~np.isfinite(value).all(axis=-1)
         if bad.any():
             first = tuple(np.argwhere(bad)[0])
+            x = [float(axis[k]) for axis, k in zip(axes, first, strict=True)]
             raise ParameterError(
-                f"{self.name}: returned {value[first].tolist()} at x = {x[first].tolist()}, "
+                f"{self.name}: returned {value[first].tolist()} at x = {x}, "
                 "which is possible; expected finite numbers"
             )
 
@@ -158,6 +166,13 @@ class Mapping:
         value = self._inverse(x - self.shift, **self._arguments)
         return self._checked(f"{self.name}_inverse", value, x, self.dim_in)
 
+    def inverse_on_grid(self, axes: tuple[FloatArray, ...]) -> FloatArray:
+        """Pre-images of the nodes of a lattice, (n_1, ..., n_d, dim_in)."""
+        if self.matrix is not None:
+            inverse = np.asarray(np.linalg.inv(self.matrix))
+            return _apply_to_grid(inverse, axes, -inverse @ self.shift)
+        return self.inverse(grid_points(axes))
+
     def require_inverse(self, x: FloatArray, tolerance: FloatArray) -> None:
         """Check that the inverse given by the user leads back to the points ``x``.
 
@@ -166,15 +181,14 @@ class Mapping:
         ParameterError
             Names the first point that it does not lead back to.
         """
-        if self.matrix is None:
-            back = self.inverse(self(x))
-            bad = ~(np.abs(back - x) <= tolerance).all(axis=-1)
-            if bad.any():
-                k = int(np.argmax(bad))
-                raise ParameterError(
-                    f"{self.name}_inverse: leads from {self.name}({x[k].tolist()}) to {back[k].tolist()}, "
-                    f"expected {x[k].tolist()}"
-                )
+        back = self.inverse(self(x))
+        bad = ~(np.abs(back - x) <= tolerance).all(axis=-1)
+        if bad.any():
+            k = int(np.argmax(bad))
+            raise ParameterError(
+                f"{self.name}_inverse: leads from {self.name}({x[k].tolist()}) to {back[k].tolist()}, "
+                f"expected {x[k].tolist()}"
+            )
 
     def then(self, matrix: FloatArray, shift: FloatArray) -> Mapping:
         """Return the map x -> matrix (self(x) + shift), for an invertible matrix."""
@@ -202,6 +216,18 @@ def _apply(matrix: FloatArray, x: FloatArray) -> FloatArray:
     value = np.zeros((*x.shape[:-1], matrix.shape[0]))
     for i, k in np.argwhere(matrix != 0.0):
         value[..., i] += matrix[i, k] * x[..., k]
+    return value
+
+
+def _apply_to_grid(matrix: FloatArray, axes: tuple[FloatArray, ...], shift: FloatArray) -> FloatArray:
+    """Apply a matrix, and a shift, to the nodes of a lattice: sums along its axes, without the nodes."""
+    shape = tuple(axis.size for axis in axes)
+    value = np.empty((*shape, matrix.shape[0]))
+    for i, row in enumerate(matrix):
+        total = np.full((1,) * len(axes), shift[i])
+        for k in np.flatnonzero(row):
+            total = total + row[k] * axes[k].reshape([-1 if m == k else 1 for m in range(len(axes))])
+        value[..., i] = total
     return value
 
 

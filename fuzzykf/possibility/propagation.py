@@ -14,15 +14,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.convolution import convolve_parabola, refine
-from fuzzykf.engine.grid import continue_tails, interpolate_lines
-from fuzzykf.engine.kernels import (
+from fuzzykf.engine.selected import (
+    BRUTE_FORCE,
+    continue_tails,
     convolve_bounded,
     convolve_convex,
     convolve_joint,
+    convolve_parabola,
     convolve_table,
     crossing,
+    interpolate_lines,
     is_convex,
+    refine,
     totals,
 )
 from fuzzykf.possibility.lattice import Lattice, grid_points
@@ -36,9 +39,6 @@ if TYPE_CHECKING:
     from fuzzykf.possibility.noise import Noise
 
 __all__ = ["Universe", "convolve_axis", "propagate"]
-
-#: Tables up to this many entries in all are searched by brute force: it is faster there.
-SMALL = 4_000_000
 
 #: A log cost beyond the best by more than this cannot win under any kernel in use.
 OVERFLOW = 600.0
@@ -202,7 +202,7 @@ def _convolve_tabulated(
     offset = target[:, None] - axis
     table = kernel.cost(offset)
     table[table >= t_norm.impossible] = np.inf
-    if lines.shape[0] * table.size <= SMALL:
+    if lines.shape[0] * table.size <= BRUTE_FORCE:
         source = convolve_table(lines, table, combine)
     elif kernel.reciprocal_scale is not None:
         # Reciprocal memberships: the lower envelope of parabolas of different bends.

@@ -17,13 +17,21 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import binary_dilation
 
-from fuzzykf.engine.grid import continue_tails, interpolate
-from fuzzykf.engine.raster import cover, flat_cells, live_cells, samples, tangents
+from fuzzykf.engine.raster import samples, tangents
 from fuzzykf.engine.scales import scaled
+from fuzzykf.engine.selected import (
+    continue_tails,
+    corrected,
+    cover,
+    flat_cells,
+    interpolate,
+    least_outside,
+    live_cells,
+    pull_back,
+    stranded,
+)
 from fuzzykf.errors import SupportLostError
-from fuzzykf.possibility.lattice import Lattice, grid_points
 from fuzzykf.possibility.memberships import GaussianMembership, ParabolicMembership
 from fuzzykf.possibility.noise import Kernel
 
@@ -31,6 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzykf.base import FloatArray
+    from fuzzykf.possibility.lattice import Lattice
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.propagation import Universe
@@ -98,11 +107,11 @@ def warp(
     SupportLostError
         If the whole image lies outside the domain.
     """
-    nodes, limit = source.points, universe.limit if universe.domain is None else np.inf
+    limit = universe.limit if universe.domain is None else np.inf
     with np.errstate(all="ignore"):
-        image = move(nodes)
+        image = move.on_grid(source.axes)
     live = source.live(limit)
-    move.require_finite(nodes, image, live)
+    move.require_finite(source.axes, image, live)
     low, high = _span(image, live)
     d = low.size
     reached = [
@@ -127,15 +136,16 @@ def warp(
     if not moving:
         cost = np.full(shape, float(source.cost[live].min()))
     elif invertible:
-        some = np.flatnonzero(live)[:: max(1, live.size // TRIALS)]
-        move.require_inverse(nodes.reshape(-1, d)[some], 1e-3 * source.step)
+        if move.matrix is None:
+            some = np.flatnonzero(live)[:: max(1, live.size // TRIALS)]
+            move.require_inverse(source.points.reshape(-1, d)[some], 1e-3 * source.step)
         cost = _pull_back(source, move, tuple(axes)).reshape(shape)
     if not (cost < source.t_norm.impossible).any():
         # No inverse, or an image so small that it falls between the nodes.
         cost = _Drawing(source, move, image, universe, extra).draw(moving, axes).reshape(shape)
     if universe.domain is None and not universe.bounded:
         cost = continue_tails(cost, universe.limit)
-    lost = _lost(source, image, live, universe, low, high)
+    lost = _lost(source, image, universe, low, high)
     if universe.domain is not None and lost <= source.cost.min():
         # A component known exactly keeps its value, wherever that is.
         outside = [axes[k][0] < a or axes[k][-1] > b for k, (a, b) in enumerate(universe.domain)]
@@ -200,8 +210,14 @@ def _span(image: FloatArray, live: np.ndarray) -> tuple[FloatArray, FloatArray]:
     if live.all():
         parts = [image[..., k] for k in range(image.shape[-1])]
     else:
-        wide = binary_dilation(live, np.ones((3,) * live.ndim)) & np.isfinite(image).all(axis=-1)
-        parts = list(image[wide].T)
+        wide = live.copy()
+        for axis in range(live.ndim):  # with the neighbours along this axis
+            along, before = np.moveaxis(wide, axis, 0), np.moveaxis(wide.copy(), axis, 0)
+            along[1:] |= before[:-1]
+            along[:-1] |= before[1:]
+        parts = [image[..., k][wide] for k in range(image.shape[-1])]
+        finite = np.logical_and.reduce([np.isfinite(part) for part in parts])
+        parts = [part[finite] for part in parts]
     return np.array([part.min() for part in parts]), np.array([part.max() for part in parts])
 
 
@@ -229,34 +245,39 @@ def _reached(
 def _lost(
     source: Lattice,
     image: FloatArray,
-    live: np.ndarray,
     universe: Universe,
     low: FloatArray,
     high: FloatArray,
 ) -> float:
-    """Least cost of a live node mapped out of the domain."""
+    """Least cost of a possible node mapped out of the domain."""
     if universe.domain is None:
         return np.inf
     slack = 1e-9 * (universe.domain[:, 1] - universe.domain[:, 0])
     if (low >= universe.domain[:, 0] - slack).all() and (high <= universe.domain[:, 1] + slack).all():
         return np.inf
-    outside = np.zeros(live.shape, dtype=bool)
-    with np.errstate(invalid="ignore"):
-        for k, (a, b) in enumerate(universe.domain):
-            outside |= (image[..., k] < a - slack[k]) | (image[..., k] > b + slack[k])
-    return float(source.cost[outside & live].min(initial=np.inf))
+    least = least_outside(image, source.cost, universe.domain + slack[:, None] * [-1.0, 1.0])
+    return least if least < source.t_norm.impossible else np.inf
 
 
 def _pull_back(source: Lattice, move: Mapping, axes: tuple[FloatArray, ...]) -> FloatArray:
-    """Costs (n,) of the new nodes at their pre-images."""
+    """Costs of the new nodes at their pre-images."""
+    if move.matrix is not None:
+        inverse = np.asarray(np.linalg.inv(move.matrix))
+        first, step = np.array([[a[0], (a[-1] - a[0]) / (a.size - 1)] for a in axes]).T
+        origin = np.array([a[0] for a in source.axes])
+        return pull_back(
+            source.cost,
+            inverse * step / source.step[:, None],
+            (inverse @ (first - move.shift) - origin) / source.step,
+            tuple(a.size for a in axes),
+            source.t_norm.scale,
+        )
     cost = []
     rows = max(1, SLAB * axes[0].size // int(np.prod([axis.size for axis in axes])))
     for start in range(0, axes[0].size, rows):
-        nodes = grid_points((axes[0][start : start + rows], *axes[1:])).reshape(-1, len(axes))
         with np.errstate(all="ignore"):
-            points = move.inverse(nodes)
-        points[~np.isfinite(points)] = np.nan
-        cost.append(source.at(points))
+            points = move.inverse_on_grid((axes[0][start : start + rows], *axes[1:]))
+        cost.append(source.at(points.reshape(-1, len(axes))))
     return np.concatenate(cost)
 
 
@@ -316,41 +337,17 @@ class _Drawing:
                 if self.move.matrix is None and position.size:
                     node = np.stack(np.unravel_index(part.node, shape), axis=1)
                     miss = node - (self._map(position)[:, moving] - origin) / step
-                    position = self._corrected(
-                        position, np.einsum("pij,pj->pi", part.inverse, miss), part.axes
-                    )
+                    position = corrected(part, miss, self.cost.shape)
                 np.minimum.at(out, part.node, interpolate(self.cost, position, self.t_norm.scale))
         flat = flat_cells(image, self.live)
         self._splat(image, flat, shape, out, np.ones(out.shape, dtype=bool))
-        thin = self._isolated(image, out.reshape(shape))
+        thin = stranded(image, self.live, out.reshape(shape))
         if thin.any():
             self._splat(image, live_cells(thin), shape, out, np.isinf(out))
         best = float(out.min())
         if (flat.size or thin.any()) and best < self.t_norm.impossible:
             out = self.t_norm.renormalise(out, best)
         return out
-
-    def _isolated(self, image: FloatArray, out: FloatArray) -> np.ndarray:
-        """Live source nodes none of whose surrounding target nodes has been drawn."""
-        drawn = np.pad(np.isfinite(out), 1)
-        near = np.zeros(self.live.shape, dtype=bool)
-        position = np.where(np.isfinite(image), image, -2.0)
-        inside = ((position > -1.0) & (position < np.array(out.shape))).all(axis=-1)
-        base = np.floor(np.clip(position, -1.0, np.array(out.shape) - 1.0)).astype(np.intp) + 1
-        for corner in np.ndindex(*(2,) * out.ndim):
-            near |= drawn[tuple(base[..., k] + corner[k] for k in range(out.ndim))]
-        isolated: np.ndarray = self.live & inside & ~near
-        return isolated
-
-    def _corrected(self, position: FloatArray, change: FloatArray, axes: tuple[int, ...]) -> FloatArray:
-        """One Newton step towards the exact pre-image, where it is as small as it should be."""
-        last = np.array(self.cost.shape) - 1.0
-        moved = position.copy()
-        moved[:, list(axes)] += change
-        with np.errstate(invalid="ignore"):
-            admissible = [np.abs(change) <= 0.5, moved >= 0.0, moved <= last]
-        good = np.asarray(np.concatenate(admissible, axis=1).all(axis=1))
-        return np.where(good[:, None], moved, position)
 
     def _splat(
         self, image: FloatArray, cells: np.ndarray, shape: tuple[int, ...], out: FloatArray, where: np.ndarray
@@ -359,6 +356,8 @@ class _Drawing:
 
         Memberships fall linearly to zero over one step, so that the centroid is kept.
         """
+        if not cells.size:
+            return
         points, position = samples(image, cells)
         there = np.isfinite(points).all(axis=1)
         points, value = points[there], interpolate(self.cost, position[there], self.t_norm.scale)

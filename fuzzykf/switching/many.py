@@ -6,6 +6,7 @@ equations are those of `fuzzykf.switching.recursion`.
 
 from __future__ import annotations
 
+from itertools import accumulate
 from math import prod
 from typing import TYPE_CHECKING
 
@@ -54,8 +55,11 @@ def field_shapes(system: SwitchingSystem) -> dict[str, tuple[int, ...]]:
 def allocate(lead: tuple[int, int], shapes: dict[str, tuple[int, ...]]) -> dict[str, FloatArray]:
     """Return arrays (*lead, *shape) in one block: new pages of memory cost more than what fills them."""
     sizes = [lead[0] * lead[1] * prod(shape) for shape in shapes.values()]
-    parts = np.split(np.empty(sum(sizes)), np.cumsum(sizes)[:-1])
-    return {name: part.reshape(*lead, *shapes[name]) for name, part in zip(shapes, parts, strict=True)}
+    block, stops = np.empty(sum(sizes)), accumulate(sizes)
+    return {
+        name: block[stop - size : stop].reshape(*lead, *shape)
+        for (name, shape), size, stop in zip(shapes.items(), sizes, stops, strict=True)
+    }
 
 
 def filter_series(

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 from fuzzykf.engine import selected as engine
 from fuzzykf.gaussian import cholesky, mixture_moments
@@ -16,7 +17,8 @@ from fuzzykf.switching.tables import log_probability
 
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
-    from fuzzykf.switching.tables import SwitchingSystem
+    from fuzzykf.switching.chain import SwitchChain
+    from fuzzykf.switching.tables import InitialLaw, PairTables, SwitchingSystem
 
 __all__ = ["filter_steady", "is_steady"]
 
@@ -29,6 +31,52 @@ def is_steady(system: SwitchingSystem, ys: FloatArray) -> bool:
         and system.order == 1
         and system.steady_from == 0
         and not system.chain.is_signed
+    )
+
+
+class _Plan(NamedTuple):
+    """What the engine needs to filter with the tables of a system, made once."""
+
+    chain: SwitchChain
+    law: InitialLaw
+    kernel: Any
+    summary: Any
+    start: tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+    first_prior: tuple[FloatArray, FloatArray]  # moments before the first observation
+
+
+_PLANS: WeakKeyDictionary[PairTables, _Plan] = WeakKeyDictionary()
+
+
+def _plan_of(system: SwitchingSystem) -> _Plan:
+    tables, chain, law = system.pair_tables(0), system.chain, system.initial()
+    plan = _PLANS.get(tables)
+    if plan is None or plan.chain is not chain or plan.law is not law:
+        plan = _PLANS[tables] = _make_plan(tables, chain, law)
+    return plan
+
+
+def _make_plan(tables: PairTables, chain: SwitchChain, law: InitialLaw) -> _Plan:
+    kernel, prior, m = tables.kernel, tables.prior, tables.pairs.dim_x
+    factor = cholesky(
+        law.covariance[:, m:, m:], lambda k: f"covariance of the first observation, node {k[0]}"
+    )
+    return _Plan(
+        chain,
+        law,
+        kernel,
+        engine.Summary(
+            kernel,
+            tables.transition,
+            prior.offset,
+            prior.twice,
+            prior.noise,
+            chain.nodes,
+            chain.weights,
+            chain.atoms,
+        ),
+        (log_probability(law.probability), law.mean, law.covariance, factor),
+        mixture_moments(law.probability, law.mean[:, :m], law.covariance[:, :m, :m]),
     )
 
 
@@ -51,26 +99,16 @@ def filter_steady(
     before, last : ndarray, shape (1 + m + m*m, M)
         The states of the last series after its last two observations.
     """
-    m, chain, tables, law = system.dim_x, system.chain, system.pair_tables(0), system.initial()
-    kernel, prior, atoms = tables.kernel, tables.prior, chain.atoms
-    summary = engine.Summary(
-        kernel, tables.transition, prior.offset, prior.twice, prior.noise, chain.nodes, chain.weights, atoms
-    )
-    factor = cholesky(
-        law.covariance[:, m:, m:], lambda k: f"covariance of the first observation, node {k[0]}"
-    )
-    start = log_probability(law.probability), law.mean, law.covariance, factor
-    if "x_prior" in out or "P_prior" in out:
-        moments = mixture_moments(law.probability, law.mean[:, :m], law.covariance[:, :m, :m])
-        for name, value in zip(("x_prior", "P_prior"), moments, strict=True):
-            if name in out:
-                out[name][:, 0] = value
+    plan = _plan_of(system)
+    for name, value in zip(("x_prior", "P_prior"), plan.first_prior, strict=True):
+        if name in out:
+            out[name][:, 0] = value
     cuts = [len(ys) * k // threads for k in range(threads + 1)]
     blocks = [slice(a, b) for a, b in pairwise(cuts) if b > a]
 
     def work(block: slice) -> tuple[FloatArray, FloatArray]:
         part = {name: values[block] for name, values in out.items()}
-        return engine.filter_series(kernel, summary, start, ys[block], part)
+        return engine.filter_series(plan.kernel, plan.summary, plan.start, ys[block], part)
 
     if len(blocks) == 1:
         return work(blocks[0])

@@ -52,11 +52,11 @@ def instruction_sets():
     """Names of what the compiled engine can use here, and how to choose; None for NumPy."""
     if engine.info().name == "numpy":
         return {"numpy": lambda: None}
-    from fuzzykf.engine import _core
+    from fuzzykf.engine.compiled import processor
 
     return {
-        f"compiled, {name}": lambda name=name: _core.use_instructions(name)
-        for name in _core.available_instructions()
+        f"compiled, {name}": lambda name=name: processor.use_instructions(name)
+        for name in processor.available_instructions()
     }
 
 

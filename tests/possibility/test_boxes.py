@@ -127,6 +127,33 @@ def test_true_states_are_contained(f, g):
         x = rng.choice(x, RUNS)
 
 
+@pytest.mark.parametrize(
+    ("f", "g"),
+    [
+        (lambda x: x, lambda x: 0.0005 * x**3),
+        (lambda x: -0.9 * x, lambda x: -np.tanh(x) - 0.1 * x),
+        (lambda x: x, np.tanh),
+        (lambda x: 0.5 * x, np.exp),
+    ],
+)
+def test_states_and_noises_on_their_bounds_are_contained(f, g):
+    # every run has measurements of its own; rounding must not exclude what is just possible
+    rng = np.random.default_rng(2)
+
+    def extreme(width):
+        return float(rng.choice([-width, rng.uniform(-width, width), width]))
+
+    for _ in range(40):
+        est = scalar(f, g, (-1.0, 1.0), (-1.0, 1.0), (-0.5, 0.5))
+        x = extreme(1.0)
+        for k in range(15):
+            est.predict()
+            x = float(f(np.array(x))) + extreme(1.0)
+            assert est.lower[0] <= x <= est.upper[0]
+            est.update(None if k % 3 == 0 else float(g(np.array(x))) + extreme(0.5))
+            assert est.lower[0] <= x <= est.upper[0]
+
+
 @pytest.mark.parametrize("rows", [1, 2])
 def test_true_states_are_contained_in_boxes(rows):
     rng = np.random.default_rng(1)

@@ -631,7 +631,7 @@ def test_defuzzification_methods():
         ),
         (r"points: got 3, expected a whole number of at least 5", {"points": 3, "state": GAUSS}),
         (r"points: got 10.5", {"points": 10.5, "state": GAUSS}),
-        (r"domain: got \(\(1, 0\),\), expected 1 finite pairs", {"domain": ((1, 0),), "state": GAUSS}),
+        (r"domain: got \(\(1, 0\),\), expected one finite pair", {"domain": ((1, 0),), "state": GAUSS}),
         (r"state: its peak \[0.0\] lies outside the domain", {"domain": ((1, 2),), "state": GAUSS}),
         (r"floor: got 2.0", {"floor": 2.0, "state": GAUSS, "points": 9}),
     ],

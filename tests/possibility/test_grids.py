@@ -627,6 +627,14 @@ def test_measurement_out_of_reach():
         bounded(hx=np.cos).step(3.0)
     with pytest.raises(UnreachableMeasurementError, match="nothing to restart from"):
         bounded(hx=np.cos, on_empty="reset").step(3.0)
+    # the prediction excludes what is reached elsewhere; a square is never negative
+    with pytest.raises(EmptyIntersectionError) as error:
+        bounded(hx=np.square).step(500.0)
+    assert not isinstance(error.value, UnreachableMeasurementError)
+    with pytest.raises(UnreachableMeasurementError):
+        bounded(hx=np.square).step(-5.0)
+    with pytest.raises(UnreachableMeasurementError):
+        bounded(hx=np.square, domain=((-10.0, 10.0),)).step(-5.0)
 
 
 def test_restart_keeps_the_bounds_of_what_is_not_observed():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.errors import MissingDependencyError, ParameterError, ShapeError
+from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array
 
 if TYPE_CHECKING:
@@ -163,48 +163,24 @@ class Membership(ABC):
 
         return self if list(components) == list(range(self.dim)) else sampled(self).project(components)
 
-    def plot(self, ax: Axes | None = None, *, level: float = 1e-3) -> Axes:
-        """Draw the membership: a curve in one dimension, filled contours in two.
+    def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
+        """Draw the membership: in one dimension a curve above a band, in two a heat map.
 
         Parameters
         ----------
-        ax : matplotlib Axes, optional
-            A new one by default.
-        level : float
-            The picture shows what reaches this membership.
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; by default a new figure.
+        **options
+            See `fuzzykf.plotting.plot_membership`: components, level, estimate, truth,
+            label, unit.
 
         Returns
         -------
-        matplotlib Axes
-
-        Raises
-        ------
-        MissingDependencyError
-            If matplotlib is not installed.
-        ParameterError
-            If there are more than two dimensions; `project` them.
+        matplotlib.axes.Axes
         """
-        if self.dim > 2:
-            raise ParameterError(f"plot: got {self.dim} dimensions, expected 1 or 2; project the others away")
-        try:
-            import matplotlib.pyplot as plt
-        except ImportError as error:
-            raise MissingDependencyError("plot needs matplotlib: pip install 'fuzzykf[cli]'") from error
-        if ax is None:
-            ax = plt.subplots()[1]
-        lower, upper = self.support(as_level("level", level))
-        margin = 0.05 * (upper - lower) + np.where(upper > lower, 0.0, 1.0)
-        axes = [np.linspace(a, b, 301) for a, b in zip(lower - margin, upper + margin, strict=True)]
-        if self.dim == 1:
-            ax.plot(axes[0], self._evaluate(axes[0][:, None]))
-            ax.set(xlabel="x", ylabel="membership", ylim=(-0.02, 1.05))
-        else:
-            points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-            levels = np.linspace(0.0, 1.0, 11)
-            filled = ax.contourf(axes[0], axes[1], self._evaluate(points).T, levels, cmap="viridis")
-            ax.figure.colorbar(filled, ax=ax, label="membership")
-            ax.set(xlabel="$x_1$", ylabel="$x_2$")
-        return ax
+        from fuzzykf.plotting.memberships import plot_membership
+
+        return plot_membership(self, ax, **options)
 
 
 def as_level(name: str, level: float) -> float:

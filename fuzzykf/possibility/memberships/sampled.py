@@ -150,7 +150,8 @@ class FunctionMembership(Membership):
     ----------
     function : callable
         Takes an array (n, dim) and returns n memberships in [0, 1]; in one dimension
-        an element-wise function such as ``lambda x: np.exp(-abs(x))`` will do.
+        an element-wise function such as ``lambda x: np.exp(-abs(x))`` will do, and so
+        will a function of a single number, which is called number by number.
     support : (lo, hi) or ((lo, hi), ...)
         Outside this box the membership is zero, whatever the function says.
     normalise : bool
@@ -198,6 +199,7 @@ class FunctionMembership(Membership):
             raise ParameterError(f"support: got {bounds.tolist()}, expected lo < hi for every component")
         self.dim = self.lower.size
         self.function = function
+        self._one_by_one = self.dim == 1 and _takes_single_numbers(function, self.lower, self.upper)
         self._factor = 1.0
         self._peak, largest = self._find_peak()
         if normalise and largest > 0.0:
@@ -219,7 +221,10 @@ class FunctionMembership(Membership):
 
     def _call(self, points: FloatArray) -> FloatArray:
         """Values of the function (n,) at points (n, dim), checked."""
-        value = np.asarray(self.function(points), dtype=np.float64)
+        if self._one_by_one:
+            value = np.array([self.function(x) for x in points[:, 0].tolist()], dtype=np.float64)
+        else:
+            value = np.asarray(self.function(points), dtype=np.float64)
         if value.shape == (points.shape[0], 1) and self.dim == 1:
             value = value[:, 0]
         if value.shape != (points.shape[0],):
@@ -234,11 +239,12 @@ class FunctionMembership(Membership):
             )
         return value
 
+    def _search_axes(self) -> list[FloatArray]:
+        nodes = SEARCH_NODES.get(self.dim, 15)
+        return [np.linspace(a, b, nodes) for a, b in zip(self.lower, self.upper, strict=True)]
+
     def _find_peak(self) -> tuple[FloatArray, float]:
-        axes = [
-            np.linspace(a, b, SEARCH_NODES.get(self.dim, 15))
-            for a, b in zip(self.lower, self.upper, strict=True)
-        ]
+        axes = self._search_axes()
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, self.dim)
         values = self._call(points)
         best = int(values.argmax())
@@ -263,6 +269,51 @@ class FunctionMembership(Membership):
         return value
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the support, whatever the level."""
-        del level
-        return self.lower, self.upper
+        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        if level <= 0.0:
+            return self.lower, self.upper
+        level = min(level, 1.0 - PEAK_TOLERANCE)
+        # Nodes next to those that reach it are outside, or at the edge; the peak may be between nodes.
+        axes = [np.union1d(axis, peak) for axis, peak in zip(self._search_axes(), self._peak, strict=True)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        reaches = self._evaluate(points) >= level
+        lower, upper = np.empty(self.dim), np.empty(self.dim)
+        for k, axis in enumerate(axes):
+            there = np.flatnonzero(reaches.any(axis=tuple(m for m in range(self.dim) if m != k)))
+            lower[k], upper[k] = axis[max(there[0] - 1, 0)], axis[min(there[-1] + 1, axis.size - 1)]
+        if self.dim == 1:
+            inner = axes[0][np.flatnonzero(reaches)[[0, -1]]]
+            return self._edge(inner[0], lower[0], level), self._edge(inner[1], upper[0], level)
+        return lower, upper
+
+    def _edge(self, inside: float, outside: float, level: float) -> FloatArray:
+        """Where between two points (scalar x) the membership falls below ``level``, by bisection."""
+        if self._evaluate(np.array([outside])) >= level:
+            return np.array([outside])
+        for _ in range(60):
+            middle = 0.5 * (inside + outside)
+            if self._evaluate(np.array([middle])) >= level:
+                inside = middle
+            else:
+                outside = middle
+        return np.array([outside])
+
+    def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the whole support: nothing that a search on a grid may miss is left out."""
+        shape = (levels.size, self.dim)
+        return np.broadcast_to(self.lower, shape), np.broadcast_to(self.upper, shape)
+
+
+def _takes_single_numbers(
+    function: Callable[[FloatArray], ArrayLike], lower: FloatArray, upper: FloatArray
+) -> bool:
+    """Whether a function fails on an array of points but not on a number."""
+    try:
+        function(np.stack([lower, upper]))
+    except (TypeError, ValueError):
+        try:
+            float(function(float(lower[0])))  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            return False
+        return True
+    return False

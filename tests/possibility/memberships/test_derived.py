@@ -97,20 +97,3 @@ def test_sampled():
     grid = sampled(TriangularMembership(-1.0, 0.0, 2.0))
     x = np.linspace(-1.5, 2.5, 101)
     np.testing.assert_allclose(grid(x), TriangularMembership(-1.0, 0.0, 2.0)(x), atol=1e-6)
-
-
-def test_pictures(tmp_path):
-    matplotlib = pytest.importorskip("matplotlib")
-    matplotlib.use("Agg")
-    curve = GaussianMembership(0.0, 1.0).plot()
-    line = curve.get_lines()[0]
-    np.testing.assert_allclose(line.get_ydata(), np.exp(-0.5 * line.get_xdata() ** 2))
-    assert (curve.get_xlabel(), curve.get_ylabel()) == ("x", "membership")
-    again = CauchyMembership(0.0, 1.0).plot(curve, level=0.1)
-    assert again is curve
-    assert len(curve.get_lines()) == 2
-    plane = GaussianMembership([0.0, 0.0], np.eye(2)).plot()
-    assert (plane.get_xlabel(), plane.get_ylabel()) == ("$x_1$", "$x_2$")
-    with pytest.raises(ParameterError, match="got 3 dimensions, expected 1 or 2"):
-        GaussianMembership(np.zeros(3), np.eye(3)).plot()
-    matplotlib.pyplot.close("all")

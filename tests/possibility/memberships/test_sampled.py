@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
@@ -82,6 +84,33 @@ def test_function_peak_is_found_between_nodes():
     )
     np.testing.assert_allclose(membership.peak, peak, atol=1e-6)
     assert membership.project([1])(peak[1]) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_functions_of_a_single_number():
+    # they know nothing of arrays
+    for function in (lambda x: max(0.0, 1.0 - abs(x)), lambda x: 1.0 - x if x > 0.0 else 1.0 + x):
+        membership = FunctionMembership(function, (-1.0, 1.0))
+        np.testing.assert_allclose(membership([-2.0, -0.25, 0.0, 0.5]), [0.0, 0.75, 1.0, 0.5])
+    decay = FunctionMembership(lambda x: math.exp(-abs(x)), (-5.0, 5.0))
+    assert decay(2.0) == pytest.approx(math.exp(-2.0))
+
+
+def test_level_sets_of_functions():
+    membership = FunctionMembership(lambda x: np.exp(-abs(x - 1.0)), (-4.0, 6.0))
+    cut = membership.alpha_cut(0.5)
+    np.testing.assert_allclose([cut.lower, cut.upper], [[1.0 - np.log(2.0)], [1.0 + np.log(2.0)]], rtol=1e-12)
+    np.testing.assert_allclose(membership.cut(0.5)([0.3, 0.31, 1.69, 1.7]) > 0.0, [False, True, True, False])
+    np.testing.assert_allclose(membership.alpha_cut(1.0).peak, [1.0], atol=1e-5)
+    assert membership.support(1e-9) == membership.support() == (membership.lower, membership.upper)
+    # two humps: the box around both
+    humps = FunctionMembership(lambda x: np.maximum(0.0, 1.0 - abs(abs(x) - 2.0)), (-4.0, 4.0))
+    np.testing.assert_allclose(humps.support(0.75), [[-2.25], [2.25]], rtol=1e-12)
+    # in the plane, the nodes just outside
+    disc = FunctionMembership(lambda x: np.exp(-(x**2).sum(axis=1)), [(-3.0, 3.0), (-3.0, 3.0)])
+    half = np.sqrt(np.log(2.0))
+    for low, high in zip(*disc.support(0.5), strict=True):
+        assert -half - 0.05 < low <= -half
+        assert half <= high < half + 0.05
 
 
 def test_bad_functions():

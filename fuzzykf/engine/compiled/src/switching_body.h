@@ -108,47 +108,6 @@ FK_TARGET static double FK_NAME(fk_step)(const fk_kernel *k, const double *table
   }
 }
 
-/* One step for scalar x and y, on probabilities instead of their logarithms and without maxima.
- * Returns 0, and nothing else of use, where a sum comes near the ends of the range of numbers. */
-FK_TARGET static int FK_NAME(fk_step_scalar)(const fk_kernel *k, const double *table, double w, double y,
-                                             double *out, double *total, double *scratch) {
-  const int M1 = k->M1, blocks = FK_AS_VECTORS(k->M2), ld = fk_padded(M1), to = fk_padded(k->M2);
-  const double *p = table, *x = table + ld, *P = table + 2 * ld;
-  FK_V *weight = (FK_V *)scratch, *X = weight + M1, sum = FK_NAME(fk_all)(0.0), least = FK_NAME(fk_all)(DBL_MAX);
-  for (int b = 0; b < blocks; b++) {
-    FK_V column = FK_NAME(fk_all)(0.0), S = FK_NAME(fk_all)(0.0), V = FK_NAME(fk_all)(0.0);
-    for (int i = 0; i < M1; i++) {
-      const double *cell = FK_CELL(k->cells, k->stride, i, b);
-      const FK_V z = FK_ROW(cell, 2) + FK_ROW(cell, 3) * w + FK_ROW(cell, 4) * y;
-      const FK_V e = FK_NAME(fk_exp)(FK_ROW(cell, 0) - z * z) * p[i];
-      const FK_V moved = FK_ROW(cell, 5) + FK_ROW(cell, 6) * w + FK_ROW(cell, 7) * y + FK_ROW(cell, 8) * x[i];
-      weight[i] = e;
-      X[i] = moved;
-      column += e;
-      S += e * moved;
-    }
-    const FK_V inverse = 1.0 / column;
-    S *= inverse;
-    for (int i = 0; i < M1; i++) {
-      const double *cell = FK_CELL(k->cells, k->stride, i, b);
-      const FK_V d = X[i] - S;
-      V += weight[i] * (d * d + (FK_ROW(cell, 8) * P[i] * FK_ROW(cell, 8) + FK_ROW(cell, 9)));
-    }
-    FK_AT(out, b) = column * FK_READ(k->mask, b);
-    FK_AT(out + to, b) = S;
-    FK_AT(out + 2 * to, b) = V * inverse;
-    sum += column * FK_READ(k->mask, b);
-    /* lanes beyond M2 have columns of one */
-    least = FK_NAME(fk_max)(-column, b ? least : FK_NAME(fk_all)(-DBL_MAX));
-  }
-  const double all = FK_NAME(fk_sum)(sum), scale = 1.0 / all;
-  for (int b = 0; b < blocks; b++) FK_AT(out, b) *= scale;
-  *total = all;
-  double smallest = DBL_MAX;
-  for (int t = 0; t < FK_WIDTH; t++) smallest = -least[t] < smallest ? -least[t] : smallest;
-  return smallest > FK_TINY && smallest * scale > FK_TINY && all < FK_HUGE;
-}
-
 /* p = exp(log_p) for `blocks` vectors; the smallest of the first M. */
 FK_TARGET static double FK_NAME(fk_exp_row)(const double *log_p, int M, double *p) {
   double smallest = DBL_MAX;
@@ -156,24 +115,6 @@ FK_TARGET static double FK_NAME(fk_exp_row)(const double *log_p, int M, double *
     FK_AT(p, b) = FK_NAME(fk_exp)(FK_READ(log_p, b));
   for (int i = 0; i < M; i++) smallest = p[i] < smallest ? p[i] : smallest;
   return smallest;
-}
-
-/* log |P_ij| + log N(y'; Ayy w + Ny, Qyy) of all pairs, (M1, M2). */
-FK_TARGET static void FK_NAME(fk_log_pairs)(const fk_kernel *k, const double *u, double *out) {
-  const int q = k->q, n = 1 + k->w + q;
-  for (int i = 0; i < k->M1; i++)
-    for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
-      const double *cell = FK_CELL(k->cells, k->stride, i, b);
-      FK_V log_w = FK_ROW(cell, 0);
-      for (int r = 0; r < q; r++) {
-        const double *row = cell + (2 + r * n) * FK_LANES;
-        FK_V z = FK_ROW(row, 0);
-        for (int t = 1; t < n; t++) z += FK_ROW(row, t) * u[t];
-        log_w -= z * z;
-      }
-      for (int t = 0; t < FK_WIDTH && b * FK_WIDTH + t < k->M2; t++)
-        out[(size_t)i * k->M2 + b * FK_WIDTH + t] = log_w[t];
-    }
 }
 
 /* Mean (m) and covariance (m, m) of X' before Y' is seen. */
@@ -228,8 +169,11 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
 FK_TARGET static void FK_NAME(fk_prior)(const fk_kernel *k, const fk_summary *s, const double *p,
                                         const double *table, const double *u, double *x, double *P,
                                         double *scratch) {
+  if (k->is_scalar) {
+    FK_NAME(fk_prior_scalar)(s, k->M1, p, table, u[1], x, P);
+    return;
+  }
   switch (k->w <= 2 && k->m <= 4 ? 10 * k->m + k->w : 0) {
-  case 11: FK_NAME(fk_prior_sized)(k, s, 1, 1, p, table, u, x, P, scratch); break;
   case 21: FK_NAME(fk_prior_sized)(k, s, 2, 1, p, table, u, x, P, scratch); break;
   case 42: FK_NAME(fk_prior_sized)(k, s, 4, 2, p, table, u, x, P, scratch); break;
   default: FK_NAME(fk_prior_sized)(k, s, k->m, k->w, p, table, u, x, P, scratch);

@@ -10,23 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw, OFSRFilter
+from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, engine
 from fuzzykf.engine import hmm, switching, switching_many
 
-core = pytest.importorskip("fuzzykf.engine._core", reason="the compiled core has not been built")
+core = pytest.importorskip("fuzzykf.engine.compiled.switching", reason="the compiled core has not been built")
+packed = pytest.importorskip("fuzzykf.engine.compiled.tables")
 
 few = settings(max_examples=40, deadline=None)
 SIZES = [(1, 1, 1, 1), (3, 3, 1, 1), (7, 7, 1, 1), (8, 8, 1, 1), (9, 9, 1, 1), (20, 20, 1, 1), (5, 3, 1, 1)]
 SIZES += [(3, 3, 2, 1), (7, 7, 4, 2), (2, 2, 5, 3), (4, 4, 1, 2), (9, 9, 2, 2)]
-
-
-@pytest.fixture(params=core.available_instructions(), autouse=True)
-def instructions(request):
-    """Every test runs on every instruction set of this processor."""
-    before = core.instructions()
-    core.use_instructions(request.param)
-    yield request.param
-    core.use_instructions(before)
 
 
 def tables_of(shape, order=1, seed=0, signed=False, zeros=False):
@@ -77,7 +69,7 @@ def assert_same(got, expected, largest=0.0):
 @pytest.mark.parametrize(("signed", "zeros", "order"), [(0, 0, 1), (1, 0, 1), (0, 1, 1), (0, 0, 3)])
 def test_a_step_and_the_pairs_are_those_of_numpy(shape, signed, zeros, order) -> None:
     arguments = tables_of(shape, order, signed=signed, zeros=zeros)
-    reference, compiled = switching.pack(*arguments), core.pack(*arguments)
+    reference, compiled = switching.pack(*arguments), packed.pack(*arguments)
     table, U = state_of(shape), rows_of(shape, 3, order=order)
     w = order * shape[3]
     sign = np.ones(shape[0]) if reference.sign is not None else None
@@ -101,7 +93,7 @@ def test_a_step_and_the_pairs_are_those_of_numpy(shape, signed, zeros, order) ->
 @pytest.mark.parametrize("deviations", [1.0, 10.0, 30.0, 100.0])
 def test_a_series_is_that_of_numpy_up_to_100_standard_deviations(shape, deviations) -> None:
     arguments = tables_of(shape)
-    reference, compiled = switching.pack(*arguments), core.pack(*arguments)
+    reference, compiled = switching.pack(*arguments), packed.pack(*arguments)
     U = rows_of(shape, 40)
     _, L, *_, Ayy, Ny = arguments
     w = shape[3]
@@ -117,16 +109,17 @@ def test_a_series_is_that_of_numpy_up_to_100_standard_deviations(shape, deviatio
         assert np.isfinite(core.step(compiled, table, None, u[1 : 1 + shape[3]], u[1 + shape[3] :])[2])
 
 
-@pytest.mark.parametrize("shape", [(7, 7, 1, 1), (3, 3, 2, 2)])
-@pytest.mark.parametrize("scale", [1e3, 1e5])
-def test_far_outliers_differ_by_the_rounding_of_their_weights_only(shape, scale) -> None:
-    arguments = tables_of(shape)
-    reference, compiled = switching.pack(*arguments), core.pack(*arguments)
+@pytest.mark.parametrize("shape", [(7, 7, 1, 1), (3, 3, 2, 2), (7, 7, 4, 2)])
+@pytest.mark.parametrize("scale", [1e3, 1e5, 1e8])
+@pytest.mark.parametrize("seed", range(3))
+def test_far_outliers_differ_by_the_rounding_of_their_weights_only(shape, scale, seed) -> None:
+    arguments = tables_of(shape, seed=seed)
+    reference, compiled = switching.pack(*arguments), packed.pack(*arguments)
     U = rows_of(shape, 30)
     U[10, -1] = U[11, 1] = scale  # an outlier, and ordinary data after it
     largest = np.abs(switching.log_pairs(reference, U)).max()
     got = core.run(compiled, state_of(shape), None, U)
-    assert_same(got, switching.run(reference, state_of(shape), None, U), 10.0 * largest)
+    assert_same(got, switching.run(reference, state_of(shape), None, U), 1.0 * largest)
     assert all(np.isfinite(part).all() for part in (got[0], got[2]))
 
 
@@ -134,7 +127,7 @@ def test_a_signed_series_is_that_of_numpy() -> None:
     shape = (6, 6, 1, 1)
     arguments = tables_of(shape, signed=True)
     U = rows_of(shape, 30)
-    got = core.run(core.pack(*arguments), state_of(shape), np.ones(6), U)
+    got = core.run(packed.pack(*arguments), state_of(shape), np.ones(6), U)
     assert_same(got, switching.run(switching.pack(*arguments), state_of(shape), np.ones(6), U))
 
 
@@ -143,7 +136,7 @@ def test_many_series_side_by_side_are_those_of_numpy(shape) -> None:
     arguments = tables_of(shape)
     tables = np.stack([state_of(shape, seed) for seed in range(4)])
     U = rows_of(shape, 4)
-    got = core.step_many(core.pack(*arguments), tables, U)
+    got = core.step_many(packed.pack(*arguments), tables, U)
     assert_same(got, switching_many.step_many(switching.pack(*arguments), tables, U))
 
 
@@ -190,7 +183,7 @@ def test_forward_and_backward_are_those_of_numpy(M, scale) -> None:
 )
 def test_any_type_stride_alignment_and_length_gives_the_same_answer(dtype, reverse, odd, n) -> None:
     shape = (3, 3, 1, 1)
-    compiled = core.pack(*tables_of(shape))
+    compiled = packed.pack(*tables_of(shape))
     U = np.random.default_rng(n).integers(0, 2, (n, 3)).astype(dtype)
     plain = np.ascontiguousarray(U, dtype=np.float64)
     if reverse:
@@ -214,25 +207,25 @@ def test_any_type_stride_alignment_and_length_gives_the_same_answer(dtype, rever
         (lambda k, t: core.step_many(k, t, np.ones((2, 3))), "table: got shape"),
         (lambda k, t: core.forward_backward([1.0], [[1.0]], np.ones((2, 2, 3))), "log_emission: got shape"),
         (lambda k, t: core.forward_backward([], np.ones((0, 0)), np.ones((2, 0, 0))), "log_emission"),
-        (lambda k, t: core.pack(*(a[:0] for a in tables_of((3, 3, 1, 1)))), "at least one node"),
+        (lambda k, t: packed.pack(*(a[:0] for a in tables_of((3, 3, 1, 1)))), "at least one node"),
         (lambda k, t: core.node_mean(np.ones(2), np.ones((1, 3))), "p: got shape"),
     ],
 )
 def test_wrong_shapes_are_refused(call, message) -> None:
     with pytest.raises(ValueError, match=message):
-        call(core.pack(*tables_of((3, 3, 1, 1))), state_of((3, 3, 1, 1)))
+        call(packed.pack(*tables_of((3, 3, 1, 1))), state_of((3, 3, 1, 1)))
 
 
 def test_nothing_where_tables_are_expected_is_refused() -> None:
     with pytest.raises(TypeError, match="kernel"):
         core.step(None, state_of((3, 3, 1, 1)), None, np.ones(1), np.ones(1))
     with pytest.raises(TypeError, match="positional"):
-        core.Summary()
+        packed.Summary()
 
 
 def test_tables_that_were_never_packed_do_no_harm() -> None:
     with pytest.raises(ValueError, match="table: got shape"):
-        core.step(core.Kernel(), state_of((3, 3, 1, 1)), None, np.ones(0), np.ones(0))
+        core.step(packed.Kernel(), state_of((3, 3, 1, 1)), None, np.ones(0), np.ones(0))
 
 
 # --------------------------------------------------------------------------- the stepper
@@ -250,9 +243,7 @@ def vector_model(m, q):
     return CGOFMSModel(law, [np.zeros(d), np.ones(d)], np.broadcast_to(pair, (2, 2, 2 * d, 2 * d)), m)
 
 
-compiled_only = pytest.mark.skipif(
-    not issubclass(OFSRFilter, core.Stepper), reason="the tests run on the NumPy engine"
-)
+compiled_only = pytest.mark.skipif(engine.info().name == "numpy", reason="the tests run on the NumPy engine")
 
 
 @compiled_only

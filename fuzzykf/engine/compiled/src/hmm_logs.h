@@ -2,11 +2,10 @@
 #ifndef FUZZYKF_HMM_LOGS_H
 #define FUZZYKF_HMM_LOGS_H
 
-#include <math.h>
-#include <stddef.h>
+#include "lanes.h"
 
 /* log of the sum of n exponentials; minus infinity stands for zero */
-static double fk_log_sum(const double *a, int n) {
+FK_STATIC double fk_log_sum(const double *a, int n) {
   double top = -INFINITY, sum = 0.0;
   for (int k = 0; k < n; k++) top = a[k] > top ? a[k] : top;
   if (!(top > -INFINITY)) return top;
@@ -16,7 +15,7 @@ static double fk_log_sum(const double *a, int n) {
 
 /* As fk_forward_backward; `log_likelihood` holds the totals, gamma the forward messages on the
  * way.  scratch: 3 M. */
-static void fk_forward_backward_logs(int T, int M, const double *first, const double *transition,
+FK_STATIC void fk_forward_backward_logs(int T, int M, const double *first, const double *transition,
                                      const double *log_emission, double *gamma, double *xi,
                                      double *log_likelihood, double *scratch) {
   const size_t pairs = (size_t)M * M;

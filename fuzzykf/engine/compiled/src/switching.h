@@ -25,14 +25,21 @@ typedef struct {
 /* Tables of the moments of X' before Y' is seen, and of the estimate of the switch.
  *
  * A cell (i, block) is 1 + m (1 + w) rows: transition, offset of the mean.  `noise` (m m, padded
- * M1) and `twice` (m m, m m, padded M1) carry p_i and p_i P_i to the covariance. */
+ * M1) and `twice` (m m, m m, padded M1) carry p_i and p_i P_i to the covariance.  `ahead` (9, padded
+ * M1), for scalar systems, sums up the cells; see fk_fill_ahead.  The numbers of the atoms, the last
+ * one first, and of the other nodes stand in `order`. */
 typedef struct {
-  int stride;
+  int stride, n_atoms, M;
   const double *cells;
-  const double *twice, *noise;
-  const double *nodes, *weights;
-  const unsigned char *atoms;
+  const double *twice, *noise, *ahead;
+  const double *nodes, *weights; /* padded M */
+  const int *order;
 } fk_summary;
+
+/* Where the summaries of a series go; any of them may be NULL. */
+typedef struct {
+  double *x, *P, *x_prior, *P_prior, *mu, *modes, *means, *log_likelihood;
+} fk_output;
 
 /* Sizes in doubles */
 FK_INLINE int fk_padded(int M) { return (M + FK_LANES - 1) / FK_LANES * FK_LANES; }
@@ -44,7 +51,7 @@ FK_INLINE size_t fk_scratch_size(int M, int m) {
 
 /* Fill cell column j of row i from the coefficients of its pair; factor is the lower Cholesky
  * factor of Qyy.  The white rows solve L z = (y' - Ayy w - Ny), divided by sqrt(2). */
-static void fk_fill(fk_kernel *k, int i, int j, double transition, const double *factor, const double *Axx,
+FK_STATIC void fk_fill(fk_kernel *k, int i, int j, double transition, const double *factor, const double *Axx,
                     const double *H, const double *G, const double *c, const double *C, const double *Ayy,
                     const double *Ny) {
   const int m = k->m, q = k->q, w = k->w, n = 1 + w + q;
@@ -75,7 +82,7 @@ static void fk_fill(fk_kernel *k, int i, int j, double transition, const double 
 
 /* Condition the law of (r_1, Z_1) on the first observation, as first_step in NumPy.
  * mean (M, d), covariance (M, d, d), factor (M, q, q); scratch holds q (1 + m) numbers. */
-static double fk_first(int M, int m, int q, const double *log_initial, const double *mean,
+FK_STATIC double fk_first(int M, int m, int q, const double *log_initial, const double *mean,
                        const double *covariance, const double *factor, const double *y, double *table, int ld,
                        double *scratch) {
   const int d = m + q;
@@ -115,81 +122,68 @@ static double fk_first(int M, int m, int q, const double *log_initial, const dou
   return log_likelihood;
 }
 
-/* The estimate of the switch by the rule of the 2020 paper, section VI-B. */
-static double fk_most_likely(const fk_summary *s, const double *mu, int M) {
-  double atoms = 0.0, best = -INFINITY, best_inner = -INFINITY;
-  int hard = -1, soft = -1;
-  for (int j = M - 1; j >= 0; j--) /* on a tie of atoms the later one counts */
-    if (s->atoms[j]) {
-      atoms += mu[j];
-      if (mu[j] > best) best = mu[j], hard = j;
+/* Sum up the pairs of row i of a scalar system: with the mean of X' linear in v = (1, w, x_i), the
+ * average over j of its coefficients, and the triangle R of |R v|^2 = its variance over j.  a (M2, 3)
+ * holds the coefficients and is overwritten; rows of `ahead`: average (3), R00 R01 R02 R11 R12 R22. */
+FK_STATIC void fk_fill_ahead(int i, int M2, int ld, const double *transition, double *a, double *ahead) {
+  double R[3][3] = {{0}};
+  for (int c = 0; c < 3; c++) {
+    double mean = 0.0;
+    for (int j = 0; j < M2; j++) mean += transition[j] * a[3 * j + c];
+    for (int j = 0; j < M2; j++) a[3 * j + c] = sqrt(transition[j]) * (a[3 * j + c] - mean);
+    ahead[(size_t)c * ld + i] = mean;
+  }
+  for (int c = 0; c < 3; c++) { /* orthogonalise the columns */
+    double norm = 0.0;
+    for (int j = 0; j < M2; j++) norm += a[3 * j + c] * a[3 * j + c];
+    R[c][c] = sqrt(norm);
+    if (norm == 0.0) continue;
+    for (int j = 0; j < M2; j++) a[3 * j + c] /= R[c][c];
+    for (int e = c + 1; e < 3; e++) {
+      for (int j = 0; j < M2; j++) R[c][e] += a[3 * j + c] * a[3 * j + e];
+      for (int j = 0; j < M2; j++) a[3 * j + e] -= R[c][e] * a[3 * j + c];
     }
-  for (int j = 0; j < M; j++)
-    if (!s->atoms[j] && mu[j] / s->weights[j] > best_inner) best_inner = mu[j] / s->weights[j], soft = j;
-  return s->nodes[soft < 0 || (hard >= 0 && atoms > 0.5) ? hard : soft];
+  }
+  const double upper[] = {R[0][0], R[0][1], R[0][2], R[1][1], R[1][2], R[2][2]};
+  for (int r = 0; r < 6; r++) ahead[(size_t)(3 + r) * ld + i] = upper[r];
 }
 
-/* One copy of the arithmetic for each kind of processor. */
-#define FK_NAME(name) name##_portable
-#define FK_TARGET
-#define FK_WIDTH 2
-#include "bodies.h"
+/* The estimate of the switch by the rule of the 2020 paper, section VI-B; no branch depends on mu. */
+FK_STATIC double fk_most_likely(const fk_summary *s, const double *mu) {
+  const int *order = s->order;
+  double atoms = 0.0, best = -INFINITY, best_inner = -INFINITY;
+  int hard = 0, soft = 0;
+  for (int a = 0; a < s->n_atoms; a++) { /* on a tie of atoms the later one counts */
+    const double mass = mu[order[a]];
+    atoms += mass;
+    hard = mass > best ? order[a] : hard;
+    best = mass > best ? mass : best;
+  }
+  for (int a = s->n_atoms; a < s->M; a++) {
+    const double density = mu[order[a]] / s->weights[order[a]];
+    soft = density > best_inner ? order[a] : soft;
+    best_inner = density > best_inner ? density : best_inner;
+  }
+  const int is_hard = s->n_atoms == s->M || (s->n_atoms && atoms > 0.5);
+  return s->nodes[is_hard ? hard : soft];
+}
 
-#ifdef FK_X86
-#define FK_NAME(name) name##_v3
-#define FK_TARGET __attribute__((target("avx2,fma")))
-#define FK_WIDTH 4
-#include "bodies.h"
-
-#define FK_NAME(name) name##_v4
-#define FK_TARGET __attribute__((target("avx512f,avx512dq,avx512vl,avx2,fma")))
-#define FK_WIDTH 8
-#include "bodies.h"
-#endif
-
+/* The arithmetic for one kind of processor; engines.h has them all. */
 typedef struct {
-  const char *instructions;
   double (*step)(const fk_kernel *, const double *, const double *, const double *, double *, double *, double *);
   int (*step_scalar)(const fk_kernel *, const double *, double, double, double *, double *, double *);
+  int (*run_scalar)(const fk_kernel *, const double *, int, double *, double *, double *);
+  void (*summarise_scalar)(const fk_summary *, int, const double *, int, const double *, const double *, size_t,
+                           const fk_output *);
   double (*exp_row)(const double *, int, double *);
   void (*log_pairs)(const fk_kernel *, const double *, double *);
+  void (*smooth_back)(const fk_kernel *, size_t, const double *, const double *, double *, double *, double *);
+  void (*best_path)(const fk_kernel *, size_t, double *, const double *, int64_t *, double *);
   void (*prior)(const fk_kernel *, const fk_summary *, const double *, const double *, const double *, double *,
                 double *, double *);
   void (*posterior)(int, int, const double *, const double *, double *, double *);
   int (*forward_backward)(int, int, const double *, const double *, const double *, double *, double *,
                            double *, double *);
 } fk_engine;
-
-#define FK_VERSION(name, suffix)                                                                          \
-  {name,                                                                                                  \
-   fk_step_##suffix,                                                                                      \
-   fk_step_scalar_##suffix,                                                                               \
-   fk_exp_row_##suffix,                                                                                   \
-   fk_log_pairs_##suffix,                                                                                 \
-   fk_prior_##suffix,                                                                                     \
-   fk_posterior_##suffix,                                                                                 \
-   fk_forward_backward_##suffix}
-
-static const fk_engine fk_engines[] = {
-    FK_VERSION("portable", portable),
-#ifdef FK_X86
-    FK_VERSION("x86-64-v3", v3),
-    FK_VERSION("x86-64-v4", v4),
-#endif
-};
-
-/* Number of versions this processor can run; the last of them is the fastest. */
-static int fk_levels(void) {
-#ifdef FK_X86
-  __builtin_cpu_init();
-  if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) return 1;
-  if (!__builtin_cpu_supports("avx512f") || !__builtin_cpu_supports("avx512dq") ||
-      !__builtin_cpu_supports("avx512vl"))
-    return 2;
-  return 3;
-#else
-  return 1;
-#endif
-}
 
 #endif

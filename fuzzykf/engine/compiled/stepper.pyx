@@ -1,0 +1,234 @@
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
+"""The state of a switching filter, and its streaming step."""
+
+from cpython.float cimport PyFloat_AS_DOUBLE, PyFloat_Check
+from libc.math cimport isfinite
+from libc.string cimport memcpy, memmove, memset
+
+from fuzzykf.engine.compiled.arrays cimport Buffer, at, doubles
+from fuzzykf.engine.compiled.processor cimport level
+from fuzzykf.engine.compiled.tables cimport (
+    Kernel, Workspace, fk_advance, fk_engine, fk_kernel, fk_log_likelihood, fk_padded, fk_probabilities, fk_state,
+    fk_to_logs, start, store, versions,
+)
+
+cimport numpy as cnp
+
+import numpy as np
+
+cnp.import_array()
+
+
+cdef inline const fk_engine *engine() noexcept nogil:
+    return versions + level
+
+
+cdef class Stepper:
+    """The state of a switching filter, and `step`; see `fuzzykf.engine.stepper.Stepper`.
+
+    Once `_arm` has handed over a state and the tables of all steps to come, observations that
+    are complete go through the compiled step alone.  The attributes are made when they are read.
+    """
+
+    cdef Kernel kernel  # None unless armed
+    cdef Workspace work
+    cdef Buffer windows
+    cdef double *u  # (1, w, y) of the latest step
+    cdef double *window  # the latest observations, newest first
+    cdef fk_state *now
+    cdef fk_state *old
+    cdef bint ahead  # whether the compiled state is newer than the attributes
+    cdef Py_ssize_t n
+    cdef bint predicted
+    cdef object belief, before, z, tables
+    cdef double log_likelihood
+
+    def _arm(self, tables, table, window, mass):
+        """See `fuzzykf.engine.stepper.Stepper`."""
+        cdef Kernel kernel = tables.kernel
+        cdef cnp.ndarray w = doubles(window, "window", (kernel.k.w,))
+        self._sync()
+        if kernel.k.is_signed or kernel.k.M1 != kernel.k.M2 or kernel.k.w % kernel.k.q:
+            raise ValueError("tables: expected constant tables without negative weights")
+        self.work = Workspace(kernel)
+        start(self.work, kernel, table, None)
+        cdef cnp.ndarray p
+        if kernel.k.is_scalar and mass is not None:  # as the state went on, had it not been interrupted
+            p = doubles(mass, "mass", (kernel.k.M1,))
+            if (<object> p).min() > 1e-250:
+                memcpy(self.work.one.table, at(p), kernel.k.M1 * sizeof(double))
+                memset(self.work.one.table + kernel.k.M1, 0, (fk_padded(kernel.k.M1) - kernel.k.M1) * sizeof(double))
+                self.work.one.linear = 1
+        self.windows = Buffer(1 + 2 * kernel.k.w + kernel.k.q)
+        self.u, self.window = self.windows.data, self.windows.data + 1 + kernel.k.w + kernel.k.q
+        self.u[0] = 1.0
+        memcpy(self.window, at(w), kernel.k.w * sizeof(double))
+        self.now, self.old = &self.work.one, &self.work.two
+        self.tables, self.kernel, self.ahead = tables, kernel, False
+        return True
+
+    def step(self, z):
+        """Predict, then update with ``z``.
+
+        Parameters
+        ----------
+        z : array_like or None
+            The observation; None or NaN where missing.
+
+        Returns
+        -------
+        ndarray, shape (dim_x, 1)
+            The new estimate ``x``.
+        """
+        cdef double value
+        cdef const double *y
+        cdef fk_kernel *k
+        cdef int q, t
+        cdef double *u
+        cdef double *window
+        cdef fk_state *swap
+        cdef cnp.npy_intp shape[2]
+        if self.kernel is None or self.predicted:
+            return self._step_any(z)
+        k = &self.kernel.k
+        q = k.q
+        if PyFloat_Check(z):
+            value = PyFloat_AS_DOUBLE(z)
+            if q != 1:
+                return self._step_any(z)
+            y = &value
+        elif (
+            cnp.PyArray_CheckExact(z) and cnp.PyArray_TYPE(<cnp.ndarray> z) == cnp.NPY_DOUBLE
+            and cnp.PyArray_NDIM(<cnp.ndarray> z) == 1 and cnp.PyArray_DIM(<cnp.ndarray> z, 0) == q
+            and cnp.PyArray_ISCARRAY_RO(<cnp.ndarray> z)
+        ):
+            y = <const double *> cnp.PyArray_DATA(<cnp.ndarray> z)
+        else:
+            return self._step_any(z)
+        for t in range(q):
+            if not isfinite(y[t]):
+                return self._step_any(z)
+        u, window = self.u, self.window
+        if k.is_scalar:
+            u[1], u[2] = window[0], y[0]
+            window[0] = y[0]
+        else:
+            memcpy(u + 1, window, k.w * sizeof(double))
+            memcpy(u + 1 + k.w, y, q * sizeof(double))
+            memmove(window + q, window, (k.w - q) * sizeof(double))
+            memcpy(window, y, q * sizeof(double))
+        fk_advance(engine(), k, self.now, self.old, u, self.work.scratch)
+        swap = self.now
+        self.now = self.old
+        self.old = swap
+        self.n += 1
+        self.ahead = True
+        shape[0], shape[1] = k.m, 1
+        cdef cnp.ndarray x = cnp.PyArray_SimpleNew(2, shape, cnp.NPY_DOUBLE)
+        engine().posterior(
+            k.M2, k.m, fk_probabilities(engine(), self.now, k.M2, self.work.p), self.now.table, at(x), NULL
+        )
+        return x
+
+    cdef cnp.ndarray _table(self, fk_state *state):
+        cdef int M = self.kernel.k.M2, rows = 1 + self.kernel.k.m + self.kernel.k.m * self.kernel.k.m
+        cdef cnp.ndarray table = np.empty((rows, M))
+        cdef fk_state copy = state[0]
+        store(at(table), state.table, rows, M)
+        if state.linear:
+            copy.table = self.work.p
+            memcpy(self.work.p, state.table, fk_padded(M) * sizeof(double))
+            fk_to_logs(&copy, M)
+            memcpy(at(table), self.work.p, M * sizeof(double))
+        return table
+
+    cdef cnp.ndarray _mass(self, fk_state *state):
+        cdef int M = self.kernel.k.M2
+        cdef cnp.ndarray mass = np.empty(M)
+        memcpy(at(mass), fk_probabilities(engine(), state, M, self.work.p), M * sizeof(double))
+        return mass
+
+    cdef int _sync(self) except -1:
+        """Bring the attributes up to the compiled state."""
+        if not self.ahead:
+            return 0
+        cdef int w = self.kernel.k.w, q = self.kernel.k.q
+        cdef cnp.ndarray u = np.empty(w + q), window = np.empty(w)
+        memcpy(at(u), self.u + 1, (w + q) * sizeof(double))
+        memcpy(at(window), self.window, w * sizeof(double))
+        belief = self._as_belief(self._table(self.now), window, self._mass(self.now))
+        before = self._as_belief(self._table(self.old), u[:w].copy(), self._mass(self.old))
+        before = self._as_source(before, self.tables)
+        self.belief, self.before, self.z = belief, before, u[w:].copy()
+        self.log_likelihood = fk_log_likelihood(self.now)
+        self.ahead = False
+        return 0
+
+    cdef int _disarm(self) except -1:
+        self._sync()
+        self.kernel = None
+        return 0
+
+    @property
+    def _n(self):
+        return self.n
+
+    @_n.setter
+    def _n(self, value):
+        self._disarm()
+        self.n = value
+
+    @property
+    def _predicted(self):
+        return self.predicted
+
+    @_predicted.setter
+    def _predicted(self, value):
+        self.predicted = value
+
+    @property
+    def _belief(self):
+        self._sync()
+        return self.belief
+
+    @_belief.setter
+    def _belief(self, value):
+        self._disarm()
+        self.belief = value
+
+    @property
+    def _before(self):
+        self._sync()
+        return self.before
+
+    @_before.setter
+    def _before(self, value):
+        self._disarm()
+        self.before = value
+
+    @property
+    def _z(self):
+        self._sync()
+        return self.z
+
+    @_z.setter
+    def _z(self, value):
+        self._disarm()
+        self.z = value
+
+    @property
+    def _log_likelihood(self):
+        self._sync()
+        return self.log_likelihood
+
+    @_log_likelihood.setter
+    def _log_likelihood(self, value):
+        self._disarm()
+        self.log_likelihood = value
+
+    def __getstate__(self):
+        state = {
+            "_n": self._n, "_predicted": self._predicted, "_belief": self._belief, "_before": self._before,
+            "_z": self._z, "_log_likelihood": self._log_likelihood,
+        }
+        return self.__dict__, state

@@ -1,0 +1,163 @@
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
+"""The tables of the switching recursion in the layout of the compiled core."""
+
+from libc.string cimport memcpy
+
+from fuzzykf.engine.compiled.arrays cimport Buffer, at, doubles
+
+cimport numpy as cnp
+
+import numpy as np
+
+cnp.import_array()
+
+cdef extern from "src/engines.h" nogil:
+    const fk_engine *fk_engines
+
+versions = fk_engines
+
+
+cdef void load(double *to, const double *source, int rows, int M) noexcept nogil:
+    """Spread the rows of a table (rows, M) over whole vectors."""
+    cdef int r
+    for r in range(rows):
+        memcpy(to + r * fk_padded(M), source + r * M, M * sizeof(double))
+
+
+cdef void store(double *to, const double *source, int rows, int M) noexcept nogil:
+    cdef int r
+    for r in range(rows):
+        memcpy(to + r * M, source + r * fk_padded(M), M * sizeof(double))
+
+
+cdef class Kernel:
+    """Tables of one step in the layout of the compiled core; see `fuzzykf.engine.switching.Kernel`."""
+
+    @property
+    def shape(self):
+        """M1, M2, m, q."""
+        return self.k.M1, self.k.M2, self.k.m, self.k.q
+
+    def __copy__(self):
+        return self
+
+    def __deepcopy__(self, memo):
+        return self
+
+    def __reduce__(self):
+        raise TypeError("the tables of the compiled core are made anew, not pickled")
+
+
+def pack(transition, factor, Axx, H, G, c, C, Ayy, Ny):
+    cdef int M1, M2, m, q, w, i, j, size, blocks, r
+    if np.ndim(transition) != 2 or np.ndim(H) != 4 or np.ndim(G) != 4:
+        raise ValueError("transition, H, G: expected arrays of 2, 4 and 4 axes")
+    M1, M2 = np.shape(transition)
+    m, w, q = np.shape(H)[2], np.shape(H)[3], np.shape(G)[3]
+    if min(M1, M2, m, q, w) < 1:
+        raise ValueError(f"expected at least one node, state and observation, got {(M1, M2, m, q, w)}")
+    cdef cnp.ndarray t = doubles(transition, "transition", (M1, M2))
+    cdef cnp.ndarray f_ = doubles(factor, "factor", (M1, M2, q, q)), A_ = doubles(Axx, "Axx", (M1, M2, m, m))
+    cdef cnp.ndarray H_ = doubles(H, "H", (M1, M2, m, w)), G_ = doubles(G, "G", (M1, M2, m, q))
+    cdef cnp.ndarray c_ = doubles(c, "c", (M1, M2, m)), C_ = doubles(C, "C", (M1, M2, m, m))
+    cdef cnp.ndarray Y_ = doubles(Ayy, "Ayy", (M1, M2, q, w)), N_ = doubles(Ny, "Ny", (M1, M2, q))
+    cdef Kernel kernel = Kernel.__new__(Kernel)
+    cdef fk_kernel *k = &kernel.k
+    blocks, size = fk_padded(M2) // 8, fk_cell_size(m, q, w)
+    kernel.memory = Buffer((<size_t> M1 * blocks * size + blocks) * 8)
+    k.M1, k.M2, k.m, k.q, k.w, k.blocks, k.stride = M1, M2, m, q, w, blocks, size
+    k.is_signed = bool((np.asarray(t) < 0.0).any())
+    k.is_scalar = m == 1 and q == 1 and w == 1 and not k.is_signed
+    k.cells = kernel.memory.data
+    cdef double *mask = kernel.memory.data + <size_t> M1 * blocks * size * 8
+    k.mask = mask
+    for j in range(M2):
+        mask[j] = 1.0
+    for i in range(M1):
+        for j in range(M2):
+            r = i * M2 + j
+            fk_fill(
+                k, i, j, at(t)[r], at(f_) + r * q * q, at(A_) + r * m * m, at(H_) + r * m * w,
+                at(G_) + r * m * q, at(c_) + r * m, at(C_) + r * m * m, at(Y_) + r * q * w, at(N_) + r * q
+            )
+    return kernel
+
+
+cdef class Summary:
+    def __cinit__(self, Kernel kernel, transition, offset, twice, noise, nodes, weights, atoms):
+        cdef fk_kernel *k = &kernel.k
+        cdef int M1 = k.M1, M2 = k.M2, m = k.m, w = k.w, size = 1 + m * (1 + w), i, j, r, t
+        cdef cnp.ndarray T = doubles(transition, "transition", (M1, M2))
+        cdef cnp.ndarray b = doubles(offset, "offset", (1 + w, M1 * M2 * m))
+        cdef cnp.ndarray twice_ = doubles(twice, "twice", (M1 * m * m, m * m))
+        cdef cnp.ndarray noise_ = doubles(noise, "noise", (M1, m * m))
+        cdef cnp.ndarray nodes_ = doubles(nodes, "nodes", (M2,)), weights_ = doubles(weights, "weights", (M2,))
+        cdef cnp.ndarray atoms_ = np.array(atoms, dtype=bool)
+        if np.shape(atoms_) != (M2,):
+            raise ValueError(f"atoms: got shape {np.shape(atoms_)}, expected ({M2},)")
+        cdef size_t cells = <size_t> M1 * k.blocks * size * 8, ld = fk_padded(M1), to = fk_padded(M2)
+        self.memory = Buffer(cells + (m * m + m * m * m * m + 9) * ld + 2 * to + 3 * <size_t> M2)
+        cdef double *cell
+        cdef double *to_noise = self.memory.data + cells
+        cdef double *to_twice = to_noise + m * m * ld
+        cdef double *ahead = to_twice + m * m * m * m * ld
+        cdef double *to_nodes = ahead + 9 * ld
+        cdef double *pairs = to_nodes + 2 * to  # temporaries of fk_fill_ahead
+        for i in range(M1):
+            for r in range(m * m):
+                to_noise[r * ld + i] = at(noise_)[i * m * m + r]
+                for t in range(m * m):
+                    to_twice[(t * m * m + r) * ld + i] = at(twice_)[(i * m * m + t) * m * m + r]
+        for i in range(M1):
+            for j in range(M2):
+                cell = self.memory.data + (<size_t> i * k.blocks + j // 8) * size * 8 + j % 8
+                cell[0] = at(T)[i * M2 + j]
+                for r in range(m):
+                    for t in range(1 + w):
+                        cell[8 * (1 + r * (1 + w) + t)] = at(b)[<size_t> t * M1 * M2 * m + (i * M2 + j) * m + r]
+        if k.is_scalar:
+            for i in range(M1):
+                for j in range(M2):
+                    pairs[3 * j], pairs[3 * j + 1] = at(b)[i * M2 + j], at(b)[M1 * M2 + i * M2 + j]
+                    pairs[3 * j + 2] = k.cells[((<size_t> i * k.blocks + j // 8) * k.stride + 8) * 8 + j % 8]
+                fk_fill_ahead(i, M2, <int> ld, at(T) + i * M2, pairs, ahead)
+        memcpy(to_nodes, at(nodes_), M2 * sizeof(double))
+        memcpy(to_nodes + to, at(weights_), M2 * sizeof(double))
+        hard = np.flatnonzero(atoms_)[::-1]
+        self.order = np.concatenate([hard, np.flatnonzero(~atoms_)]).astype(np.intc)
+        self.s.stride, self.s.n_atoms, self.s.M, self.s.cells = size, len(hard), M2, self.memory.data
+        self.s.twice, self.s.noise, self.s.ahead = to_twice, to_noise, ahead
+        self.s.nodes, self.s.weights = to_nodes, to_nodes + to
+        self.s.order = <const int *> cnp.PyArray_DATA(self.order)
+
+
+cdef class Workspace:
+    """Two states that change places, and room for the arithmetic of a step."""
+
+    def __cinit__(self, Kernel kernel):
+        cdef fk_kernel *k = &kernel.k
+        cdef int M = max(k.M1, k.M2)
+        cdef size_t table = fk_table_size(M, k.m), row = fk_padded(M)
+        cdef size_t moments = fk_padded(k.m + k.m * k.m)
+        self.memory = Buffer(2 * table + 3 * row + moments + fk_scratch_size(M, k.m))
+        cdef double *data = self.memory.data
+        self.one.table, self.two.table = data, data + table
+        data += 2 * table
+        if k.is_signed:
+            self.one.sign, self.two.sign = data, data + row
+        self.p = data + 2 * row
+        self.x = data + 3 * row
+        self.scratch = data + 3 * row + moments
+
+
+cdef int start(Workspace work, Kernel kernel, object table, object sign) except -1:
+    """Put a state into the workspace."""
+    cdef fk_kernel *k = &kernel.k
+    cdef int rows = 1 + k.m + k.m * k.m
+    cdef cnp.ndarray source = doubles(table, "table", (rows, k.M1)), signs
+    load(work.one.table, at(source), rows, k.M1)
+    work.one.linear = 0
+    if k.is_signed:
+        signs = doubles(np.ones(k.M1) if sign is None else sign, "sign", (k.M1,))
+        memcpy(work.one.sign, at(signs), k.M1 * sizeof(double))
+    return 0
