@@ -17,6 +17,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",  # equations are drawn without the network
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
 ]
