@@ -67,6 +67,15 @@ def test_the_links_between_pages_lead_somewhere(page) -> None:
             assert (page.parent / target).exists(), f"{names(page)} links to {target}"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=names)
+def test_numbered_equations_have_no_line_break(page) -> None:
+    # Sphinx puts an equation with a line break into "split", in which MathJax refuses a number.
+    for equation in re.findall(
+        r"^\$\$$(.*?)^\$\$$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    ):
+        assert not (r"\tag" in equation and r"\\" in equation), equation
+
+
 def test_the_tests_that_pages_name_exist() -> None:
     page = (ROOT / "docs" / "theory" / "corrections.md").read_text(encoding="utf-8")
     named = re.findall(r"`([\w/]+\.py)::(\w+)`", page)
