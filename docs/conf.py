@@ -45,6 +45,7 @@ sphinx_gallery_conf = {
 html_theme = "furo"
 html_title = f"fuzzykf {release}"
 html_static_path = ["_static"]
+html_css_files = ["wrap.css"]
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
 
