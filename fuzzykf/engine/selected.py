@@ -1,4 +1,4 @@
-"""The kernels of the switching recursion that are in use, compiled or in NumPy.
+"""The kernels and steppers that are in use, compiled or in NumPy.
 
 This is the one place that binds them; `fuzzykf.engine.info` says which they are.
 """
@@ -14,6 +14,7 @@ from fuzzykf import engine
 SUMMARISES = engine.info().name == "compiled"
 
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
+    from fuzzykf.engine.compiled.kalman import LinearStepper
     from fuzzykf.engine.compiled.series import filter_series
     from fuzzykf.engine.compiled.stepper import Stepper
     from fuzzykf.engine.compiled.switching import (
@@ -28,13 +29,14 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     from fuzzykf.engine.compiled.tables import Kernel, Summary, pack
 else:
     from fuzzykf.engine.hmm import forward_backward
-    from fuzzykf.engine.stepper import Stepper
+    from fuzzykf.engine.stepper import LinearStepper, Stepper
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.switching_many import step_many
 
 __all__ = [
     "SUMMARISES",
     "Kernel",
+    "LinearStepper",
     "Stepper",
     "first_step",
     "forward_backward",
