@@ -14,7 +14,8 @@ from fuzzykf import engine
 SUMMARISES = engine.info().name == "compiled"
 
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
-    from fuzzykf.engine.compiled.kalman import LinearStepper
+    from fuzzykf.engine.compiled.kalman import LARGEST as LARGEST_LINEAR
+    from fuzzykf.engine.compiled.kalman import LinearStepper, filter_linear, predict_linear, update_linear
     from fuzzykf.engine.compiled.series import filter_series
     from fuzzykf.engine.compiled.stepper import Stepper
     from fuzzykf.engine.compiled.switching import (
@@ -29,23 +30,31 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     from fuzzykf.engine.compiled.tables import Kernel, Summary, pack
 else:
     from fuzzykf.engine.hmm import forward_backward
+    from fuzzykf.engine.kalman import predict_linear, update_linear
+    from fuzzykf.engine.kalman_series import filter_linear
     from fuzzykf.engine.stepper import LinearStepper, Stepper
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.switching_many import step_many
 
+    LARGEST_LINEAR = 0  # NumPy has no bound
+
 __all__ = [
+    "LARGEST_LINEAR",
     "SUMMARISES",
     "Kernel",
     "LinearStepper",
     "Stepper",
+    "filter_linear",
     "first_step",
     "forward_backward",
     "log_pairs",
     "node_mean",
     "pack",
+    "predict_linear",
     "run",
     "step",
     "step_many",
+    "update_linear",
 ]
 
 if SUMMARISES:

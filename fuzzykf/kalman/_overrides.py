@@ -17,7 +17,7 @@ _ABSENT = object()
 
 
 def lookups(cls: type, names: Iterable[str]) -> dict[str, Any]:
-    """What the names stand for in a class, in the order of its bases."""
+    """Return what each of the names stands for in a class."""
     return {name: _lookup(cls, name) for name in names}
 
 

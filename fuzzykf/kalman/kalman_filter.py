@@ -12,8 +12,9 @@ from fuzzykf.engine.selected import LinearStepper
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array
 from fuzzykf.kalman._arguments import as_covariance, as_matrix, as_square, as_state, control_term, fits
-from fuzzykf.kalman._gaussian import LEAST_LOG_LIKELIHOOD, seen_components
+from fuzzykf.kalman._gaussian import LEAST_LOG_LIKELIHOOD
 from fuzzykf.kalman._linear_series import LinearSeries
+from fuzzykf.kalman._moments import predict_linear
 from fuzzykf.kalman._overrides import lookups, overrides
 
 if TYPE_CHECKING:
@@ -215,7 +216,8 @@ class KalmanFilter(LinearStepper, LinearSeries):
             return
         if x.ndim == 2:
             value = value.reshape(-1, 1)
-        self._correct(x, P, value, value - H.dot(x), H, R)
+        x, P, y, S, SI, K = self._conditioned_on(x, P, value, H, R)
+        self._set_innovation(x, P, value, y, S, SI, K)
 
     def _step_any(self, z: ArrayLike | None) -> Any:
         """Do a step with any observation, by the verbs; an error leaves the filter as it was."""
@@ -228,6 +230,14 @@ class KalmanFilter(LinearStepper, LinearSeries):
             self.__dict__.update(before)
             raise
         return self.x
+
+    def _is_plain(self) -> bool:
+        return (
+            type(self)._overrides() == 0
+            and self.inv is np.linalg.inv
+            and "predict" not in self.__dict__
+            and "update" not in self.__dict__
+        )
 
     @classmethod
     def _overrides(cls) -> int:
@@ -249,7 +259,7 @@ class KalmanFilter(LinearStepper, LinearSeries):
         if not fits(n, n, x, P, transition, noise):
             (x, P), noise = self._state(), as_square("Q", noise, n)
             transition = as_matrix("F", transition, (n, n))
-        moved, P = engine.predict(x, P, transition, noise, self._alpha_sq)
+        moved, P = predict_linear(x, P, transition, noise, self._alpha_sq)
         if u is not None:
             moved = moved + control_term(self.B if B is None else B, u, x)
         return moved, P
@@ -260,11 +270,7 @@ class KalmanFilter(LinearStepper, LinearSeries):
         value = as_observation(z, self.dim_z)
         if value is None:
             return x.copy(), P.copy()
-        seen = seen_components(value)
-        y = (value.reshape(-1, 1) if x.ndim == 2 else value) - H.dot(x)
-        if seen is not None:
-            y = np.where(seen.reshape(y.shape), y, 0.0)
-        x, P, *_ = self._conditioned(x, P, y, H, R, None, seen)
+        x, P, *_ = self._conditioned_on(x, P, value.reshape(-1, 1) if x.ndim == 2 else value, H, R)
         return x, P
 
     def residual_of(self, z: ArrayLike) -> FloatArray:
@@ -302,8 +308,7 @@ class KalmanFilter(LinearStepper, LinearSeries):
 _VERBS = lookups(KalmanFilter, ("predict", "update"))
 _HOOKS = lookups(
     KalmanFilter,
-    ("get_prediction", "_observation", "_state", "_set_prior", "_skip", "_correct", "_conditioned")
-    + ("_set_posterior", "_remember", "alpha", "__getattribute__", "__setattr__", "__dict__")
-    + ("dim_x", "dim_z", "x", "P", "F", "Q", "H", "R", "z", "y", "S", "SI", "K", "inv", "_alpha_sq")
-    + ("x_prior", "P_prior", "x_post", "P_post", "_log_likelihood", "_likelihood", "_mahalanobis"),
+    """get_prediction _observation _state _set_prior _skip _conditioned_on _set_posterior _set_innovation
+    _remember alpha __getattribute__ __setattr__ __dict__ dim_x dim_z x P F Q H R z y S SI K inv _alpha_sq
+    x_prior P_prior x_post P_post _log_likelihood _likelihood _mahalanobis""".split(),
 )

@@ -10,6 +10,7 @@
 
 #define FK_KALMAN_LARGEST 16
 #define FK_KALMAN_SQUARE (FK_KALMAN_LARGEST * FK_KALMAN_LARGEST)
+#define FK_ALONE __attribute__((noinline)) /* so that its numbers are the same wherever it is called */
 #define FK_LOG_2PI 1.83787706640934548356
 /* A pivot that is smaller than this fraction of its diagonal entry is rounding error. */
 #define FK_PIVOT_TOLERANCE (16.0 * DBL_EPSILON)
@@ -41,14 +42,10 @@ typedef struct {
  *
  * predict: x, P -> x_prior, P_prior.
  * update: x_prior, P_prior -> x, P, and y, S, K, L, D; NaN in z is missing.  Returns 0 where S is
- * not positive definite; nothing but x and P is then as it was.
- * filter: both along n_steps observations, from x and P on; ``controls`` may be NULL.  Returns the
- * number of steps done. */
+ * not positive definite; nothing but x and P is then as it was. */
 typedef struct {
   void (*predict)(fk_kalman *);
   int (*update)(fk_kalman *, const double *z);
-  size_t (*filter)(fk_kalman *, const double *z, size_t n_steps, const double *controls,
-                   const fk_kalman_output *);
 } fk_kalman_engine;
 
 /* Log of N(y; 0, S) of the components seen. */
@@ -83,6 +80,32 @@ FK_STATIC void fk_kalman_inverse(const fk_kalman *f, double *SI) {
       SI[f->seen[i] * f->m + f->seen[c]] = SI[f->seen[c] * f->m + f->seen[i]] = w[i];
     }
   }
+}
+
+/* Predict and update along n_steps observations, from x and P on; ``controls`` may be NULL.
+ * Returns the number of steps done: fewer where S is not positive definite. */
+FK_STATIC size_t fk_kalman_filter(const fk_kalman_engine *engine, fk_kalman *f, const double *z, size_t n_steps,
+                                  const double *controls, const fk_kalman_output *out) {
+  const size_t n = f->n, nn = n * n;
+  for (size_t t = 0; t < n_steps; t++, z += f->m) {
+    int seen = 0;
+    engine->predict(f);
+    if (controls)
+      for (size_t i = 0; i < n; i++) f->x_prior[i] += controls[t * n + i];
+    for (int i = 0; i < f->m; i++) seen += !isnan(z[i]);
+    if (seen) {
+      if (!engine->update(f, z)) return t;
+    } else {
+      memcpy(f->x, f->x_prior, n * sizeof(double));
+      memcpy(f->P, f->P_prior, nn * sizeof(double));
+    }
+    if (out->x) memcpy(out->x + t * n, f->x, n * sizeof(double));
+    if (out->P) memcpy(out->P + t * nn, f->P, nn * sizeof(double));
+    if (out->x_prior) memcpy(out->x_prior + t * n, f->x_prior, n * sizeof(double));
+    if (out->P_prior) memcpy(out->P_prior + t * nn, f->P_prior, nn * sizeof(double));
+    if (out->log_likelihood) out->log_likelihood[t] = seen ? fk_kalman_log_likelihood(f) : 0.0;
+  }
+  return n_steps;
 }
 
 #endif

@@ -125,7 +125,7 @@ FK_INLINE_HERE int FK_NAME(fk_update_sized)(const int n, const int m, const int 
 }
 
 /* Some components are missing: rare, so one function for all sizes. */
-FK_TARGET static __attribute__((noinline)) int FK_NAME(fk_update_some)(fk_kalman *f, const int seen,
+FK_TARGET static FK_ALONE int FK_NAME(fk_update_some)(fk_kalman *f, const int seen,
                                                                        const double *HT, const double *z) {
   return FK_NAME(fk_update_sized)(f->n, f->m, seen, f, HT, z);
 }
@@ -142,35 +142,7 @@ FK_INLINE_HERE int FK_NAME(fk_count_seen)(const int m, const double *z) {
   return seen;
 }
 
-FK_INLINE_HERE size_t FK_NAME(fk_filter_sized)(const int n, const int m, fk_kalman *f, const double *z,
-                                               const size_t n_steps, const double *controls,
-                                               const fk_kalman_output *out) {
-  double FT[FK_KALMAN_SQUARE], HT[FK_KALMAN_SQUARE];
-  FK_NAME(fk_transpose)(n, n, f->F, FT);
-  FK_NAME(fk_transpose)(m, n, f->H, HT);
-  for (size_t t = 0; t < n_steps; t++, z += m) {
-    const int seen = FK_NAME(fk_count_seen)(m, z);
-    double log_likelihood = 0.0;
-    FK_NAME(fk_predict_sized)(n, f, FT);
-    if (controls)
-      for (int i = 0; i < n; i++) f->x_prior[i] += controls[t * n + i];
-    if (seen) {
-      if (!FK_NAME(fk_update_any)(n, m, seen, f, HT, z)) return t;
-      if (out->log_likelihood) log_likelihood = fk_kalman_log_likelihood(f);
-    } else {
-      memcpy(f->x, f->x_prior, n * sizeof(double));
-      memcpy(f->P, f->P_prior, (size_t)n * n * sizeof(double));
-    }
-    if (out->x) memcpy(out->x + t * n, f->x, n * sizeof(double));
-    if (out->P) memcpy(out->P + t * n * n, f->P, (size_t)n * n * sizeof(double));
-    if (out->x_prior) memcpy(out->x_prior + t * n, f->x_prior, n * sizeof(double));
-    if (out->P_prior) memcpy(out->P_prior + t * n * n, f->P_prior, (size_t)n * n * sizeof(double));
-    if (out->log_likelihood) out->log_likelihood[t] = log_likelihood;
-  }
-  return n_steps;
-}
-
-FK_TARGET static void FK_NAME(fk_kalman_predict)(fk_kalman *f) {
+FK_TARGET static FK_ALONE void FK_NAME(fk_kalman_predict)(fk_kalman *f) {
   double FT[FK_KALMAN_SQUARE];
 #define FK_SIZE(n)                             \
   case n:                                      \
@@ -186,10 +158,7 @@ FK_TARGET static void FK_NAME(fk_kalman_predict)(fk_kalman *f) {
 #undef FK_SIZE
 }
 
-#define FK_SIZES \
-  FK_SIZE(1, 1) FK_SIZE(2, 1) FK_SIZE(2, 2) FK_SIZE(3, 1) FK_SIZE(4, 1) FK_SIZE(4, 2) FK_SIZE(6, 2) FK_SIZE(6, 3)
-
-FK_TARGET static int FK_NAME(fk_kalman_update)(fk_kalman *f, const double *z) {
+FK_TARGET static FK_ALONE int FK_NAME(fk_kalman_update)(fk_kalman *f, const double *z) {
   double HT[FK_KALMAN_SQUARE];
   const int seen = FK_NAME(fk_count_seen)(f->m, z);
 #define FK_SIZE(n, m)                          \
@@ -197,7 +166,8 @@ FK_TARGET static int FK_NAME(fk_kalman_update)(fk_kalman *f, const double *z) {
     FK_NAME(fk_transpose)(m, n, f->H, HT);     \
     return FK_NAME(fk_update_any)(n, m, seen, f, HT, z);
   switch (f->n * 32 + f->m) {
-    FK_SIZES
+    FK_SIZE(1, 1) FK_SIZE(2, 1) FK_SIZE(2, 2) FK_SIZE(3, 1) FK_SIZE(4, 1) FK_SIZE(4, 2) FK_SIZE(6, 2)
+    FK_SIZE(6, 3)
     default:
       FK_NAME(fk_transpose)(f->m, f->n, f->H, HT);
       return FK_NAME(fk_update_some)(f, seen, HT, z);
@@ -205,19 +175,5 @@ FK_TARGET static int FK_NAME(fk_kalman_update)(fk_kalman *f, const double *z) {
 #undef FK_SIZE
 }
 
-FK_TARGET static size_t FK_NAME(fk_kalman_filter)(fk_kalman *f, const double *z, size_t n_steps,
-                                                  const double *controls, const fk_kalman_output *out) {
-#define FK_SIZE(n, m)   \
-  case n * 32 + m:      \
-    return FK_NAME(fk_filter_sized)(n, m, f, z, n_steps, controls, out);
-  switch (f->n * 32 + f->m) {
-    FK_SIZES
-    default:
-      return FK_NAME(fk_filter_sized)(f->n, f->m, f, z, n_steps, controls, out);
-  }
-#undef FK_SIZE
-}
-
-#undef FK_SIZES
 #undef FK_NAME
 #undef FK_TARGET
