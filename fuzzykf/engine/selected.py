@@ -14,6 +14,7 @@ from fuzzykf import engine
 SUMMARISES = engine.info().name == "compiled"
 
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
+    from fuzzykf.engine.compiled.imm import BankStepper, filter_bank
     from fuzzykf.engine.compiled.kalman import LARGEST as LARGEST_LINEAR
     from fuzzykf.engine.compiled.kalman import LinearStepper, filter_linear, predict_linear, update_linear
     from fuzzykf.engine.compiled.series import filter_series
@@ -30,9 +31,10 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     from fuzzykf.engine.compiled.tables import Kernel, Summary, pack
 else:
     from fuzzykf.engine.hmm import forward_backward
+    from fuzzykf.engine.imm import filter_bank
     from fuzzykf.engine.kalman import predict_linear, update_linear
     from fuzzykf.engine.kalman_series import filter_linear
-    from fuzzykf.engine.stepper import LinearStepper, Stepper
+    from fuzzykf.engine.stepper import BankStepper, LinearStepper, Stepper
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.switching_many import step_many
 
@@ -41,9 +43,11 @@ else:
 __all__ = [
     "LARGEST_LINEAR",
     "SUMMARISES",
+    "BankStepper",
     "Kernel",
     "LinearStepper",
     "Stepper",
+    "filter_bank",
     "filter_linear",
     "first_step",
     "forward_backward",

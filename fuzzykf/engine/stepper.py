@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import FloatArray
 
-__all__ = ["LinearStepper", "Stepper"]
+__all__ = ["BankStepper", "LinearStepper", "Stepper"]
 
 
 class Stepper:
@@ -69,8 +69,8 @@ class LinearStepper:
 
         Returns
         -------
-        ndarray, shape (dim_x, 1) or (dim_x,)
-            The new estimate ``x``.
+        ndarray
+            The new estimate ``x``, shape (dim_x, 1) or (dim_x,).
         """
         return self._step_any(z)
 
@@ -89,3 +89,7 @@ class LinearStepper:
     def _overrides(cls) -> int:
         """Say what a subclass has changed: bit 0 what the verbs call or read, bit 1 the verbs."""
         raise NotImplementedError
+
+
+class BankStepper(LinearStepper):
+    """Owner of ``step`` of a bank of filters, whose state is in plain attributes of all of them."""

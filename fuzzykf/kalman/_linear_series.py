@@ -272,7 +272,7 @@ class LinearSeries(LinearUpdates):
         if n and not update_first and all(one is None for one in given) and self._is_plain():
             self._remember()
             x, _ = self._state()
-            series = as_observations(observations, self.dim_z)  # type: ignore[arg-type]
+            series = as_observations(observations, self.dim_z)
             return as_batch(self._filter_at_once(series), x.ndim == 1)
         moves = given_per_step({"us": us, "Bs": Bs, "Fs": Fs, "Qs": Qs}, n)
         looks = given_per_step({"Rs": Rs, "Hs": Hs}, n)

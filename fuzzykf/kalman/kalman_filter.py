@@ -234,6 +234,7 @@ class KalmanFilter(LinearStepper, LinearSeries):
     def _is_plain(self) -> bool:
         return (
             type(self)._overrides() == 0
+            and not overrides(type(self), _READ)
             and self.inv is np.linalg.inv
             and "predict" not in self.__dict__
             and "update" not in self.__dict__
@@ -308,7 +309,14 @@ class KalmanFilter(LinearStepper, LinearSeries):
 _VERBS = lookups(KalmanFilter, ("predict", "update"))
 _HOOKS = lookups(
     KalmanFilter,
-    """get_prediction _observation _state _set_prior _skip _conditioned_on _set_posterior _set_innovation
-    _remember alpha __getattribute__ __setattr__ __dict__ dim_x dim_z x P F Q H R z y S SI K inv _alpha_sq
-    x_prior P_prior x_post P_post _log_likelihood _likelihood _mahalanobis""".split(),
+    (
+        *("get_prediction", "_observation", "_state", "_conditioned_on", "_remember", "_skip"),
+        *("_set_prior", "_set_posterior", "_set_innovation"),
+        *("__getattribute__", "__setattr__", "__dict__"),
+        *("dim_x", "dim_z", "x", "P", "F", "Q", "H", "R", "z", "y", "S", "SI", "K", "alpha", "inv"),
+        *("x_prior", "P_prior", "x_post", "P_post"),
+        *("_alpha_sq", "_log_likelihood", "_likelihood", "_mahalanobis"),
+    ),
 )
+#: What is read after each step of a series.
+_READ = lookups(KalmanFilter, ("log_likelihood",))

@@ -5,6 +5,16 @@ Arrays of any type and stride are converted, wrong shapes are refused; the arith
 is at work.
 """
 
-from fuzzykf.engine.compiled import arrays, attributes, kalman, processor, series, stepper, switching, tables
+from fuzzykf.engine.compiled import (
+    arrays,
+    attributes,
+    imm,
+    kalman,
+    processor,
+    series,
+    stepper,
+    switching,
+    tables,
+)
 
-__all__ = ["arrays", "attributes", "kalman", "processor", "series", "stepper", "switching", "tables"]
+__all__ = ["arrays", "attributes", "imm", "kalman", "processor", "series", "stepper", "switching", "tables"]

@@ -56,32 +56,40 @@ cdef int known_answers[64]
 memset(known_versions, 0, sizeof(known_versions))
 
 
-cdef int is_plain(object filter_, dict d, int verbs) except -1:
-    """Whether the filter does what its class says, with an inverse of its own making.
-
-    With ``verbs`` this includes predict and update themselves, without it only what they call.
-    """
+cdef int overrides(object filter_) except -1:
+    """What the class of a filter has changed; see `fuzzykf.engine.stepper.LinearStepper`."""
     cdef unsigned int version = fk_version_of(type(filter_))
     cdef unsigned int k = version & 63
     cdef int answer
     if version != 0 and known_versions[k] == version:
-        answer = known_answers[k]
-    else:
-        answer = type(filter_)._overrides()
-        version = fk_version_of(type(filter_))  # which is given when the class is first looked at
-        known_versions[version & 63] = version
-        known_answers[version & 63] = answer
-    if answer & (3 if verbs else 1):
+        return known_answers[k]
+    ask = getattr(type(filter_), "_overrides", None)
+    answer = 3 if ask is None else ask()
+    version = fk_version_of(type(filter_))  # which is given when the class is first looked at
+    known_versions[version & 63] = version
+    known_answers[version & 63] = answer
+    return answer
+
+
+cdef int is_plain(object filter_, dict d, bint verbs) except -1:
+    """Whether a filter does what its class says, with an inverse of its own making.
+
+    With ``verbs`` this includes predict and update themselves, without it only what they call.
+    """
+    if overrides(filter_) & (3 if verbs else 1):
         return 0
     if PyDict_GetItemWithError(d, "inv") != <PyObject *> numpy_inverse:
-        return 0
-    if PyDict_GetItemWithError(d, "_origin") == NULL:
         return 0
     if verbs and (
         PyDict_GetItemWithError(d, "predict") != NULL or PyDict_GetItemWithError(d, "update") != NULL
     ):
         return 0
     return 1
+
+
+cdef int is_begun(dict d) except -1:
+    """Whether the state to which `reset` returns has been kept."""
+    return PyDict_GetItemWithError(d, "_origin") != NULL
 
 
 cdef inline int integer(PyObject *value) except -2:
@@ -229,7 +237,7 @@ cdef int read_z(object z, int m, double *values) except -1:
 # ------------------------------------------------------------------------------ what is written
 
 
-cdef inline void entry(Entry *e, str name, const double *values, int rows, int columns) noexcept:
+cdef void entry(Entry *e, str name, const double *values, int rows, int columns) noexcept:
     e.name, e.values, e.rows, e.columns, e.array = <PyObject *> name, values, rows, columns, NULL
 
 
@@ -319,7 +327,7 @@ cdef int commit(dict d, Entry *entries, int count) except -1:
     return 0
 
 
-cdef inline int forget(dict d, str name) except -1:
+cdef int forget(dict d, str name) except -1:
     if PyDict_GetItemWithError(d, name) != <PyObject *> None:
         PyDict_SetItem(d, name, None)
     return 0

@@ -6,7 +6,7 @@ from libc.string cimport memcpy
 
 from fuzzykf.engine.compiled.arrays cimport at, at_or_null, doubles
 from fuzzykf.engine.compiled.attributes cimport (
-    ENTRIES, Entry, Member, commit, forget_likelihoods, is_plain, posterior_entries, prior_entries,
+    ENTRIES, Entry, Member, commit, forget_likelihoods, is_begun, is_plain, posterior_entries, prior_entries,
     read_motion, read_observation, read_state, read_z, reserve,
 )
 from fuzzykf.engine.compiled.processor cimport level
@@ -149,8 +149,8 @@ class LinearStepper:
         cdef Entry entries[ENTRIES]
         cdef int count
         if not (
-            is_plain(self, d, True) and read_state(d, &member) and read_motion(d, &member)
-            and read_observation(d, &member) and read_z(z, member.f.m, member.z)
+            is_begun(d) and is_plain(self, d, True) and read_state(d, &member)
+            and read_motion(d, &member) and read_observation(d, &member) and read_z(z, member.f.m, member.z)
         ):
             return self._step_any(z)
         engine().predict(&member.f)
@@ -169,7 +169,9 @@ class LinearStepper:
         cdef Member member
         cdef Entry entries[ENTRIES]
         cdef int count
-        if not (is_plain(self, d, False) and read_state(d, &member) and read_motion(d, &member)):
+        if not (
+            is_begun(d) and is_plain(self, d, False) and read_state(d, &member) and read_motion(d, &member)
+        ):
             return False
         engine().predict(&member.f)
         count = prior_entries(&member, entries, True)
@@ -185,8 +187,8 @@ class LinearStepper:
         cdef int count
         cdef fk_kalman *f = &member.f
         if not (
-            is_plain(self, d, False) and read_state(d, &member) and read_observation(d, &member)
-            and read_z(z, f.m, member.z)
+            is_begun(d) and is_plain(self, d, False) and read_state(d, &member)
+            and read_observation(d, &member) and read_z(z, f.m, member.z)
         ):
             return False
         memcpy(f.x_prior, f.x, f.n * sizeof(double))
