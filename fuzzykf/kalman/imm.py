@@ -256,7 +256,10 @@ class IMMEstimator(BankStepper, BankSeries):
             log_mu, normaliser = engine.weigh(log_prior, modes)
             total = float(normaliser)
         mu = np.exp(log_mu)
-        x, P = self._merged(mu, xs, Ps)
+        if value is None and self._log_cbar is not None:
+            x, P = self.x_prior.copy(), self.P_prior.copy()
+        else:
+            x, P = self._merged(mu, xs, Ps)
         self._set_weights(log_mu, mu)
         self._log_cbar = self._branches = None
         self.mode_log_likelihood, self.log_likelihood = modes, total
@@ -340,7 +343,7 @@ _HOOKS = lookups(
     IMMEstimator,
     (
         *("_log_weights", "_log_transition", "_set_weights", "_merged", "_remember", "cbar", "omega"),
-        *("__getattribute__", "__setattr__", "__dict__"),
+        *("__getattribute__", "__setattr__"),
         *("filters", "mu", "M", "N", "method", "dim_x", "dim_z", "x", "P", "x_prior", "P_prior"),
         *("x_post", "P_post", "likelihood", "mode_log_likelihood", "log_likelihood"),
         *("_log_mu", "_log_M", "_known_mu", "_checked_M", "_log_cbar", "_branches"),

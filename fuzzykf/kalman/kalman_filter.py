@@ -312,7 +312,7 @@ _HOOKS = lookups(
     (
         *("get_prediction", "_observation", "_state", "_conditioned_on", "_remember", "_skip"),
         *("_set_prior", "_set_posterior", "_set_innovation"),
-        *("__getattribute__", "__setattr__", "__dict__"),
+        *("__getattribute__", "__setattr__"),
         *("dim_x", "dim_z", "x", "P", "F", "Q", "H", "R", "z", "y", "S", "SI", "K", "alpha", "inv"),
         *("x_prior", "P_prior", "x_post", "P_post"),
         *("_alpha_sq", "_log_likelihood", "_likelihood", "_mahalanobis"),
