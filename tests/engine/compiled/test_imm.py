@@ -218,7 +218,9 @@ def test_what_is_assigned_or_written_into_is_seen_by_the_next_step(change) -> No
 def test_arrays_that_others_hold_do_not_change() -> None:
     f = bank(Compiled)
     f.step(0.5)
-    held = [getattr(f, name) for name in OWN] + [getattr(one, name) for one in f.filters for name in OF_MEMBERS]
+    held = [getattr(f, name) for name in OWN] + [
+        getattr(one, name) for one in f.filters for name in OF_MEMBERS
+    ]
     before = copy.deepcopy(held)
     for z in observations(4, 1):
         f.step(z)

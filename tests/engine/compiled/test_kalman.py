@@ -14,7 +14,21 @@ from fuzzykf.engine import kalman, kalman_series
 core = pytest.importorskip("fuzzykf.engine.compiled.kalman", reason="the compiled core has not been built")
 
 few = settings(max_examples=60, deadline=None)
-SIZES = [(1, 1), (2, 1), (2, 2), (3, 1), (3, 2), (4, 1), (4, 2), (5, 2), (6, 2), (6, 3), (7, 7), (9, 4), (16, 16)]
+SIZES = [
+    (1, 1),
+    (2, 1),
+    (2, 2),
+    (3, 1),
+    (3, 2),
+    (4, 1),
+    (4, 2),
+    (5, 2),
+    (6, 2),
+    (6, 3),
+    (7, 7),
+    (9, 4),
+    (16, 16),
+]
 
 
 def system(n, m, seed=0):
@@ -151,7 +165,11 @@ def test_many_threads_may_share_the_matrices() -> None:
 def shown_otherwise(draw, array):
     """Return the same numbers in an array of another type, order, stride or alignment."""
     array = np.asarray(array)
-    way = draw(st.sampled_from(["plain", "fortran", "strided", "reversed", "misaligned", "swapped", "list", "object"]))
+    way = draw(
+        st.sampled_from(
+            ["plain", "fortran", "strided", "reversed", "misaligned", "swapped", "list", "object"]
+        )
+    )
     if way == "fortran":
         return np.asfortranarray(array)
     if way == "strided":
@@ -181,7 +199,9 @@ def test_any_form_of_the_same_numbers_gives_the_same_result(data, size) -> None:
 
     got = core.predict_linear(form(x), form(P), form(F), form(Q), 1.0)
     assert_same(got, core.predict_linear(x, P, F, Q, 1.0))
-    assert_same(core.update_linear(form(x), form(P), form(z), form(H), form(R)), core.update_linear(x, P, z, H, R))
+    assert_same(
+        core.update_linear(form(x), form(P), form(z), form(H), form(R)), core.update_linear(x, P, z, H, R)
+    )
     out, expected = {"x": np.empty((5, size[0]))}, {"x": np.empty((5, size[0]))}
     core.filter_linear(form(x), form(P), form(zs), form(F), form(Q), form(H), form(R), 1.0, None, out)
     core.filter_linear(x, P, zs, F, Q, H, R, 1.0, None, expected)
@@ -207,7 +227,8 @@ def test_wrong_shapes_are_refused(which, shape) -> None:
 
 
 @pytest.mark.parametrize(
-    "array", [np.empty((3, 3)), np.empty((4, 2)), np.empty((4, 3), dtype=np.float32), np.empty((3, 4)).T, [1.0]]
+    "array",
+    [np.empty((3, 3)), np.empty((4, 2)), np.empty((4, 3), dtype=np.float32), np.empty((3, 4)).T, [1.0]],
 )
 def test_what_cannot_be_filled_is_refused(array) -> None:
     x, P, F, Q, H, R = system(3, 2)
