@@ -1,4 +1,4 @@
-"""The kernels of recursion and propagation that are in use, compiled or in NumPy.
+"""The kernels and steppers that are in use, compiled or in NumPy.
 
 This is the one place that binds them; `fuzzykf.engine.info` says which they are.
 """
@@ -26,6 +26,9 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
         least_outside,
         pull_back,
     )
+    from fuzzykf.engine.compiled.imm import BankStepper, filter_bank
+    from fuzzykf.engine.compiled.kalman import LARGEST as LARGEST_LINEAR
+    from fuzzykf.engine.compiled.kalman import LinearStepper, filter_linear, predict_linear, update_linear
     from fuzzykf.engine.compiled.kernels import (
         convolve_bounded,
         convolve_convex,
@@ -59,6 +62,9 @@ else:
         pull_back,
     )
     from fuzzykf.engine.hmm import forward_backward
+    from fuzzykf.engine.imm import filter_bank
+    from fuzzykf.engine.kalman import predict_linear, update_linear
+    from fuzzykf.engine.kalman_series import filter_linear
     from fuzzykf.engine.kernels import (
         convolve_bounded,
         convolve_convex,
@@ -69,14 +75,19 @@ else:
         totals,
     )
     from fuzzykf.engine.raster import corrected, cover, flat_cells, live_cells, stranded
-    from fuzzykf.engine.stepper import Stepper
+    from fuzzykf.engine.stepper import BankStepper, LinearStepper, Stepper
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.switching_many import step_many
 
+    LARGEST_LINEAR = 0  # NumPy has no bound
+
 __all__ = [
     "BRUTE_FORCE",
+    "LARGEST_LINEAR",
     "SUMMARISES",
+    "BankStepper",
     "Kernel",
+    "LinearStepper",
     "Stepper",
     "best_path",
     "continue_tails",
@@ -88,6 +99,8 @@ __all__ = [
     "corrected",
     "cover",
     "crossing",
+    "filter_bank",
+    "filter_linear",
     "first_step",
     "flat_cells",
     "forward_backward",
@@ -99,6 +112,7 @@ __all__ = [
     "log_pairs",
     "node_mean",
     "pack",
+    "predict_linear",
     "pull_back",
     "refine",
     "run",
@@ -107,6 +121,7 @@ __all__ = [
     "step_many",
     "stranded",
     "totals",
+    "update_linear",
 ]
 
 if SUMMARISES:

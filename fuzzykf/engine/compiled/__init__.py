@@ -10,9 +10,12 @@ from importlib import import_module
 #: All of them or none: an engine that is compiled in part would be neither.
 MODULES = (
     "arrays",
+    "attributes",
     "backward",
     "convolution",
     "grid",
+    "imm",
+    "kalman",
     "kernels",
     "processor",
     "raster",
