@@ -38,7 +38,7 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
         is_convex,
         totals,
     )
-    from fuzzykf.engine.compiled.raster import corrected, cover, flat_cells, live_cells, stranded
+    from fuzzykf.engine.compiled.raster import corrected, cover, flat_cells, live_cells, span, stranded
     from fuzzykf.engine.compiled.series import filter_series
     from fuzzykf.engine.compiled.stepper import Stepper
     from fuzzykf.engine.compiled.switching import (
@@ -74,7 +74,7 @@ else:
         is_convex,
         totals,
     )
-    from fuzzykf.engine.raster import corrected, cover, flat_cells, live_cells, stranded
+    from fuzzykf.engine.raster import corrected, cover, flat_cells, live_cells, span, stranded
     from fuzzykf.engine.stepper import BankStepper, LinearStepper, Stepper
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.switching_many import step_many
@@ -117,6 +117,7 @@ __all__ = [
     "refine",
     "run",
     "smooth_back",
+    "span",
     "step",
     "step_many",
     "stranded",
