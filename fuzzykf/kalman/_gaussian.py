@@ -175,9 +175,6 @@ class GaussianFilter(Filter):
     ) -> None:
         self._set_posterior(x, P)
         self.z, self.y, self.S, self.SI, self.K = z, y, S, SI, K
-        seen = seen_components(z)
-        if seen is not None:
-            self._log_likelihood = engine.log_normal(y.ravel()[seen], S[np.ix_(seen, seen)])
 
     def _conditioned(
         self,
@@ -214,7 +211,10 @@ class GaussianFilter(Filter):
         ``log(sys.float_info.min)`` before the first update, as in filterpy.
         """
         if self._log_likelihood is None:
-            self._log_likelihood = engine.log_normal(self.y.ravel(), self.S)
+            y, S, seen = self.y.ravel(), self.S, seen_components(self.z)
+            if seen is not None:
+                y, S = y[seen], S[np.ix_(seen, seen)]
+            self._log_likelihood = engine.log_normal(y, S)
         return self._log_likelihood
 
     @property
