@@ -20,7 +20,17 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import FloatArray
 
-__all__ = ["Cover", "corrected", "cover", "flat_cells", "live_cells", "samples", "span", "stranded", "tangents"]
+__all__ = [
+    "Cover",
+    "corrected",
+    "cover",
+    "flat_cells",
+    "live_cells",
+    "samples",
+    "span",
+    "stranded",
+    "tangents",
+]
 
 IntArray: TypeAlias = NDArray[np.intp]
 BoolArray: TypeAlias = NDArray[np.bool_]
