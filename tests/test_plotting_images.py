@@ -17,7 +17,7 @@ from matplotlib.legend import Legend
 from matplotlib.testing.compare import compare_images
 from matplotlib.text import Text
 
-from fuzzykf import CGOFMSModel, FilterResult, FuzzyMarkovLaw
+from fuzzykf import CGOFMSModel, FilterResult, FuzzyMarkovLaw, FuzzyRelationEstimator
 from fuzzykf.plotting import BLUE, ORANGE, TRUTH
 from fuzzykf.plotting.style import STRIP, SURFACE
 
@@ -64,7 +64,19 @@ def draw_hard_model():
     return make_model().harden().plot(blank())
 
 
-PICTURES = {"result": draw_result, "law": draw_law, "model": draw_model, "hard_model": draw_hard_model}
+def draw_estimate(correlation=0.8):
+    est = FuzzyRelationEstimator(2, 1)
+    est.x, est.P = np.array([[1.0], [2.0]]), np.array([[1.0, correlation], [correlation, 1.0]])
+    return est.plot(blank(), truth=[1.5, 2.0])
+
+
+PICTURES = {
+    "result": draw_result,
+    "law": draw_law,
+    "model": draw_model,
+    "hard_model": draw_hard_model,
+    "estimate": draw_estimate,
+}
 
 #: Changes that a reader would see, and that have to be found.
 CHANGES = {
@@ -72,6 +84,7 @@ CHANGES = {
     "result with another switch": ("result", lambda: draw_result(switch=0.4)),
     "law with a narrower density": ("law", lambda: draw_law(delta=0.17)),
     "model without its bands": ("model", lambda: without_bands(draw_model())),
+    "estimate with another slope": ("estimate", lambda: draw_estimate(correlation=0.5)),
     "model in grey": ("model", lambda: in_grey(draw_model())),
     "hard model for a fuzzy one": ("model", draw_hard_model),
 }
