@@ -38,6 +38,7 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
         is_convex,
         totals,
     )
+    from fuzzykf.engine.compiled.moments import moments_about
     from fuzzykf.engine.compiled.raster import corrected, cover, flat_cells, live_cells, span, stranded
     from fuzzykf.engine.compiled.series import filter_series
     from fuzzykf.engine.compiled.stepper import Stepper
@@ -74,6 +75,7 @@ else:
         is_convex,
         totals,
     )
+    from fuzzykf.engine.moments import moments_about
     from fuzzykf.engine.raster import corrected, cover, flat_cells, live_cells, span, stranded
     from fuzzykf.engine.stepper import BankStepper, LinearStepper, Stepper
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
@@ -110,6 +112,7 @@ __all__ = [
     "least_outside",
     "live_cells",
     "log_pairs",
+    "moments_about",
     "node_mean",
     "pack",
     "predict_linear",

@@ -17,6 +17,7 @@ MODULES = (
     "imm",
     "kalman",
     "kernels",
+    "moments",
     "processor",
     "raster",
     "series",

@@ -69,11 +69,23 @@ FK_STATIC void fk_dilate(int s, const fk_index *shape, unsigned char *flags) {
 FK_STATIC fk_index fk_span(int d, const double *image, const unsigned char *flags, fk_index n, double *low,
                            double *high) {
   fk_index count = 0;
+  int some = 0;
   for (int k = 0; k < d; k++) low[k] = INFINITY, high[k] = -INFINITY;
+  for (fk_index j = 0; j < n; j++) some |= !flags[j];
+  for (fk_index j = 0; j < n * d; j++) some |= !(fabs(image[j]) <= DBL_MAX);
+  if (!some && d == 2) {
+    double a = INFINITY, b = INFINITY, c = -INFINITY, e = -INFINITY;
+    for (fk_index j = 0; j < n; j++) {
+      a = fk_least(a, image[2 * j]), b = fk_least(b, image[2 * j + 1]);
+      c = fk_most(c, image[2 * j]), e = fk_most(e, image[2 * j + 1]);
+    }
+    low[0] = a, low[1] = b, high[0] = c, high[1] = e;
+    return n;
+  }
   for (fk_index j = 0; j < n; j++) {
     const double *x = image + j * d;
     int finite = flags[j] != 0;
-    for (int k = 0; k < d; k++) finite &= isfinite(x[k]) != 0;
+    for (int k = 0; k < d; k++) finite &= fabs(x[k]) <= DBL_MAX;
     if (!finite) continue;
     count++;
     for (int k = 0; k < d; k++) low[k] = fk_least(low[k], x[k]), high[k] = fk_most(high[k], x[k]);
