@@ -12,7 +12,12 @@ from setuptools.command.build_ext import build_ext
 
 
 class BuildOptional(build_ext):
-    """Says once, and clearly, that the compiled core is missing."""
+    """Says once, and clearly, that the compiled core is missing; works on all processors."""
+
+    def finalize_options(self):
+        """Compile modules side by side unless told otherwise."""
+        super().finalize_options()
+        self.parallel = self.parallel or True
 
     def run(self):
         """Build what can be built."""

@@ -229,9 +229,9 @@ def _draw_map(
         axes.contour(*coordinates, value, levels=[0.5], colors="white", linewidths=0.8, linestyles="--")
     bar = axes.figure.colorbar(image, ax=axes)
     bar.set_label("membership (dashed: 0.5)" if half else "membership")
-    for coordinate, ends, limits in zip(coordinates, edges, (axes.set_xlim, axes.set_ylim), strict=True):
+    for name, coordinate, ends in zip("xy", coordinates, edges, strict=True):
         if coordinate.size == 1:
-            limits(6.0 * ends[0] - 5.0 * ends[1], 6.0 * ends[1] - 5.0 * ends[0])
+            axes.set(**{f"{name}lim": (6.0 * ends[0] - 5.0 * ends[1], 6.0 * ends[1] - 5.0 * ends[0])})
     for name, marker, size in (("estimate", "o", 6.0), ("truth", "x", 7.0)):
         if name in marks:
             axes.plot(

@@ -1,10 +1,8 @@
 """The grid estimator against the loops that its paper prints, as ratios measured in one run.
 
-Run with ``nox -s benchmarks -- -k grid_speed -s``, or
-``pytest tests/benchmarks/test_grid_speed.py --benchmark-only -s -o addopts=--import-mode=importlib``.
-The loops are in C (``literal_loops.c``) and compiled with the flags of the package.  Times are
-those of the processor, which other work on the machine disturbs least.  Nothing passes or
-fails on a time.
+Run with ``nox -s benchmarks -- -k grid_speed -s``.  The loops are in C (``literal_loops.c``) and
+compiled with the flags of the package.  Times are those of the processor, which other work on the
+machine disturbs least.  Nothing passes or fails on a time.
 """
 
 from __future__ import annotations
@@ -57,7 +55,7 @@ def plane_estimator(points=N):
 
 
 def plane_loops(points=N):
-    """Return the same as loops, with 121 values of the noise: a step to a new membership and its centre."""
+    """Return the same as loops, with 121 noise values: a step to the next membership and its centre."""
     w = np.linspace(-3.0 * DEVIATION, 3.0 * DEVIATION, 121)
     grid, noise = literal.Grid.over(points, PLANE, w), np.exp(-0.5 * (w / DEVIATION) ** 2)
 
