@@ -55,7 +55,7 @@ def plane_estimator(points=N):
 
 
 def plane_loops(points=N):
-    """Return the same as loops, with 121 values of the noise: a step to the next membership and its centre."""
+    """Return the same as loops, with 121 noise values: a step to the next membership and its centre."""
     w = np.linspace(-3.0 * DEVIATION, 3.0 * DEVIATION, 121)
     grid, noise = literal.Grid.over(points, PLANE, w), np.exp(-0.5 * (w / DEVIATION) ** 2)
 
