@@ -59,7 +59,7 @@ def studies(session: nox.Session) -> None:
 @nox.session(default=False)
 def benchmarks(session: nox.Session) -> None:
     """Measure speed as ratios within one run."""
-    session.install("-e", ".[test]")
+    session.install("-e", ".[test]", "--group", "benchmarks")
     options = (
         "addopts=-ra --strict-config --strict-markers --import-mode=importlib"  # without --benchmark-skip
     )

@@ -4,6 +4,7 @@ This file exists because the headers of NumPy have to be found when the package 
 core is optional: where it cannot be compiled, installation goes on and fuzzykf runs on NumPy.
 """
 
+import os
 from pathlib import Path
 
 import numpy
@@ -12,7 +13,12 @@ from setuptools.command.build_ext import build_ext
 
 
 class BuildOptional(build_ext):
-    """Says once, and clearly, that the compiled core is missing."""
+    """Says once, and clearly, that the compiled core is missing; works on all processors."""
+
+    def finalize_options(self):
+        """Compile modules side by side unless told otherwise."""
+        super().finalize_options()
+        self.parallel = self.parallel or True
 
     def run(self):
         """Build what can be built."""
@@ -33,6 +39,9 @@ class BuildOptional(build_ext):
 
 CORE = Path("fuzzykf/engine/compiled")
 
+#: Level of optimisation, unless CFLAGS in the environment says another.
+OPTIMIZE = [] if "-O" in os.environ.get("CFLAGS", "") else ["-O3"]
+
 
 def extension(source):
     """Describe a module of the compiled core."""
@@ -42,7 +51,7 @@ def extension(source):
         depends=sorted(str(header) for pattern in ("*.pxd", "src/*.h") for header in CORE.glob(pattern)),
         include_dirs=[str(CORE), numpy.get_include()],
         define_macros=[("NPY_NO_DEPRECATED_API", "NPY_1_7_API_VERSION")],
-        extra_compile_args=["-O3", "-Wno-psabi"],
+        extra_compile_args=[*OPTIMIZE, "-Wno-psabi"],
         optional=True,
     )
 

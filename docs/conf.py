@@ -17,6 +17,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",  # equations are drawn without the network
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
 ]
@@ -44,6 +45,7 @@ sphinx_gallery_conf = {
 html_theme = "furo"
 html_title = f"fuzzykf {release}"
 html_static_path = ["_static"]
+html_css_files = ["wrap.css"]
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
 

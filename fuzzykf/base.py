@@ -156,13 +156,18 @@ def as_many(zs: Any, dim_z: int) -> FloatArray:
         Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1.
     dim_z : int
 
+    Returns
+    -------
+    ndarray, shape (series, n, dim_z)
+        Read-only; it shares the memory of ``zs`` where it can, since that may be most of what is free.
+
     Raises
     ------
     ShapeError, ParameterError
         If the shape is another one, or a number is infinite.
     """
     try:
-        array = np.array(zs, dtype=np.float64)
+        array = np.asarray(zs, dtype=np.float64).view()
     except (TypeError, ValueError) as error:
         raise ShapeError(
             f"zs: expected numbers of shape (series, n, {dim_z}); pad series of unequal length with NaN"
@@ -178,6 +183,7 @@ def as_many(zs: Any, dim_z: int) -> FloatArray:
             f"zs: observation {step} of series {series} is {array[series, step].tolist()}, "
             "expected finite numbers (NaN where missing)"
         )
+    array.flags.writeable = False
     return array
 
 

@@ -69,8 +69,12 @@ def write_document(path: str | PathLike[str], kind: str, content: dict[str, Any]
     ValueError
         If a number is NaN or infinite, which JSON cannot express.
     """
-    document = {"format": "fuzzykf", "version": SCHEMA_VERSION, "kind": kind} | content
-    write_text(path, json.dumps(document, allow_nan=False, indent=1) + "\n")
+    write_text(path, json.dumps(as_document(kind, content), allow_nan=False, indent=1) + "\n")
+
+
+def as_document(kind: str, content: dict[str, Any]) -> dict[str, Any]:
+    """Return ``content`` with the head that says what it is."""
+    return {"format": "fuzzykf", "version": SCHEMA_VERSION, "kind": kind} | content
 
 
 def read_document(path: str | PathLike[str], kinds: tuple[str, ...]) -> dict[str, Any]:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import doctest
+import importlib
 import io
+import pkgutil
 import re
+import sys
+import types
 from pathlib import Path
 
 import pytest
@@ -17,8 +21,10 @@ PAGES = [
     ROOT / "README.md",
     *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
     *sorted((ROOT / "docs" / "howto").glob("*.md")),
-    ROOT / "docs" / "theory" / "switching.md",
-    ROOT / "docs" / "theory" / "corrections.md",
+    *sorted((ROOT / "docs" / "theory").glob("*.md")),
+    ROOT / "docs" / "index.md",
+    ROOT / "docs" / "performance.md",
+    ROOT / "docs" / "reproduction.md",
 ]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -28,8 +34,10 @@ def names(path: Path) -> str:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=names)
-def test_the_python_on_a_page_runs_and_prints_what_follows_it(page) -> None:
-    namespace: dict[str, object] = {}
+def test_the_python_on_a_page_runs_and_prints_what_follows_it(page, monkeypatch) -> None:
+    module = types.ModuleType("a_page")  # so that what the page defines can be pickled
+    monkeypatch.setitem(sys.modules, "a_page", module)
+    namespace: dict[str, object] = vars(module)
     printed = ""
     for language, code in FENCE.findall(page.read_text(encoding="utf-8")):
         if language == "python":
@@ -59,12 +67,57 @@ def test_the_links_between_pages_lead_somewhere(page) -> None:
             assert (page.parent / target).exists(), f"{names(page)} links to {target}"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=names)
+def test_numbered_equations_have_no_line_break(page) -> None:
+    # Sphinx puts an equation with a line break into "split", in which MathJax refuses a number.
+    for equation in re.findall(
+        r"^\$\$$(.*?)^\$\$$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    ):
+        assert not (r"\tag" in equation and r"\\" in equation), equation
+
+
+def test_the_tests_that_pages_name_exist() -> None:
+    page = (ROOT / "docs" / "theory" / "corrections.md").read_text(encoding="utf-8")
+    named = re.findall(r"`([\w/]+\.py)::(\w+)`", page)
+    assert len(named) > 20
+    for file, function in named:
+        source = (ROOT / "tests" / file).read_text(encoding="utf-8")
+        assert re.search(rf"^def {function}\(", source, re.MULTILINE), f"there is no {file}::{function}"
+
+
+#: Modules of one file that users import from; of the folders, all but those of the command line.
+PUBLIC = ["fuzzykf.errors", "fuzzykf.io", "fuzzykf.preprocessing", "fuzzykf.results", "fuzzykf.testing"]
+
+
+def listed_names() -> set[tuple[str, str]]:
+    """Module and name of every entry of the reference."""
+    found = set()
+    module = ""
+    for line in (ROOT / "docs" / "reference" / "index.md").read_text(encoding="utf-8").splitlines():
+        if match := re.fullmatch(r"\.\. currentmodule:: (\S+)", line):
+            module = match[1]
+        elif match := re.fullmatch(r"   (\w+)", line):
+            found.add((module, match[1]))
+    return found
+
+
 def test_the_reference_lists_every_public_name() -> None:
-    listed = set(
-        re.findall(r"^   (\w+)$", (ROOT / "docs" / "reference" / "index.md").read_text("utf-8"), re.MULTILINE)
-    )
-    there = {name for name in fuzzykf.__all__ if name != "__version__" and hasattr(fuzzykf, name)}
-    assert there <= listed
+    names = {name for _, name in listed_names()}
+    folders = [
+        found.name
+        for found in pkgutil.walk_packages(fuzzykf.__path__, "fuzzykf.")
+        if found.ispkg and not re.search(r"\._|\.cli|\.engine\.", found.name)
+    ]
+    assert {"fuzzykf.switching", "fuzzykf.possibility.memberships"} <= set(folders)
+    for module in ["fuzzykf", *folders, *PUBLIC]:
+        there = importlib.import_module(module)
+        public = {name for name in there.__all__ if callable(getattr(there, name))}  # not constants
+        assert public <= names, f"{module}: {sorted(public - names)} are not in docs/reference/index.md"
+
+
+def test_the_reference_lists_nothing_that_is_not_there() -> None:
+    for module, name in listed_names():
+        assert name in importlib.import_module(module).__all__, f"{module} has no public name {name}"
 
 
 def test_readme_has_the_two_set_up_commands_each_in_one_line() -> None:

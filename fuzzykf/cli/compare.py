@@ -16,7 +16,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from fuzzykf.cli.columns import TIME_COLUMNS, time_column
-from fuzzykf.cli.output import check_folder, progress_bar, report_errors
+from fuzzykf.cli.output import check_file, check_folder, progress_bar, report_errors
 from fuzzykf.errors import ParameterError
 from fuzzykf.io import write_bytes, write_text
 
@@ -53,6 +53,8 @@ class Source:
     """The columns to work on, and what to call them."""
 
     title: str
+    state_column: str
+    observation_column: str
     state: FloatArray
     observation: FloatArray
     state_label: str
@@ -86,6 +88,15 @@ def command(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for comparison.csv and comparison.png.")
     ] = Path("fuzzykf-compare"),
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.html",
+            help="Write a page with the table, an interactive picture and the settings as well; it needs no "
+            "network (5 MB).",
+            show_default=False,
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
     time: Annotated[
         str | None,
@@ -136,6 +147,7 @@ def command(
     alone. Prints a table, and writes it with a picture.
     """
     from fuzzykf import comparison, plotting
+    from fuzzykf.comparison.report import check_installed, report_page
 
     with report_errors():
         source = _packaged(state, obs, time) if data is None else _from_file(data, state, obs, time)
@@ -150,7 +162,11 @@ def command(
         )
         methods = comparison.main_methods(law.value)
         check_folder(out)
-        with progress_bar(sum(method.pieces for method in methods) + 2) as progress:
+        if report is not None:
+            _check_report(report, data)
+            check_installed()
+        pieces = sum(method.pieces for method in methods) + (2 if report is None else 3)
+        with progress_bar(pieces) as progress:
             result = comparison.compare(
                 task, np.random.default_rng(seed), methods=methods, n_nodes=nodes, progress=progress
             )
@@ -159,10 +175,27 @@ def command(
             figure = plotting.plot_comparison(result, state_label=label, unit=source.unit)
             picture = io.BytesIO()
             figure.savefig(picture, format="png", dpi=150)
+            if report is not None:
+                progress("report")
+                repeat = {
+                    "--train": train,
+                    "--switch": switch,
+                    "--law": law,
+                    "--nodes": nodes,
+                    "--seed": seed,
+                }
+                settings = _settings(result, source, data, time, repeat)
+                page = report_page(
+                    result, title=source.title, state_label=label, unit=source.unit, settings=settings
+                )
         out.mkdir(parents=True, exist_ok=True)
         files = [out / "comparison.csv", out / "comparison.png"]
         write_text(files[0], _as_csv(result))
         write_bytes(files[1], picture.getvalue())
+        if report is not None:
+            report.parent.mkdir(parents=True, exist_ok=True)
+            write_text(report, page)
+            files.append(report)
     _print(result, source, label, files)
 
 
@@ -187,7 +220,15 @@ def _packaged(state: str | None, obs: str | None, time: str | None) -> Source:
         raise ParameterError("--time: the packaged data bring their own times; give a file to name a column")
     values, label, unit = columns[state]
     return Source(
-        "Victoria, 2014, hourly means", values, columns[obs][0], label, unit, victoria.time, victoria.workday
+        "Victoria, 2014, hourly means",
+        state,
+        obs,
+        values,
+        columns[obs][0],
+        label,
+        unit,
+        victoria.time,
+        victoria.workday,
     )
 
 
@@ -203,6 +244,8 @@ def _from_file(path: Path, state: str | None, obs: str | None, time: str | None)
     workday = table.numbers("workday") == 1.0 if "workday" in table.columns else None
     return Source(
         path.name,
+        state,
+        obs,
         table.numbers(state),
         table.numbers(obs),
         state,
@@ -213,6 +256,43 @@ def _from_file(path: Path, state: str | None, obs: str | None, time: str | None)
 
 
 # --------------------------------------------------------------------------- output
+
+
+def _check_report(report: Path, data: Path | None) -> None:
+    """Refuse, before any work is done, a page that cannot be written; its folder may be yet to come."""
+    check_folder(report.parent)
+    if report.parent.is_dir():
+        check_file(report, *([] if data is None else [data]), option="--report")
+
+
+def _settings(
+    result: Comparison, source: Source, data: Path | None, time: str | None, options: dict[str, object]
+) -> dict[str, str]:
+    """Say what a reader needs to repeat the comparison."""
+    import platform
+    import shlex
+
+    from fuzzykf import __version__
+
+    task = result.task
+    words = ["fuzzykf", "compare", *([] if data is None else [str(data)])]
+    words += ["--state", source.state_column, "--obs", source.observation_column]
+    words += [] if time is None else ["--time", time]
+    words += [str(word) for pair in options.items() for word in pair]
+    words += ["--profile" if task.profile else "--no-profile"]
+    return {
+        "data": source.title,
+        "state": source.state_column,
+        "observation": source.observation_column,
+        "rows": f"{len(task.state):,}: the first {task.n_train:,} to learn on, {task.n_test:,} to compare on",
+        "daily profile of the state": "taken away" if task.profile else "left in",
+        "switch": task.switch_source,
+        "law of the fuzzy switch": str(options["--law"]),
+        "values of the fuzzy switch": f"0, 1 and {options['--nodes']} between them",
+        "bootstrap": f"blocks of {result.block_length} steps, seed {options['--seed']}",
+        "made with": f"fuzzykf {__version__}, NumPy {np.__version__}, Python {platform.python_version()}",
+        "to repeat it": shlex.join(words),
+    }
 
 
 def _as_csv(result: Comparison) -> str:
@@ -237,47 +317,22 @@ def _as_csv(result: Comparison) -> str:
 
 
 def _print(result: Comparison, source: Source, label: str, files: list[Path]) -> None:
-    task = result.task
-    unit = f" {source.unit}" if source.unit else ""
+    from fuzzykf.comparison.wording import about_choices, about_intervals, about_task, cells
+
     console = Console()
-    when = "" if task.time is None else f", from {task.time[task.n_train].astype('datetime64[m]')}"
     console.print(Text(f"{source.title}: {label}", "bold"))
-    console.print(
-        Text(
-            f"Learned on {task.n_train:,} rows, compared on {task.n_test:,}{when}. "
-            f"Switch: {task.switch_source}. "
-            f"Always answering the mean of the learning part would have an RMSE of "
-            f"{result.baseline_rmse:.4g}{unit}."
-        )
-    )
+    console.print(Text(about_task(result, source.unit)))
     grid = Grid()
     grid.add_column("method")
     rmse_title = f"RMSE\n({source.unit})" if source.unit else "RMSE\n"
     for title in (rmse_title, "95 %\ninterval", "90 %\ncovers", "log-lik.\nper step", "µs per\nstep"):
         grid.add_column(title, justify="right")
     for s in result.scores:
-        grid.add_row(
-            Text(s.name, "bold" if s.name == result.best else ""),
-            f"{s.rmse:.4g}",
-            f"{s.rmse_low:#.3g}–{s.rmse_high:#.3g}",
-            f"{100 * s.coverage:.1f} %",
-            "none" if s.log_likelihood is None else f"{s.log_likelihood:.3f}",
-            f"{s.microseconds:.2g}" if s.microseconds < 10 else f"{s.microseconds:.0f}",
-        )
+        grid.add_row(Text(s.name, "bold" if s.name == result.best else ""), *cells(s))
     console.print(grid)
-    console.print(
-        Text(
-            f"Intervals: block bootstrap, blocks of {result.block_length} steps. Log-likelihood: of the "
-            "observations, each given the earlier ones; regressions have no law of them.",
-            "dim",
-        )
-    )
-    for restoration in result.restorations:
-        if restoration.description:
-            console.print(Text(f"{restoration.name}: {restoration.description}."))
-    for restoration in result.restorations:
-        for note in restoration.notes:
-            console.print(Text(f"Note on {restoration.name}: {note}."))
+    console.print(Text(about_intervals(result), "dim"))
+    for sentence in about_choices(result):
+        console.print(Text(sentence))
     console.print(Text(result.verdict(source.unit), "bold"))
     for file in files:
         console.print(Text(f"Wrote {file}"), soft_wrap=True)

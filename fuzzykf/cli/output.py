@@ -53,7 +53,7 @@ def check_folder(folder: Path) -> None:
         raise PermissionError(13, "the folder is not writable", str(existing))
 
 
-def check_file(file: Path, *sources: Path) -> None:
+def check_file(file: Path, *sources: Path, option: str = "--output") -> None:
     """Refuse, before any work is done, a file that cannot be written, or is read from.
 
     Raises
@@ -70,4 +70,4 @@ def check_file(file: Path, *sources: Path) -> None:
         raise IsADirectoryError(21, "expected a file, found a folder", str(file))
     for source in sources:
         if file.exists() and source.exists() and file.samefile(source):
-            raise ParameterError(f"--output: {file} is also read from; name another file")
+            raise ParameterError(f"{option}: {file} is also read from; name another file")

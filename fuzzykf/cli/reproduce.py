@@ -53,6 +53,16 @@ def command(
         ),
     ] = Path("fuzzykf-reproduce"),
     quick: Annotated[bool, typer.Option("--quick", help="Fewer runs, for a quick look.")] = False,
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            envvar="FUZZYKF_DATA",
+            help="Folder of measured data that are not part of the package. "
+            "Without them, all leaves out what needs them, and says so.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Make the tables and figures of the papers again, and compare them with what was printed.
 
@@ -68,6 +78,7 @@ def command(
         chosen = _choose(names or [], EXPERIMENTS)
         check_folder(out)
         outcomes, seconds = [], []
+        chosen, left_out = _with_data(chosen, data, required=names or [])
         with progress_bar(sum(len(experiment.pieces) for experiment in chosen)) as progress:
             for experiment in chosen:
                 start = time.perf_counter()
@@ -76,6 +87,7 @@ def command(
                     runs=experiment.quick_runs if quick and runs is None else runs,
                     seed=seed,
                     folder=out,
+                    data=data,
                     progress=progress,
                 )
                 write(outcome, out)
@@ -87,6 +99,8 @@ def command(
         for outcome in outcomes:
             console.print(_rows(outcome))
     console.print(_overview(outcomes, seconds))
+    for reason in left_out:
+        console.print(f"Skipped: {reason}", soft_wrap=True, highlight=False)
     console.print(f"Tables, records and pictures are in {out}", soft_wrap=True, highlight=False)
 
 
@@ -97,6 +111,27 @@ def _choose(names: Sequence[str], there: dict[str, Experiment]) -> list[Experime
     if unknown:
         raise ParameterError(f"NAME: got {unknown[0]!r}, expected all, or some of {', '.join(there)}")
     return [experiment for name, experiment in there.items() if "all" in names or name in names]
+
+
+def _with_data(
+    chosen: Sequence[Experiment], data: Path | None, *, required: Sequence[str]
+) -> tuple[list[Experiment], list[str]]:
+    """Return the experiments whose data are there, and why others are left out.
+
+    What was asked for by its name is not left out.
+    """
+    there, left_out = [], []
+    for experiment in chosen:
+        try:
+            if experiment.load is not None:
+                experiment.load(data)
+        except FileNotFoundError as error:
+            if experiment.name in required:
+                raise
+            left_out.append(f"{experiment.name}: {error}")
+        else:
+            there.append(experiment)
+    return there, left_out
 
 
 def _print_list(experiments: Sequence[Experiment]) -> None:

@@ -14,6 +14,7 @@ from __future__ import annotations
 from fuzzykf.comparison.candidates import Candidate, Estimates, Learned, LearningPart
 from fuzzykf.comparison.methods import Restoration, main_methods
 from fuzzykf.comparison.prepare import ClockSwitch, Task, prepare, quantile_switch
+from fuzzykf.comparison.report import report_page
 from fuzzykf.comparison.rolling import Fold, ModelComparison, ModelScore
 from fuzzykf.comparison.run import Comparison, compare, score
 from fuzzykf.comparison.scores import (
@@ -45,5 +46,6 @@ __all__ = [
     "main_methods",
     "prepare",
     "quantile_switch",
+    "report_page",
     "score",
 ]

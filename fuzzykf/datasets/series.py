@@ -118,11 +118,16 @@ def load_victoria(*, hourly: bool = False) -> Victoria:
     return Victoria(time, demand, temperature, workday)
 
 
-def load_building() -> Building:
+def load_building(folder: str | os.PathLike[str] | None = None) -> Building:
     """Load a week of temperature and power of a commercial building.
 
-    The file ``openei_building1_june2010.csv`` is not part of the package; it is
-    looked for in the folder that the environment variable ``FUZZYKF_DATA`` names.
+    The file ``openei_building1_june2010.csv`` is not part of the package.
+
+    Parameters
+    ----------
+    folder : path-like, optional
+        Where the file is; by default the folder that the environment variable
+        ``FUZZYKF_DATA`` names.
 
     Returns
     -------
@@ -131,22 +136,27 @@ def load_building() -> Building:
     Raises
     ------
     FileNotFoundError
-        If the variable is not set, or the folder does not hold the file.
+        If no folder is given or named, or it does not hold the file.
 
     Notes
     -----
     Source: US Department of Energy, OpenEI, "Consumption & Outdoor Air Temperature
     for 11 Commercial Buildings".
     """
-    table = _external_table("openei_building1_june2010.csv")
+    table = _external_table("openei_building1_june2010.csv", folder)
     return Building(table.times("Timestamp"), table.numbers("OAT (F)"), table.numbers("Power (kW)"))
 
 
-def load_traffic() -> Traffic:
+def load_traffic(folder: str | os.PathLike[str] | None = None) -> Traffic:
     """Load two weeks of speed and occupancy at a road sensor.
 
-    The file ``traffic_t4013.csv`` is not part of the package; it is looked for in
-    the folder that the environment variable ``FUZZYKF_DATA`` names.
+    The file ``traffic_t4013.csv`` is not part of the package.
+
+    Parameters
+    ----------
+    folder : path-like, optional
+        Where the file is; by default the folder that the environment variable
+        ``FUZZYKF_DATA`` names.
 
     Returns
     -------
@@ -155,25 +165,26 @@ def load_traffic() -> Traffic:
     Raises
     ------
     FileNotFoundError
-        If the variable is not set, or the folder does not hold the file.
+        If no folder is given or named, or it does not hold the file.
 
     Notes
     -----
     Source: Minnesota Department of Transportation, through the Numenta Anomaly
     Benchmark (MIT licence).
     """
-    table = _external_table("traffic_t4013.csv")
+    table = _external_table("traffic_t4013.csv", folder)
     return Traffic(table.times("time"), table.numbers("speed_mph"), table.numbers("occupancy_percent"))
 
 
-def _external_table(name: str) -> Table:
-    folder = os.environ.get(DATA_VARIABLE)
-    if not folder:
+def _external_table(name: str, folder: str | os.PathLike[str] | None) -> Table:
+    given = folder if folder is not None else os.environ.get(DATA_VARIABLE)
+    if not given:
         raise FileNotFoundError(
             f"{name} is not part of the package: set the environment variable {DATA_VARIABLE} "
             "to the folder that holds it"
         )
-    path = Path(folder) / name
+    path = Path(given) / name
     if not path.is_file():
-        raise FileNotFoundError(f"{DATA_VARIABLE} is {folder!r}, but there is no {name} in it")
+        source = DATA_VARIABLE if folder is None else "folder"
+        raise FileNotFoundError(f"{source} is {os.fspath(given)!r}, but there is no {name} in it")
     return read_table(path)

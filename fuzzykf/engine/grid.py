@@ -294,27 +294,24 @@ def _bowl(cost: FloatArray) -> tuple[list[int], FloatArray, FloatArray]:
 
 def _is_smooth(line: FloatArray, node: int) -> bool:
     """Whether the second differences at a node and at its neighbours agree."""
+    near = line[max(node - 2, 0) : node + 3]
     with np.errstate(invalid="ignore"):
-        near = line[max(node - 2, 0) : node + 3]
-        return bool(np.isfinite([_bend(*near[j : j + 4]) for j in range(near.size - 3)]).all())
+        return bool(np.isfinite(_bend(near[:-3], near[1:-2], near[2:-1], near[3:])).all())
 
 
 def _quadratic(window: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Gradient and Hessian at the centre of a window of 3 x ... x 3 nodes."""
-    d = window.ndim
-    centre = (1,) * d
-
-    def at(**moves: int) -> float:
-        return float(window[tuple(c + moves.get(f"k{k}", 0) for k, c in enumerate(centre))])
-
+    d, value = window.ndim, window.ravel().tolist()
+    strides = [3 ** (d - 1 - k) for k in range(d)]
+    centre = sum(strides)
     slope, hessian = np.empty(d), np.empty((d, d))
-    for k in range(d):
-        up, down = at(**{f"k{k}": 1}), at(**{f"k{k}": -1})
+    for k, i in enumerate(strides):
+        up, down = value[centre + i], value[centre - i]
         slope[k] = 0.5 * (up - down)
-        hessian[k, k] = up - 2.0 * at() + down
-        for m in range(k):
-            signs = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
-            mixed = sum(s * at(**{f"k{k}": a, f"k{m}": b}) for a, b, s in signs)
+        hessian[k, k] = up - 2.0 * value[centre] + down
+        for m, j in enumerate(strides[:k]):
+            mixed = value[centre + i + j] - value[centre + i - j]
+            mixed += value[centre - i - j] - value[centre - i + j]
             hessian[k, m] = hessian[m, k] = 0.25 * mixed
     return slope, hessian
 

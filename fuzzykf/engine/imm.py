@@ -16,7 +16,7 @@ from fuzzykf.engine import kalman
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
 
-__all__ = ["correct_bank", "filter_many", "log_mixing", "merge", "mix", "move_bank", "weigh"]
+__all__ = ["correct_bank", "filter_bank", "filter_many", "log_mixing", "merge", "mix", "move_bank", "weigh"]
 
 
 def log_mixing(log_mu: FloatArray, log_M: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -131,6 +131,73 @@ def correct_bank(
     xs = xs + (K @ y[..., None])[..., 0]
     Ps = kalman.correct_stack(Ps, K, H, R)
     return y, S, SI, K, xs, Ps, kalman.log_normal_stack(y, SI, log_det, seen)
+
+
+def filter_bank(
+    xs: FloatArray,
+    Ps: FloatArray,
+    log_mu: FloatArray,
+    log_M: FloatArray,
+    zs: FloatArray,
+    model: dict[str, FloatArray],
+    out: dict[str, FloatArray],
+) -> dict[str, FloatArray] | None:
+    """Run one bank along one series, mixing before each prediction (IMM).
+
+    Parameters
+    ----------
+    xs, Ps, log_mu : ndarray, shapes (K, n), (K, n, n) and (K,)
+        Where the series starts.
+    log_M : ndarray, shape (K, K)
+    zs : ndarray, shape (steps, m)
+        NaN where missing.
+    model : dict of ndarray
+        ``F``, ``Q``, ``H``, ``R`` with a leading axis for the modes, and ``alpha_sq``.
+    out : dict of ndarray
+        Filled: ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``log_likelihood``, as far
+        as they are there, each of shape (steps, ...).
+
+    Returns
+    -------
+    dict of ndarray, or None
+        After the last step: ``xs``, ``Ps``, ``xs_prior``, ``Ps_prior``, ``log_mu``, the predicted
+        ``log_cbar`` and the log-likelihoods ``modes`` of the modes; of the latest step of which
+        something was observed, if there is one, ``y``, ``S``, ``SI``, ``K``.  None if some
+        observation was refused, because S is not positive definite or no mode gives it a density.
+    """
+    F, Q, H, R, alpha_sq = (model[name] for name in ("F", "Q", "H", "R", "alpha_sq"))
+    innovation: dict[str, FloatArray] = {}
+    state: dict[str, FloatArray] = {}
+    for t, z in enumerate(zs):
+        _, log_cbar, omega = log_mixing(log_mu, log_M)
+        xs, Ps = move_bank(*mix(omega, xs, Ps), F, Q, alpha_sq)
+        state = {"xs_prior": xs, "Ps_prior": Ps, "log_cbar": log_cbar}
+        _put(out, ("x_prior", "P_prior"), t, merge(np.exp(log_cbar), xs, Ps))
+        seen: np.ndarray = np.logical_not(np.isnan(z))
+        log_mu, total, modes = log_cbar, np.zeros(()), np.zeros(len(log_mu))
+        if seen.any():
+            try:
+                corrected = correct_bank(xs, Ps, z, H, R, None if seen.all() else seen)
+            except np.linalg.LinAlgError:
+                return None
+            y, S, SI, K, xs, Ps, modes = corrected
+            innovation = {"y": y, "S": S, "SI": SI, "K": K}
+            if not (log_cbar + modes).max() > -np.inf:
+                return None
+            log_mu, total = weigh(log_cbar, modes)
+        mu = np.exp(log_mu)
+        _put(out, ("x", "P"), t, merge(mu, xs, Ps))
+        _put(out, ("mu", "log_likelihood"), t, (mu, total))
+        state |= {"xs": xs, "Ps": Ps, "log_mu": log_mu, "modes": modes}
+    return state | innovation
+
+
+def _put(
+    out: dict[str, FloatArray], names: tuple[str, str], t: int, values: tuple[FloatArray, FloatArray]
+) -> None:
+    for name, value in zip(names, values, strict=True):
+        if name in out:
+            out[name][t] = value
 
 
 def filter_many(

@@ -9,7 +9,7 @@ dimension of the state, ``m`` that of an observation.
 from __future__ import annotations
 
 from functools import cache
-from math import inf, log
+from math import inf, isnan, log
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,10 +29,12 @@ __all__ = [
     "inverse_stack",
     "log_normal",
     "log_normal_stack",
-    "predict",
+    "predict_linear",
     "predict_stack",
+    "seen_components",
     "update",
     "update_correlated",
+    "update_linear",
 ]
 
 _HALF = np.array(0.5)  # numpy converts a Python float at every use
@@ -44,7 +46,7 @@ PIVOT_TOLERANCE = 16.0 * float(np.finfo(np.float64).eps)
 # --------------------------------------------------------------------------- one filter
 
 
-def predict(
+def predict_linear(
     x: FloatArray, P: FloatArray, F: FloatArray, Q: FloatArray, alpha_sq: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return F x and alpha^2 F P F' + Q, equations (69) and (70) of the 2001 paper."""
@@ -84,6 +86,38 @@ def update(
     symmetric += P
     symmetric *= _HALF
     return x + K.dot(y), symmetric, S, SI, K
+
+
+def update_linear(
+    x: FloatArray, P: FloatArray, z: FloatArray, H: FloatArray, R: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Condition on z, in which NaN is missing, with a positive definite S.
+
+    Returns
+    -------
+    x, P, y, S, S^-1, K
+        y is zero where z is missing, and S^-1 the inverse of the block that was observed,
+        bordered by zeros.
+    """
+    y = z - H.dot(x)
+    seen = seen_components(z)
+    invert = inverse
+    if seen is not None:
+        y = np.where(seen.reshape(y.shape), y, 0.0)
+
+        def invert(S: FloatArray) -> FloatArray:
+            return inverse_seen(S, seen, inverse)
+
+    x, P, S, SI, K = update(x, P, y, H, R, _identity(len(P)), invert)
+    return x, P, y, S, SI, K
+
+
+def seen_components(z: FloatArray) -> np.ndarray | None:
+    """Which components of z were observed, (m,); None if all were."""
+    if len(z) == 1 or not any(map(isnan, z.ravel().tolist())):
+        return None  # a single component that is missing has been dealt with before
+    seen: np.ndarray = np.logical_not(np.isnan(z.ravel()))
+    return seen
 
 
 def update_correlated(

@@ -20,7 +20,17 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import FloatArray
 
-__all__ = ["Cover", "corrected", "cover", "flat_cells", "live_cells", "samples", "stranded", "tangents"]
+__all__ = [
+    "Cover",
+    "corrected",
+    "cover",
+    "flat_cells",
+    "live_cells",
+    "samples",
+    "span",
+    "stranded",
+    "tangents",
+]
 
 IntArray: TypeAlias = NDArray[np.intp]
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -189,6 +199,37 @@ def corrected(part: Cover, miss: FloatArray, shape: tuple[int, ...]) -> FloatArr
         admissible = [np.abs(change) <= 0.5, moved >= 0.0, moved <= np.array(shape) - 1.0]
     good = np.asarray(np.concatenate(admissible, axis=1).all(axis=1))
     return np.where(good[:, None], moved, part.position)
+
+
+def span(image: FloatArray, live: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Bounds of the finite images of live nodes and of their neighbours, up to which cells reach.
+
+    Parameters
+    ----------
+    image : ndarray, shape (n_1, ..., n_s, d)
+    live : ndarray of bool, shape (n_1, ..., n_s)
+
+    Returns
+    -------
+    low, high : ndarray, shape (d,)
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    parts = [image[..., k] for k in range(image.shape[-1])]
+    if not live.all():
+        wide = live.copy()
+        for axis in range(live.ndim):  # with the neighbours along this axis
+            along, before = np.moveaxis(wide, axis, 0), np.moveaxis(wide.copy(), axis, 0)
+            along[1:] |= before[:-1]
+            along[:-1] |= before[1:]
+        parts = [part[wide] for part in parts]
+    finite = np.logical_and.reduce([np.isfinite(part) for part in parts])
+    if not finite.all():
+        parts = [part[finite] for part in parts]
+    return np.array([part.min() for part in parts]), np.array([part.max() for part in parts])
 
 
 def stranded(image: FloatArray, live: BoolArray, out: FloatArray) -> BoolArray:

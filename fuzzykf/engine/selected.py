@@ -1,4 +1,4 @@
-"""The kernels of recursion and propagation that are in use, compiled or in NumPy.
+"""The kernels and steppers that are in use, compiled or in NumPy.
 
 This is the one place that binds them; `fuzzykf.engine.info` says which they are.
 """
@@ -17,6 +17,7 @@ SUMMARISES = engine.info().name == "compiled"
 BRUTE_FORCE = 0 if SUMMARISES else 4_000_000
 
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
+    from fuzzykf.engine.compiled.backward import best_path, smooth_back
     from fuzzykf.engine.compiled.convolution import convolve_parabola, refine
     from fuzzykf.engine.compiled.grid import (
         continue_tails,
@@ -25,6 +26,9 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
         least_outside,
         pull_back,
     )
+    from fuzzykf.engine.compiled.imm import BankStepper, filter_bank
+    from fuzzykf.engine.compiled.kalman import LARGEST as LARGEST_LINEAR
+    from fuzzykf.engine.compiled.kalman import LinearStepper, filter_linear, predict_linear, update_linear
     from fuzzykf.engine.compiled.kernels import (
         convolve_bounded,
         convolve_convex,
@@ -34,7 +38,8 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
         is_convex,
         totals,
     )
-    from fuzzykf.engine.compiled.raster import corrected, cover, flat_cells, live_cells, stranded
+    from fuzzykf.engine.compiled.moments import moments_about
+    from fuzzykf.engine.compiled.raster import corrected, cover, flat_cells, live_cells, span, stranded
     from fuzzykf.engine.compiled.series import filter_series
     from fuzzykf.engine.compiled.stepper import Stepper
     from fuzzykf.engine.compiled.switching import (
@@ -48,6 +53,7 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     )
     from fuzzykf.engine.compiled.tables import Kernel, Summary, pack
 else:
+    from fuzzykf.engine.backward import best_path, smooth_back
     from fuzzykf.engine.convolution import convolve_parabola, refine
     from fuzzykf.engine.grid import (
         continue_tails,
@@ -57,6 +63,9 @@ else:
         pull_back,
     )
     from fuzzykf.engine.hmm import forward_backward
+    from fuzzykf.engine.imm import filter_bank
+    from fuzzykf.engine.kalman import predict_linear, update_linear
+    from fuzzykf.engine.kalman_series import filter_linear
     from fuzzykf.engine.kernels import (
         convolve_bounded,
         convolve_convex,
@@ -66,16 +75,23 @@ else:
         is_convex,
         totals,
     )
-    from fuzzykf.engine.raster import corrected, cover, flat_cells, live_cells, stranded
-    from fuzzykf.engine.stepper import Stepper
+    from fuzzykf.engine.moments import moments_about
+    from fuzzykf.engine.raster import corrected, cover, flat_cells, live_cells, span, stranded
+    from fuzzykf.engine.stepper import BankStepper, LinearStepper, Stepper
     from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.switching_many import step_many
 
+    LARGEST_LINEAR = 0  # NumPy has no bound
+
 __all__ = [
     "BRUTE_FORCE",
+    "LARGEST_LINEAR",
     "SUMMARISES",
+    "BankStepper",
     "Kernel",
+    "LinearStepper",
     "Stepper",
+    "best_path",
     "continue_tails",
     "convolve_bounded",
     "convolve_convex",
@@ -85,6 +101,8 @@ __all__ = [
     "corrected",
     "cover",
     "crossing",
+    "filter_bank",
+    "filter_linear",
     "first_step",
     "flat_cells",
     "forward_backward",
@@ -94,15 +112,20 @@ __all__ = [
     "least_outside",
     "live_cells",
     "log_pairs",
+    "moments_about",
     "node_mean",
     "pack",
+    "predict_linear",
     "pull_back",
     "refine",
     "run",
+    "smooth_back",
+    "span",
     "step",
     "step_many",
     "stranded",
     "totals",
+    "update_linear",
 ]
 
 if SUMMARISES:

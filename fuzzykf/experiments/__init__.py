@@ -6,6 +6,7 @@ from fuzzykf.experiments.core import Experiment, Outcome, perform, write
 from fuzzykf.experiments.paper2001_intervals import INTERVALS
 from fuzzykf.experiments.paper2001_rocket import ROCKET
 from fuzzykf.experiments.paper2013 import SWITCHING_STATE_SPACE
+from fuzzykf.experiments.paper2020_building import BUILDING
 from fuzzykf.experiments.paper2020_errors import HARD_FRACTION, NODES
 from fuzzykf.experiments.paper2020_pictures import DENSITIES, RESTORATION, TRAJECTORIES
 from fuzzykf.experiments.paper2020_quadrature import QUADRATURE
@@ -21,6 +22,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         RESTORATION,
         NODES,
         HARD_FRACTION,
+        BUILDING,
         QUADRATURE,
         SWITCHING_STATE_SPACE,
         INTERVALS,

@@ -62,6 +62,9 @@ class Experiment:
         Turns the arrays of all pieces, by name, into findings.
     draw : callable
         Draws them.
+    load : callable, optional
+        ``load(folder)`` reads data that are not part of the package, and raises
+        `FileNotFoundError` without them; ``run`` is given them as ``data``.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Experiment:
     run: Callable[..., Samples]
     assess: Callable[[Mapping[str, Samples]], list[Finding]]
     draw: Callable[[Mapping[str, Samples]], Figure]
+    load: Callable[[Path | None], Samples] | None = None
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,7 @@ def perform(
     runs: int | None = None,
     seed: int = 0,
     folder: Path | None = None,
+    data: Path | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Outcome:
     """Run an experiment, or what is left of it.
@@ -122,6 +127,8 @@ def perform(
         Of all random numbers.  A piece gets the same ones whatever else is run.
     folder : path, optional
         Where pieces are kept and looked for.
+    data : path, optional
+        Folder of the data that are not part of the package.
     progress : callable, optional
         Told the name of each piece before it begins.
 
@@ -133,30 +140,43 @@ def perform(
     ------
     ParameterError
         If ``runs`` is less than 2 or ``seed`` negative.
+    FileNotFoundError
+        If the experiment needs data that are not there.
     """
     runs = experiment.runs if runs is None else runs
     if runs < 2:
         raise ParameterError(f"runs: got {runs}, expected at least 2, to tell how much they scatter")
     if seed < 0:
         raise ParameterError(f"seed: got {seed}, expected a number of at least 0")
+    given: dict[str, Samples] = {} if experiment.load is None else {"data": experiment.load(data)}
     samples: dict[str, Samples] = {}
     for name, parameters in experiment.pieces.items():
         if progress is not None:
             progress(f"{experiment.name}: {name}")
-        key = _digest(experiment.name, name, parameters, runs, seed)
+        key = _digest(experiment.name, name, parameters, runs, seed, **given)
         kept = None if folder is None else folder / PIECES / f"{experiment.name}-{key}.npz"
         done = None if kept is None else _load(kept)
         if done is None:
-            done = experiment.run(np.random.default_rng([seed, int(key, 16)]), runs, **parameters)
+            done = experiment.run(np.random.default_rng([seed, int(key, 16)]), runs, **parameters, **given)
             if kept is not None:
                 _keep(kept, done)
         samples[name] = done
     return Outcome(experiment, runs, seed, samples, judge(experiment.assess(samples)))
 
 
-def _digest(experiment: str, piece: str, parameters: Mapping[str, Any], runs: int, seed: int) -> str:
+def _digest(
+    experiment: str,
+    piece: str,
+    parameters: Mapping[str, Any],
+    runs: int,
+    seed: int,
+    data: Samples | None = None,
+) -> str:
     content = [experiment, piece, parameters, runs, seed]
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
+    for name, values in sorted((data or {}).items()):
+        digest.update(name.encode() + values.tobytes())
+    return digest.hexdigest()[:16]
 
 
 @cache
@@ -217,13 +237,12 @@ def write(outcome: Outcome, folder: Path) -> list[Path]:
 def _as_csv(outcome: Outcome) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(
-        ["quantity", "printed", "ours", "standard_error", "lower", "upper", "p_value", "verdict", "note"]
-    )
+    numbers = ["printed", "ours", "standard_error", "lower", "upper", "p_value"]
+    writer.writerow(["quantity", *numbers, "test", "verdict", "note"])
     for row in outcome.rows:
-        numbers = (row.printed, row.ours, row.standard_error, *(row.interval or (None, None)), row.p_value)
-        shown = ["" if number is None else f"{number:.6g}" for number in numbers]
-        writer.writerow([row.quantity, *shown, row.verdict, row.note])
+        values = (row.printed, row.ours, row.standard_error, *(row.interval or (None, None)), row.p_value)
+        shown = ["" if number is None else f"{number:.6g}" for number in values]
+        writer.writerow([row.quantity, *shown, row.test, row.verdict, row.note])
     return stream.getvalue()
 
 

@@ -240,8 +240,8 @@ def _draw(samples: Mapping[str, Samples]) -> Figure:
         ("kalman", TRUTH, "-", "", "PGMM-KS"),
         ("gain_told", BLUE, "--", "o", "CMSHLM-KS"),
         ("gain", BLUE, "-", "s", "CMSHLM-US"),
-        ("markov_x", "0.5", "none", "x", "CMSHLM-US as printed, where it exists"),
         ("imm", ORANGE, ":", "^", "IMM"),
+        ("markov_x", TRUTH, "none", "x", "CMSHLM-US as printed, where it exists"),
     )
     for column, reading in enumerate(_READINGS):
         for row, ending in enumerate(("", "_jumps")):

@@ -115,7 +115,7 @@ def _draw_nodes(samples: Mapping[str, Samples]) -> Figure:
             ax.axhline(values["known"].mean(), color=TRUTH, linestyle=":", label="switch known")
         ax.set_ylabel(f"MSE of the {what}")
         ax.grid(color="0.9")
-        ax.legend()
+        ax.legend(loc="center right", bbox_to_anchor=(1.0, 0.73))
     axes[1].set(xlabel="nodes F between 0 and 1", xticks=F)
     return figure
 

@@ -30,6 +30,7 @@ __all__ = [
     "predict_members",
     "put_posterior",
     "put_prior",
+    "put_state",
     "skip_members",
     "update_members",
 ]
@@ -126,6 +127,22 @@ def update_members(
     except np.linalg.LinAlgError as error:
         raise SingularInnovationError(SINGULAR) from error
     check_possible(z, log_likelihood, log_prior)
+    put_innovation(filters, z, xs, Ps, y, S, SI, K, log_likelihood)
+    return log_likelihood, xs, Ps
+
+
+def put_innovation(
+    filters: Sequence[Any],
+    z: FloatArray,
+    xs: FloatArray,
+    Ps: FloatArray,
+    y: FloatArray,
+    S: FloatArray,
+    SI: FloatArray,
+    K: FloatArray,
+    log_likelihood: FloatArray,
+) -> None:
+    """Make what an update with z found the state of plain members."""
     column = filters[0].x.ndim == 2
     states, residuals, value = (xs[..., None], y[..., None], z[:, None]) if column else (xs, y, z)
     members = zip(filters, states, Ps, residuals, S, SI, K, log_likelihood.tolist(), strict=True)
@@ -133,7 +150,20 @@ def update_members(
         f._set_posterior(state, P)
         f.z, f.y, f.S, f.SI, f.K = value.copy(), residual, S_f, SI_f, K_f
         f._log_likelihood = log_likelihood_f
-    return log_likelihood, xs, Ps
+
+
+def put_state(filters: Sequence[Any], state: dict[str, FloatArray], z: FloatArray) -> None:
+    """Make the state after a series, whose last observation is z, that of plain members."""
+    form, m = filters[0].x.shape, len(z)
+    xs, Ps = state["xs"], state["Ps"]
+    for f, x, P in zip(filters, state["xs_prior"], state["Ps_prior"], strict=True):
+        f._set_prior(x.reshape(form).copy(), P.copy())
+    if "y" in state:
+        y, S, SI, K = (state[name] for name in ("y", "S", "SI", "K"))
+        put_innovation(filters, z, xs, Ps, y, S, SI, K, state["modes"])
+    if np.isnan(z).all():
+        for f, x, P in zip(filters, xs, Ps, strict=True):
+            f._skip(x.reshape(form), P, m)
 
 
 def check_possible(z: FloatArray, log_likelihood: FloatArray, log_prior: FloatArray | None) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from fuzzykf.base import Filter, FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine import imm as engine
+from fuzzykf.engine import selected
 from fuzzykf.errors import ParameterError
 from fuzzykf.kalman import _bank as bank
 from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError
@@ -46,6 +47,13 @@ class BankSeries(Filter):
     def _log_transition(self) -> FloatArray:
         raise NotImplementedError
 
+    def _set_weights(self, log_mu: FloatArray, mu: FloatArray) -> None:
+        raise NotImplementedError
+
+    def _is_plain(self) -> bool:
+        """Whether the verbs are this package's, and so may be done for all of a series at once."""
+        raise NotImplementedError
+
     def filter(
         self, zs: Iterable[ArrayLike | None] | ArrayLike, us: Sequence[Any] | None = None
     ) -> FilterResult:
@@ -78,6 +86,16 @@ class BankSeries(Filter):
 
     def _collect(self, zs: Any, us: Sequence[Any] | None) -> dict[str, FloatArray]:
         series = as_observations(zs, self.dim_z)
+        if (
+            us is None
+            and len(series)
+            and self.method == "imm"
+            and self._log_cbar is None
+            and self._is_plain()
+        ):
+            stored = self._filter_at_once(series)
+            if stored is not None:
+                return stored
         controls = given_per_step({"us": us}, len(series))
         self._remember()
         with unchanged_on_error(self, *self.filters):
@@ -88,6 +106,32 @@ class BankSeries(Filter):
                 lambda _, z: self.update(z),
                 {**field_shapes(self.dim_x), "mu": (self.N,)},
             )
+
+    def _filter_at_once(self, series: FloatArray) -> dict[str, FloatArray] | None:
+        """Do predict and update for a whole series; None if filters are not alike, or one fails."""
+        model = bank.linear_model(self.filters, ("F", "Q", "H", "R"))
+        if model is None:
+            return None
+        self._remember()
+        model["alpha_sq"] = np.asarray(bank.fading(self.filters))
+        shapes = {**field_shapes(self.dim_x), "mu": (self.N,)}
+        stored = {name: np.empty((len(series), *shape)) for name, shape in shapes.items()}
+        xs, Ps = bank.member_states(self.filters)
+        largest = max(self.dim_x, self.dim_z)
+        run = selected.filter_bank if largest <= selected.LARGEST_LINEAR else engine.filter_bank
+        state = run(xs, Ps, self._log_weights(), self._log_transition(), series, model, stored)
+        if state is None:
+            return None
+        bank.put_state(self.filters, state, series[-1])
+        form = self.filters[0].x.shape
+        for name, values in stored.items():
+            if name not in ("mu", "log_likelihood"):
+                setattr(self, name, values[-1].reshape(form if name[0] == "x" else values[-1].shape).copy())
+        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+        self._set_weights(state["log_mu"], np.exp(state["log_mu"]))
+        self.mode_log_likelihood, self.log_likelihood = state["modes"], float(stored["log_likelihood"][-1])
+        self.likelihood = np.exp(state["modes"])
+        return stored
 
     def batch_filter(self, zs: Sequence[ArrayLike | None] | ArrayLike) -> tuple[FloatArray, ...]:
         """Run `filter` and return filterpy's four arrays.

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
-from math import exp, isnan, log, sqrt
+from math import exp, log, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.base import Filter
 from fuzzykf.engine import kalman as engine
+from fuzzykf.engine.kalman import seen_components
 from fuzzykf.gaussian import as_array
 from fuzzykf.kalman._arguments import (
     SINGULAR,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import FloatArray
 
-__all__ = ["GaussianFilter", "describe", "seen_components"]
+__all__ = ["GaussianFilter", "describe"]
 
 _NUMPY_INVERSE = np.linalg.inv
 
@@ -160,10 +161,20 @@ class GaussianFilter(Filter):
         if seen is not None:
             y = np.where(seen.reshape(y.shape), y, 0.0)
         x, P, S, SI, K = self._conditioned(x, P, y, H, R, M, seen)
+        self._set_innovation(x, P, z, y, S, SI, K)
+
+    def _set_innovation(
+        self,
+        x: FloatArray,
+        P: FloatArray,
+        z: FloatArray,
+        y: FloatArray,
+        S: FloatArray,
+        SI: FloatArray,
+        K: FloatArray,
+    ) -> None:
         self._set_posterior(x, P)
         self.z, self.y, self.S, self.SI, self.K = z, y, S, SI, K
-        if seen is not None:
-            self._log_likelihood = engine.log_normal(y.ravel()[seen], S[np.ix_(seen, seen)])
 
     def _conditioned(
         self,
@@ -200,7 +211,10 @@ class GaussianFilter(Filter):
         ``log(sys.float_info.min)`` before the first update, as in filterpy.
         """
         if self._log_likelihood is None:
-            self._log_likelihood = engine.log_normal(self.y.ravel(), self.S)
+            y, S, seen = self.y.ravel(), self.S, seen_components(self.z)
+            if seen is not None:
+                y, S = y[seen], S[np.ix_(seen, seen)]
+            self._log_likelihood = engine.log_normal(y, S)
         return self._log_likelihood
 
     @property
@@ -224,14 +238,6 @@ class GaussianFilter(Filter):
         names = [name for name in self.__dict__ if not name.startswith("_")]
         names += ["log_likelihood", "likelihood", "mahalanobis"]
         return describe(self, names)
-
-
-def seen_components(z: FloatArray) -> np.ndarray | None:
-    """Which components of z were observed, (m,); None if all were."""
-    if len(z) == 1 or not any(map(isnan, z.ravel().tolist())):
-        return None  # a single component that is missing has been dealt with before
-    seen: np.ndarray = np.logical_not(np.isnan(z.ravel()))
-    return seen
 
 
 def describe(filter_: object, names: list[str]) -> str:

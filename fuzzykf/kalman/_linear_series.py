@@ -10,8 +10,10 @@ from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine import kalman_series as engine
 from fuzzykf.errors import ShapeError
 from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError, as_matrix, as_square
+from fuzzykf.kalman._moments import filter_linear
 from fuzzykf.kalman._series import (
     FIELDS,
+    as_batch,
     as_result,
     collect,
     field_shapes,
@@ -73,8 +75,10 @@ class LinearSeries(LinearUpdates):
         array([0.667, 0.667, 1.636])
         """
         series = as_observations(zs, self.dim_z)
-        controls = given_per_step({"us": us}, len(series))
         self._remember()
+        if us is None and len(series) and self._is_plain():
+            return as_result(self._filter_at_once(series), zs)
+        controls = given_per_step({"us": us}, len(series))
         with unchanged_on_error(self):
             stored = collect(
                 self,
@@ -84,6 +88,31 @@ class LinearSeries(LinearUpdates):
                 field_shapes(self.dim_x),
             )
         return as_result(stored, zs)
+
+    def _is_plain(self) -> bool:
+        """Whether the verbs are this package's, and so may be done for all of a series at once."""
+        return False
+
+    def _filter_at_once(self, series: FloatArray) -> dict[str, FloatArray]:
+        """Do predict and update for a whole series, and stay at its last observation."""
+        n, m = self.dim_x, self.dim_z
+        (x, P), Q, F = self._state(), as_square("Q", self.Q, n), as_matrix("F", self.F, (n, n))
+        H, R = as_matrix("H", self.H, (m, n)), as_square("R", self.R, m)
+        stored = {name: np.empty((len(series), *shape)) for name, shape in field_shapes(n).items()}
+        try:
+            innovation = filter_linear(x, P, series, F, Q, H, R, self._alpha_sq, None, stored)
+        except np.linalg.LinAlgError as error:
+            raise SingularInnovationError(SINGULAR) from error
+        form, z = x.shape, series[-1]
+        self._set_prior(stored["x_prior"][-1].reshape(form).copy(), stored["P_prior"][-1].copy())
+        x, P = stored["x"][-1].reshape(form).copy(), stored["P"][-1].copy()
+        if innovation is not None:
+            self.y, self.S, self.SI, self.K = innovation
+        if np.isnan(z).all():
+            self._skip(x, P, m)
+        else:
+            self._set_innovation(x, P, z.reshape(self.y.shape).copy(), self.y, self.S, self.SI, self.K)
+        return stored
 
     def smooth(
         self, zs: Iterable[ArrayLike | None] | ArrayLike, us: Sequence[Any] | None = None
@@ -239,6 +268,12 @@ class LinearSeries(LinearUpdates):
         if not hasattr(observations, "__len__"):
             observations = list(observations)  # type: ignore[arg-type]
         n, d = len(observations), self.dim_x  # type: ignore[arg-type]
+        given = (Fs, Qs, Hs, Rs, Bs, us, saver)
+        if n and not update_first and all(one is None for one in given) and self._is_plain():
+            self._remember()
+            x, _ = self._state()
+            series = as_observations(observations, self.dim_z)
+            return as_batch(self._filter_at_once(series), x.ndim == 1)
         moves = given_per_step({"us": us, "Bs": Bs, "Fs": Fs, "Qs": Qs}, n)
         looks = given_per_step({"Rs": Rs, "Hs": Hs}, n)
         self._remember()

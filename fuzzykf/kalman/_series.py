@@ -95,7 +95,9 @@ def as_result(stored: dict[str, FloatArray], zs: Any, **more: Any) -> FilterResu
     return FilterResult(**stored, **more, index=index)
 
 
-def as_batch(stored: dict[str, FloatArray], flat: bool) -> tuple[FloatArray, ...]:
+def as_batch(
+    stored: dict[str, FloatArray], flat: bool
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return filterpy's four arrays; the means are columns unless x is flat."""
     x, x_prior = stored["x"], stored["x_prior"]
     if not flat:

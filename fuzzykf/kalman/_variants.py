@@ -9,8 +9,11 @@ import numpy as np
 
 from fuzzykf.base import as_observation
 from fuzzykf.engine import kalman as engine
+from fuzzykf.engine.kalman import seen_components
 from fuzzykf.errors import ShapeError
 from fuzzykf.kalman._arguments import (
+    SINGULAR,
+    SingularInnovationError,
     as_covariance,
     as_matrix,
     as_square,
@@ -18,7 +21,8 @@ from fuzzykf.kalman._arguments import (
     fits,
     observation_matrix,
 )
-from fuzzykf.kalman._gaussian import GaussianFilter, seen_components
+from fuzzykf.kalman._gaussian import GaussianFilter
+from fuzzykf.kalman._moments import update_linear
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -46,6 +50,21 @@ class LinearUpdates(GaussianFilter):
         if not fits(n, m, x, P, H, R):
             (x, P), H, R = self._state(), as_matrix("H", H, (m, n)), as_square("R", R, m)
         return x, P, H, R
+
+    def _conditioned_on(
+        self, x: FloatArray, P: FloatArray, z: FloatArray, H: FloatArray, R: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return x, P, y, S, SI and K after conditioning on the components of z that are not NaN."""
+        if self.inv is not np.linalg.inv:
+            y, seen = z - H.dot(x), seen_components(z)
+            if seen is not None:
+                y = np.where(seen.reshape(y.shape), y, 0.0)
+            x, P, S, SI, K = self._conditioned(x, P, y, H, R, None, seen)
+            return x, P, y, S, SI, K
+        try:
+            return update_linear(x, P, z, H, R)
+        except np.linalg.LinAlgError as error:
+            raise SingularInnovationError(SINGULAR) from error
 
     def predict_steadystate(self, u: ArrayLike | None = None, B: ArrayLike | None = None) -> None:
         """Predict the state and leave its covariance as it is.

@@ -21,7 +21,7 @@ from fuzzykf.kalman._arguments import (
     control_term,
     observation_matrix,
 )
-from fuzzykf.kalman._gaussian import seen_components
+from fuzzykf.kalman._moments import predict_linear, update_linear
 from fuzzykf.kalman._series import per_step
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def predict(
     covariance, noise = as_covariance("P", P, n), as_covariance("Q", Q, n)
     if not 1.0 <= alpha < np.inf:
         raise ParameterError(f"alpha: got {alpha!r}, expected a finite number of at least 1")
-    moved, covariance = engine.predict(mean, covariance, _transition(F, n), noise, float(alpha) ** 2)
+    moved, covariance = predict_linear(mean, covariance, _transition(F, n), noise, float(alpha) ** 2)
     return _like(moved + control_term(B, u, mean), x), _like(covariance, P)
 
 
@@ -164,22 +164,15 @@ def update(
     value = as_observation(z, m)
     if value is None:
         return (x, P, None, None, None, None) if return_all else (x, P)
-    seen = seen_components(value)
-    y = (value.reshape(-1, 1) if mean.ndim == 2 else value) - matrix.dot(mean)
-
-    def invert(S: FloatArray) -> FloatArray:
-        return engine.inverse(S) if seen is None else engine.inverse_seen(S, seen, engine.inverse)
-
-    if seen is not None:
-        y = np.where(seen.reshape(y.shape), y, 0.0)
+    value = value.reshape(-1, 1) if mean.ndim == 2 else value
     try:
-        mean, covariance, S, _, K = engine.update(mean, covariance, y, matrix, noise, np.eye(n), invert)
+        mean, covariance, y, S, _, K = update_linear(mean, covariance, value, matrix, noise)
     except np.linalg.LinAlgError as error:
         raise SingularInnovationError(SINGULAR) from error
     estimate = _like(mean, x), _like(covariance, P)
     if not return_all:
         return estimate
-    kept = np.ones(m, dtype=bool) if seen is None else seen
+    kept = ~np.isnan(value.ravel())
     log_likelihood = engine.log_normal(y.ravel()[kept], S[np.ix_(kept, kept)])
     return *estimate, y, K.ravel() if np.ndim(x) == 0 else K, _like(S, P), log_likelihood
 

@@ -9,12 +9,15 @@ import numpy as np
 
 from fuzzykf.base import as_observation
 from fuzzykf.engine import imm as engine
+from fuzzykf.engine.selected import BankStepper
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array
 from fuzzykf.kalman import _bank as bank
 from fuzzykf.kalman._bank_series import BankSeries
 from fuzzykf.kalman._gaussian import LEAST_LOG_LIKELIHOOD, describe
 from fuzzykf.kalman._gpb2 import PairBranches
+from fuzzykf.kalman._overrides import lookups, overrides
+from fuzzykf.kalman._series import unchanged_on_error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +32,7 @@ __all__ = ["IMMEstimator"]
 SUM_TOLERANCE = 1e-8
 
 
-class IMMEstimator(BankSeries):
+class IMMEstimator(BankStepper, BankSeries):
     """Interacting multiple model estimator of a system that switches between modes.
 
     It takes the place of ``filterpy.kalman.IMMEstimator``.  Each mode has a filter of
@@ -108,6 +111,10 @@ class IMMEstimator(BankSeries):
     array([0.42, 0.58])
     """
 
+    mu: Any
+    _log_mu: FloatArray
+    _known_mu: FloatArray  # mu as it was when its logarithms were taken
+
     def __init__(
         self,
         filters: Sequence[Any],
@@ -136,7 +143,7 @@ class IMMEstimator(BankSeries):
         if (weights < 0.0).any() or weights.sum() <= 0.0:
             raise ParameterError(f"mu: got {weights.tolist()}, expected weights of at least 0, not all 0")
         self.mu = weights / weights.sum()
-        self._log_mu = _log(self.mu)
+        self._set_weights(_log(self.mu), self.mu)
         self.M = M if isinstance(M, np.ndarray) else np.array(M, dtype=np.float64)
         self._checked_M, self._log_M = _checked_transition(self.M, self.N)
         self.likelihood = np.zeros(self.N)
@@ -162,18 +169,21 @@ class IMMEstimator(BankSeries):
 
     def _log_weights(self) -> FloatArray:
         """Logarithm of mu, with all its range unless mu has been assigned since."""
-        if np.exp(self._log_mu).tolist() != list(self.mu):
+        if not np.array_equal(self.mu, self._known_mu):
             mu = as_array("mu", self.mu, (self.N,))
             if (mu < 0.0).any() or abs(mu.sum() - 1.0) > SUM_TOLERANCE:
                 raise ParameterError(f"mu: got {mu.tolist()}, expected probabilities that sum to 1")
-            self._log_mu = _log(mu)
+            self._log_mu, self._known_mu = _log(mu), mu
         return self._log_mu
 
     def _log_transition(self) -> FloatArray:
         """Logarithm of M, checked if it has changed since the last time."""
-        if np.asarray(self.M).tolist() != self._checked_M:
+        if not np.array_equal(self.M, self._checked_M):
             self._checked_M, self._log_M = _checked_transition(self.M, self.N)
         return self._log_M
+
+    def _set_weights(self, log_mu: FloatArray, mu: FloatArray) -> None:
+        self._log_mu, self.mu, self._known_mu = log_mu, mu, mu.copy()
 
     def _merged(self, weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
         x, P = engine.merge(weights, xs, Ps)
@@ -194,6 +204,8 @@ class IMMEstimator(BankSeries):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from the filters; all of them are then as they were before.
         """
+        if u is None and self._predict_at_once():
+            return
         self._remember()
         log_mu = self._log_weights() if self._log_cbar is None else self._log_cbar
         log_joint, log_cbar, omega = engine.log_mixing(log_mu, self._log_transition())
@@ -206,7 +218,7 @@ class IMMEstimator(BankSeries):
             xs, Ps = branches.predict(self.filters, omega, xs, Ps, u)
         x, P = self._merged(np.exp(log_cbar), xs, Ps)
         if self._log_cbar is not None:  # a second prediction: the time in between had no observation
-            self._log_mu, self.mu = log_mu, np.exp(log_mu)
+            self._set_weights(log_mu, np.exp(log_mu))
         self._log_cbar, self._branches = log_cbar, branches
         self.x, self.P = x, P
         self.x_prior, self.P_prior = x.copy(), P.copy()
@@ -226,6 +238,8 @@ class IMMEstimator(BankSeries):
             As from the filters, or if no mode gives z a positive density; all filters
             are then as they were before.
         """
+        if self._update_at_once(z):
+            return
         self._remember()
         value = as_observation(z, self.dim_z)
         log_prior = self._log_cbar
@@ -242,12 +256,32 @@ class IMMEstimator(BankSeries):
             log_mu, normaliser = engine.weigh(log_prior, modes)
             total = float(normaliser)
         mu = np.exp(log_mu)
-        x, P = self._merged(mu, xs, Ps)
-        self._log_mu, self.mu, self._log_cbar, self._branches = log_mu, mu, None, None
+        if value is None and self._log_cbar is not None:
+            x, P = self.x_prior.copy(), self.P_prior.copy()
+        else:
+            x, P = self._merged(mu, xs, Ps)
+        self._set_weights(log_mu, mu)
+        self._log_cbar = self._branches = None
         self.mode_log_likelihood, self.log_likelihood = modes, total
         self.likelihood = np.exp(modes)
         self.x, self.P = x, P
         self.x_post, self.P_post = x.copy(), P.copy()
+
+    def _step_any(self, z: ArrayLike | None) -> Any:
+        """Do a step with any observation, by the verbs; an error leaves the bank as it was."""
+        with unchanged_on_error(self, *self.filters):
+            self.predict()
+            self.update(z)
+        return self.x
+
+    def _is_plain(self) -> bool:
+        return (
+            type(self)._overrides() == 0 and "predict" not in self.__dict__ and "update" not in self.__dict__
+        )
+
+    @classmethod
+    def _overrides(cls) -> int:
+        return overrides(cls, _HOOKS) | overrides(cls, _VERBS) << 1
 
     # ------------------------------------------------------------------ reset
 
@@ -283,8 +317,8 @@ def _log(p: FloatArray) -> FloatArray:
         return np.log(p)
 
 
-def _checked_transition(M: Any, n: int) -> tuple[list[list[float]], FloatArray]:
-    """Return a transition matrix as a list, and its logarithm, after checking it."""
+def _checked_transition(M: Any, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return a copy of a transition matrix, and its logarithm, after checking it."""
     matrix = as_array("M", M, (n, n))
     sums = matrix.sum(axis=1)
     if (matrix < 0.0).any() or np.abs(sums - 1.0).max() > SUM_TOLERANCE:
@@ -292,7 +326,7 @@ def _checked_transition(M: Any, n: int) -> tuple[list[list[float]], FloatArray]:
             f"M: got {matrix.tolist()}, whose rows sum to {sums.tolist()}, expected probabilities that sum "
             "to 1 in each row"
         )
-    return matrix.tolist(), _log(matrix)
+    return matrix, _log(matrix)
 
 
 def _observation_dimension(f: Any) -> int:
@@ -301,3 +335,17 @@ def _observation_dimension(f: Any) -> int:
         if hasattr(f, name):
             return int(getattr(f, name))
     return int(np.shape(f.R)[0])
+
+
+#: What the verbs are, and what they call or read, before anybody changes it.
+_VERBS = lookups(IMMEstimator, ("predict", "update"))
+_HOOKS = lookups(
+    IMMEstimator,
+    (
+        *("_log_weights", "_log_transition", "_set_weights", "_merged", "_remember", "cbar", "omega"),
+        *("__getattribute__", "__setattr__"),
+        *("filters", "mu", "M", "N", "method", "dim_x", "dim_z", "x", "P", "x_prior", "P_prior"),
+        *("x_post", "P_post", "likelihood", "mode_log_likelihood", "log_likelihood"),
+        *("_log_mu", "_log_M", "_known_mu", "_checked_M", "_log_cbar", "_branches"),
+    ),
+)

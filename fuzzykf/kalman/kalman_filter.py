@@ -8,11 +8,14 @@ import numpy as np
 
 from fuzzykf.base import as_observation
 from fuzzykf.engine import kalman as engine
+from fuzzykf.engine.selected import LinearStepper
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array
 from fuzzykf.kalman._arguments import as_covariance, as_matrix, as_square, as_state, control_term, fits
-from fuzzykf.kalman._gaussian import LEAST_LOG_LIKELIHOOD, seen_components
+from fuzzykf.kalman._gaussian import LEAST_LOG_LIKELIHOOD
 from fuzzykf.kalman._linear_series import LinearSeries
+from fuzzykf.kalman._moments import predict_linear
+from fuzzykf.kalman._overrides import lookups, overrides
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -22,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["KalmanFilter"]
 
 
-class KalmanFilter(LinearSeries):
+class KalmanFilter(LinearStepper, LinearSeries):
     """Kalman filter of x_k = F x_{k-1} + B u_k + w_k, z_k = H x_k + v_k.
 
     It takes the place of ``filterpy.kalman.KalmanFilter``: construct it, assign the
@@ -173,6 +176,8 @@ class KalmanFilter(LinearSeries):
         >>> kf.x, kf.P
         (array([[6.]]), array([[2.]]))
         """
+        if u is None and B is None and F is None and Q is None and self._predict_at_once():
+            return
         self._remember()
         self._set_prior(*self.get_prediction(u, B, F, Q))
 
@@ -201,6 +206,8 @@ class KalmanFilter(LinearSeries):
         >>> kf.x, kf.P, round(kf.log_likelihood, 12)
         (array([[1.]]), array([[0.5]]), -2.265512123485)
         """
+        if R is None and H is None and self._update_at_once(z):
+            return
         self._remember()
         x, P, H, R = self._observation(R, H)
         value = as_observation(z, H.shape[0])
@@ -209,7 +216,33 @@ class KalmanFilter(LinearSeries):
             return
         if x.ndim == 2:
             value = value.reshape(-1, 1)
-        self._correct(x, P, value, value - H.dot(x), H, R)
+        x, P, y, S, SI, K = self._conditioned_on(x, P, value, H, R)
+        self._set_innovation(x, P, value, y, S, SI, K)
+
+    def _step_any(self, z: ArrayLike | None) -> Any:
+        """Do a step with any observation, by the verbs; an error leaves the filter as it was."""
+        before = self.__dict__.copy()
+        try:
+            self.predict()
+            self.update(z)
+        except BaseException:
+            self.__dict__.clear()
+            self.__dict__.update(before)
+            raise
+        return self.x
+
+    def _is_plain(self) -> bool:
+        return (
+            type(self)._overrides() == 0
+            and not overrides(type(self), _READ)
+            and self.inv is np.linalg.inv
+            and "predict" not in self.__dict__
+            and "update" not in self.__dict__
+        )
+
+    @classmethod
+    def _overrides(cls) -> int:
+        return overrides(cls, _HOOKS) | overrides(cls, _VERBS) << 1
 
     # ------------------------------------------------------------------ without a change of state
 
@@ -227,7 +260,7 @@ class KalmanFilter(LinearSeries):
         if not fits(n, n, x, P, transition, noise):
             (x, P), noise = self._state(), as_square("Q", noise, n)
             transition = as_matrix("F", transition, (n, n))
-        moved, P = engine.predict(x, P, transition, noise, self._alpha_sq)
+        moved, P = predict_linear(x, P, transition, noise, self._alpha_sq)
         if u is not None:
             moved = moved + control_term(self.B if B is None else B, u, x)
         return moved, P
@@ -238,11 +271,7 @@ class KalmanFilter(LinearSeries):
         value = as_observation(z, self.dim_z)
         if value is None:
             return x.copy(), P.copy()
-        seen = seen_components(value)
-        y = (value.reshape(-1, 1) if x.ndim == 2 else value) - H.dot(x)
-        if seen is not None:
-            y = np.where(seen.reshape(y.shape), y, 0.0)
-        x, P, *_ = self._conditioned(x, P, y, H, R, None, seen)
+        x, P, *_ = self._conditioned_on(x, P, value.reshape(-1, 1) if x.ndim == 2 else value, H, R)
         return x, P
 
     def residual_of(self, z: ArrayLike) -> FloatArray:
@@ -274,3 +303,20 @@ class KalmanFilter(LinearSeries):
         kept = ~np.isnan(value)
         y = value - H.dot(x).ravel()
         return engine.log_normal(y[kept], S[np.ix_(kept, kept)])
+
+
+#: What the verbs are, and what they call or read, before anybody changes it.
+_VERBS = lookups(KalmanFilter, ("predict", "update"))
+_HOOKS = lookups(
+    KalmanFilter,
+    (
+        *("get_prediction", "_observation", "_state", "_conditioned_on", "_remember", "_skip"),
+        *("_set_prior", "_set_posterior", "_set_innovation"),
+        *("__getattribute__", "__setattr__"),
+        *("dim_x", "dim_z", "x", "P", "F", "Q", "H", "R", "z", "y", "S", "SI", "K", "alpha", "inv"),
+        *("x_prior", "P_prior", "x_post", "P_post"),
+        *("_alpha_sq", "_log_likelihood", "_likelihood", "_mahalanobis"),
+    ),
+)
+#: What is read after each step of a series.
+_READ = lookups(KalmanFilter, ("log_likelihood",))

@@ -79,7 +79,14 @@ def _shades(density: Any) -> Any:
     return colormaps[SURFACE](0.15 + 0.75 * flat / top)
 
 
-def plot_model(model: CGOFMSModel | CGOMSModel, ax: Axes | None = None, *, component: int = 0) -> Axes:
+def plot_model(
+    model: CGOFMSModel | CGOMSModel,
+    ax: Axes | None = None,
+    *,
+    component: int = 0,
+    labels: tuple[str, str] = ("state", "observation"),
+    units: tuple[str, str] = ("", ""),
+) -> Axes:
     """Draw what a switch does: mean and spread of state and observation in every regime.
 
     For a fuzzy model the horizontal axis is the value of the switch, for a hard one the
@@ -91,6 +98,8 @@ def plot_model(model: CGOFMSModel | CGOMSModel, ax: Axes | None = None, *, compo
     ax : matplotlib.axes.Axes, optional
     component : int
         Which component of the state and of the observation.
+    labels, units : (str, str)
+        Of state and observation.
 
     Returns
     -------
@@ -102,6 +111,15 @@ def plot_model(model: CGOFMSModel | CGOMSModel, ax: Axes | None = None, *, compo
         If matplotlib is not installed.
     ParameterError
         If there is no such component.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import CGOMSModel
+    >>> model = CGOMSModel([[0.9, 0.1], [0.2, 0.8]], np.zeros((2, 2)), np.full((2, 2, 4, 4), np.eye(4)), 1)
+    >>> axes = plot_model(model, labels=("demand", "temperature"), units=("GW", "°C"))
+    >>> [text.get_text() for text in axes.get_legend().get_texts()]
+    ['demand (GW)', 'temperature (°C)']
     """
     m, q = model.dim_x, model.dim_z
     if not 0 <= component < min(m, q):
@@ -110,17 +128,16 @@ def plot_model(model: CGOFMSModel | CGOMSModel, ax: Axes | None = None, *, compo
     fuzzy = not isinstance(model, CGOMSModel)
     r = np.linspace(0.0, 1.0, 101) if fuzzy else np.arange(model.n_classes, dtype=np.float64)
     mean, covariance = _first_law(model, r)
-    for name, k, color, style in (
-        ("state", component, BLUE, "-"),
-        ("observation", m + component, ORANGE, "--"),
+    shown = [f"{label} ({unit})" if unit else label for label, unit in zip(labels, units, strict=True)]
+    for name, k, color, style, marker, shift in (
+        (shown[0], component, BLUE, "-", "o", -0.06),
+        (shown[1], m + component, ORANGE, "--", "s", 0.06),
     ):
         half = 2.0 * np.sqrt(covariance[:, k, k])
         if fuzzy:
             axes.fill_between(r, mean[:, k] - half, mean[:, k] + half, color=color, alpha=0.2, linewidth=0)
             axes.plot(r, mean[:, k], color=color, linestyle=style, label=name)
         else:
-            shift = -0.06 if name == "state" else 0.06
-            marker = "o" if name == "state" else "s"
             axes.errorbar(
                 r + shift, mean[:, k], half, fmt=marker, color=color, capsize=3, label=name, linestyle="none"
             )

@@ -229,11 +229,9 @@ def _draw_map(
         axes.contour(*coordinates, value, levels=[0.5], colors="white", linewidths=0.8, linestyles="--")
     bar = axes.figure.colorbar(image, ax=axes)
     bar.set_label("membership (dashed: 0.5)" if half else "membership")
-    wide = [(6.0 * low - 5.0 * high, 6.0 * high - 5.0 * low) for low, high in (e[[0, -1]] for e in edges)]
-    if coordinates[0].size == 1:
-        axes.set_xlim(*wide[0])
-    if coordinates[1].size == 1:
-        axes.set_ylim(*wide[1])
+    for name, coordinate, ends in zip("xy", coordinates, edges, strict=True):
+        if coordinate.size == 1:
+            axes.set(**{f"{name}lim": (6.0 * ends[0] - 5.0 * ends[1], 6.0 * ends[1] - 5.0 * ends[0])})
     for name, marker, size in (("estimate", "o", 6.0), ("truth", "x", 7.0)):
         if name in marks:
             axes.plot(

@@ -20,6 +20,9 @@ __all__ = ["plot_result"]
 #: Share of the height that the strip of the switch takes, below the axis of time.
 _STRIP_HEIGHT = 0.05
 
+#: Share of the height that is kept free for the legend, above what is drawn.
+_LEGEND_HEIGHT = 0.16
+
 
 def plot_result(
     result: FilterResult,
@@ -103,7 +106,9 @@ def plot_result(
     axes.margins(x=0)
     if result.switch_mean is not None:
         _strip(axes, time, result)
-    axes.legend(loc="upper right", fontsize="small", framealpha=0.8)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + _LEGEND_HEIGHT * (high - low))
+    axes.legend(loc="upper right", fontsize="small", ncols=3, frameon=False)
     return axes
 
 

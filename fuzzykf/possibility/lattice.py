@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.engine.grid import sharpness, subgrid_minimum
-from fuzzykf.engine.selected import interpolate, live_cells
+from fuzzykf.engine.selected import interpolate, live_cells, moments_about
 from fuzzykf.errors import ParameterError
 from fuzzykf.possibility.memberships import GridMembership
 
@@ -121,7 +121,7 @@ class Lattice:
         """Return the same as a membership, linear between the nodes."""
         return GridMembership(self.axes, self.memberships())
 
-    @property
+    @cached_property
     def parts(self) -> int:
         """Into how many parts a step has to be cut for sums over nodes to be integrals.
 
@@ -139,7 +139,7 @@ class Lattice:
         if self.parts > 1:
             shift, about = self._moments_within_cells(center)
         else:
-            shift, about = _moments_about(self.memberships(), self.axes, center)
+            shift, about = moments_about(self.memberships(), self.axes, center)
         return center + shift, about - np.outer(shift, shift)
 
     def _moments_within_cells(self, center: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -187,20 +187,3 @@ def grid_points(axes: tuple[FloatArray, ...]) -> FloatArray:
     for k, axis in enumerate(axes):
         points[..., k] = axis.reshape([-1 if m == k else 1 for m in range(len(axes))])
     return points
-
-
-def _moments_about(
-    mass: FloatArray, axes: tuple[FloatArray, ...], center: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """First and second moments about a point, by the trapezoidal rule."""
-    for axis, c in zip(reversed(axes), reversed(center), strict=True):
-        weight = np.ones(axis.size)
-        weight[[0, -1]] *= 0.5
-        deviation = axis - c
-        basis = np.stack([weight, weight * deviation, weight * deviation**2], axis=1)
-        mass = np.moveaxis(mass @ basis, -1, 0)
-    d = len(axes)
-    unit = np.eye(d, dtype=np.intp)
-    mass = mass / mass[(0,) * d]
-    first = np.array([mass[tuple(unit[k])] for k in range(d)])
-    return first, np.array([[mass[tuple(unit[j] + unit[k])] for j in range(d)] for k in range(d)])

@@ -108,6 +108,11 @@ class Mapping:
         ParameterError
             Names the function, the first such node and the value.
         """
+        if self.matrix is not None:
+            # No term is larger than that of the outermost nodes.
+            largest = np.abs(self.matrix) @ [float(np.abs(axis).max()) for axis in axes] + np.abs(self.shift)
+            if np.isfinite(largest).all():
+                return
         if np.isfinite(value).all():
             return
         bad = where & ~np.isfinite(value).all(axis=-1)
@@ -225,9 +230,11 @@ def _apply_to_grid(matrix: FloatArray, axes: tuple[FloatArray, ...], shift: Floa
     value = np.empty((*shape, matrix.shape[0]))
     for i, row in enumerate(matrix):
         total = np.full((1,) * len(axes), shift[i])
-        for k in np.flatnonzero(row):
+        *first, last = np.flatnonzero(row) if row.any() else (0,)
+        for k in first:
             total = total + row[k] * axes[k].reshape([-1 if m == k else 1 for m in range(len(axes))])
-        value[..., i] = total
+        along = axes[last].reshape([-1 if m == last else 1 for m in range(len(axes))])
+        np.add(total, row[last] * along, out=value[..., i])
     return value
 
 

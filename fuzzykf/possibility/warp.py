@@ -29,6 +29,7 @@ from fuzzykf.engine.selected import (
     least_outside,
     live_cells,
     pull_back,
+    span,
     stranded,
 )
 from fuzzykf.errors import SupportLostError
@@ -128,7 +129,7 @@ def landing(source: Lattice, move: Mapping, kernels: Sequence[Kernel | None], un
         image = move.on_grid(source.axes)
     live = source.live(limit)
     move.require_finite(source.axes, image, live)
-    low, high = _span(image, live)
+    low, high = span(image, live)
     reached = [
         _reached(source, image[..., k], live, kernels[k], float(low[k]), float(high[k]), limit)
         for k in range(low.size)
@@ -245,22 +246,6 @@ def _blur(source: Lattice, reached: list[tuple[float, float]], k: int, universe:
         shape = GaussianMembership(0.0, (0.5 * step) ** 2)
     reached[k] = reached[k][0] - 3.0 * step, reached[k][1] + 3.0 * step
     return Kernel(shape, source.t_norm)
-
-
-def _span(image: FloatArray, live: np.ndarray) -> tuple[FloatArray, FloatArray]:
-    """Bounds of the images of live nodes and of their neighbours, up to which cells reach."""
-    if live.all():
-        parts = [image[..., k] for k in range(image.shape[-1])]
-    else:
-        wide = live.copy()
-        for axis in range(live.ndim):  # with the neighbours along this axis
-            along, before = np.moveaxis(wide, axis, 0), np.moveaxis(wide.copy(), axis, 0)
-            along[1:] |= before[:-1]
-            along[:-1] |= before[1:]
-        parts = [image[..., k][wide] for k in range(image.shape[-1])]
-        finite = np.logical_and.reduce([np.isfinite(part) for part in parts])
-        parts = [part[finite] for part in parts]
-    return np.array([part.min() for part in parts]), np.array([part.max() for part in parts])
 
 
 def _reached(

@@ -249,7 +249,7 @@ class SwitchingFilter(Stepper, Filter):
         from fuzzykf.switching.smoother import smooth_series
 
         ys = as_observations(zs, self.dim_z)
-        trajectory = run_series(self._system, ys)
+        trajectory = run_series(self._system, ys, priors=False)
         self._adopt(trajectory, ys)
         return smooth_series(self._system, trajectory, ys, keep_nodes=keep_nodes, index=index_of(zs))
 

@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 __all__ = ["FuzzyMarkovLaw"]
 
 
+#: The hard values of the switch.
+_ENDS = np.array([0.0, 1.0])
+
+
 class FuzzyMarkovLaw(Immutable, ABC):
     """Symmetric law of two consecutive values of a fuzzy switch.
 
@@ -355,7 +359,9 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
 
     def _draw_next(self, r: float, which: float, where: float) -> float:
         """Map two uniform numbers to a value that follows ``r``."""
-        to_zero, to_one = (float(p) for p in self.joint_density(r, np.array([0.0, 1.0])))
+        # the joint density without its checks, which cost more than it does
+        ends = self.corners[int(r)] if r in (0.0, 1.0) else self._edge(_ENDS, np.array([r, r]))
+        to_zero, to_one = ends.tolist()
         inside = self._inner_mass(r)
         which *= to_zero + to_one + inside
         if which < to_zero:

@@ -150,9 +150,8 @@ def _condition(
     log_p, sign, o = collapse_weights(log_w, prediction.sign)
     node_mean = np.einsum("ij,ijk->jk", o, mean)
     off = mean - node_mean
-    node_covariance = np.einsum("ij,ijkl->jkl", o, covariance) + np.einsum(
-        "ij,ijk,ijl->jkl", o, off, off, optimize=True
-    )
+    between = np.transpose(o[..., None] * off, (1, 2, 0)) @ np.swapaxes(off, 0, 1)  # of the means, per j
+    node_covariance = np.einsum("ij,ijkl->jkl", o, covariance) + between
     dead = log_p < DEAD  # no path reaches these nodes: their moments must not grow without bound
     node_mean[np.ix_(dead, np.concatenate([np.ones(m, dtype=bool), ~there, ~known]))] = 0.0
     node_covariance[dead] = 0.0
@@ -217,8 +216,7 @@ def predicted_moments(tables: PairTables, state: GapState) -> tuple[FloatArray, 
     d = tables.pairs.dim_x + tables.pairs.dim_z
     weights = node_probabilities(NodeState(state.log_p[None], state.sign))[:, None] * tables.transition
     mean = np.einsum("ij,ijk->k", weights, prediction.mean[..., :d])
-    off = prediction.mean[..., :d] - mean
-    covariance = np.einsum("ij,ijkl->kl", weights, prediction.covariance[..., :d, :d]) + np.einsum(
-        "ij,ijk,ijl->kl", weights, off, off, optimize=True
-    )
+    off = (prediction.mean[..., :d] - mean).reshape(-1, d)
+    within = np.einsum("ij,ijkl->kl", weights, prediction.covariance[..., :d, :d])
+    covariance = within + (weights.reshape(-1, 1) * off).T @ off
     return mean, symmetrize(covariance)

@@ -59,14 +59,15 @@ class SwitchingModel(Immutable):
             return KnownPath(self.form, shares, r)
         return self.form.along(r, start)
 
-    def plot(self, ax: Axes | None = None, *, component: int = 0) -> Axes:
+    def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
         """Draw mean and spread of state and observation for every value of the switch.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-        component : int
-            Which component of the state and of the observation.
+            Where to draw; by default a new figure.
+        **options
+            See `fuzzykf.plotting.plot_model`: component, labels, units.
 
         Returns
         -------
@@ -75,7 +76,7 @@ class SwitchingModel(Immutable):
         from fuzzykf.plotting.laws import plot_model
 
         model: Any = self
-        return plot_model(model, ax, component=component)
+        return plot_model(model, ax, **options)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the model to a JSON file, atomically.

@@ -63,7 +63,7 @@ class Trajectory:
         return _at(self.states, k)
 
 
-def run_series(system: SwitchingSystem, ys: FloatArray) -> Trajectory:
+def run_series(system: SwitchingSystem, ys: FloatArray, *, priors: bool = True) -> Trajectory:
     """Filter a series from the initial law on.
 
     Parameters
@@ -71,12 +71,14 @@ def run_series(system: SwitchingSystem, ys: FloatArray) -> Trajectory:
     system : SwitchingSystem
     ys : ndarray, shape (n, q)
         NaN where missing.
+    priors : bool
+        Whether the moments before each observation are wanted; else they are NaN.
     """
     n, m, q, M = len(ys), system.dim_x, system.dim_z, len(system.chain)
     table = np.empty((n, 1 + m + m * m, M))
     signs = np.ones((n, M)) if system.chain.is_signed else None
     states = NodeState(table, signs)
-    log_likelihood, x_prior, P_prior = np.empty(n), np.empty((n, m)), np.empty((n, m, m))
+    log_likelihood, x_prior, P_prior = np.empty(n), np.full((n, m), np.nan), np.full((n, m, m), np.nan)
     gaps: dict[int, GapState] = {}
     holes = np.append(np.flatnonzero(np.isnan(ys).any(axis=1)), n)
     windows = windows_of(ys, system.order)
@@ -96,7 +98,7 @@ def run_series(system: SwitchingSystem, ys: FloatArray) -> Trajectory:
             if signs is not None and rest.sign is not None:
                 signs[part] = rest.sign
             chunk = max(1, min(_CHUNK, _NUMBERS // (M * M * m)))
-            for a in range(k, stop, chunk):
+            for a in range(k, stop, chunk) if priors else ():
                 b = min(a + chunk, stop)
                 x_prior[a:b], P_prior[a:b] = recursion.predict_state(
                     tables, _at(states, slice(a - 1, b - 1)), windows[a - 1 : b - 1]
@@ -107,13 +109,15 @@ def run_series(system: SwitchingSystem, ys: FloatArray) -> Trajectory:
             continue
         if belief is None:
             law = system.initial()
-            x_prior[k], P_prior[k] = mixture_moments(
-                law.probability, law.mean[:, :m], law.covariance[:, :m, :m]
-            )
+            if priors:
+                x_prior[k], P_prior[k] = mixture_moments(
+                    law.probability, law.mean[:, :m], law.covariance[:, :m, :m]
+                )
             belief, log_likelihood[k] = begin(law, ys[k])
         else:
             tables = system.pair_tables(k - 1)
-            x_prior[k], P_prior[k] = predict_state(tables, belief)
+            if priors:
+                x_prior[k], P_prior[k] = predict_state(tables, belief)
             before = Source(belief, tables)
             belief, log_likelihood[k] = proceed(tables, belief, ys[k], min(k + 1, system.order) * q)
         state = node_state(belief, m)

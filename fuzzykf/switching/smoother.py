@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.engine import selected as engine
 from fuzzykf.gaussian import mixture_moments
 from fuzzykf.switching import recursion
 from fuzzykf.switching.gap_smoother import Moments, smooth_state, step_back
@@ -32,15 +33,14 @@ from fuzzykf.switching.missing import (
 from fuzzykf.switching.series import summarise, windows_of
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from fuzzykf.base import FilterResult, FloatArray
     from fuzzykf.switching.recursion import NodeState
     from fuzzykf.switching.series import Trajectory
     from fuzzykf.switching.tables import SwitchingSystem
 
 __all__ = ["smooth_series"]
-
-#: Steps whose pair weights are held at once.
-_CHUNK = 512
 
 
 def smooth_series(
@@ -63,7 +63,15 @@ def smooth_series(
     seen = np.flatnonzero(~np.isnan(ys).all(axis=1))
     last = int(seen[-1]) if seen.size else 0  # nothing can be learned after the last observation
     window = backward.window(last) if n else None  # smoothed moments of the window, per node
-    for k in range(last - 1, -1, -1):
+    stop = last  # the steps from k = stop on are done
+    while stop > 0:
+        k = stop - 1
+        start = backward.plain_since(k)
+        if start < stop:
+            gamma[start:stop] = backward.smooth(start, stop, gamma[stop])
+            window, stop = None, start
+            continue
+        stop = k
         if k not in trajectory.gaps and not np.isnan(ys[k + 1]).any():
             gamma[k] = backward.weights(k) @ gamma[k + 1]
             window = None
@@ -99,36 +107,40 @@ def smooth_series(
 
 
 class _Backward:
-    """The pair weights of a filtered series, computed in chunks from its end."""
+    """The steps of a filtered series, from its end.
+
+    A step is plain if its observations are complete, its tables those of all later steps, and
+    no weight negative; stretches of plain steps go through the engine at once.
+    """
 
     def __init__(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> None:
         self.system, self.trajectory, self.ys = system, trajectory, ys
         self._windows = windows_of(ys, system.order)
-        self._start = len(ys)
-        self._block: FloatArray = np.empty(0)
+        steps = np.arange(max(0, len(ys) - 1))
+        plain = np.isnan(ys[1:]).sum(axis=1) == 0
+        plain[[k for k in trajectory.gaps if k < plain.size]] = False
+        if system.steady_from is None or system.chain.is_signed:
+            plain[:] = False
+        else:
+            plain[: system.steady_from] = False
+        #: where the stretch of plain steps up to k begins; k + 1 if k itself is not plain
+        self._since = np.maximum.accumulate(np.where(plain, 0, steps + 1)) if plain.size else steps
+        self._ends = np.append(np.flatnonzero(~plain), plain.size)
 
-    def log_pairs(self, start: int, stop: int) -> FloatArray:
-        """Log |P_ij| + log N(y_{k+1}; ...) of the steps k = start, ..., stop - 1, (k, M, M)."""
-        steady = self.system.steady_from
-        pieces = []
-        k = start
-        while k < stop:
-            gap = self.trajectory.gaps.get(k)
-            if gap is not None or np.isnan(self.ys[k + 1]).any():
-                pieces.append(self._log_pair_at_gap(k)[None])
-                k += 1
-                continue
-            end = k + 1
-            if steady is not None and k >= steady:
-                while end < stop and end not in self.trajectory.gaps and not np.isnan(self.ys[end + 1]).any():
-                    end += 1
-            width = min(k + 1, self.system.order) * self.system.dim_z
-            windows = self._windows[k:end, :width]
-            pieces.append(
-                recursion.log_pair_weights(self.system.pair_tables(k), windows, self.ys[k + 1 : end + 1])
-            )
-            k = end
-        return np.concatenate(pieces)
+    def plain_since(self, k: int) -> int:
+        """Where the stretch of plain steps up to ``k`` begins; k + 1 if k itself is not plain."""
+        return int(self._since[k])
+
+    def _rows(self, start: int, stop: int) -> FloatArray:
+        """Rows (1, w, y') of the plain steps start, ..., stop - 1."""
+        ones = np.ones((stop - start, 1))
+        return np.concatenate([ones, self._windows[start:stop], self.ys[start + 1 : stop + 1]], axis=1)
+
+    def smooth(self, start: int, stop: int, after: FloatArray) -> FloatArray:
+        """Smoothed probabilities at the plain steps start, ..., stop - 1, given those at ``stop``."""
+        kernel = self.system.pair_tables(start).kernel
+        log_p = self.trajectory.states.table[start:stop, 0]
+        return engine.smooth_back(kernel, log_p, self._rows(start, stop), after)
 
     def state(self, k: int) -> GapState:
         """Return the filtered state at k with the window as a part of it."""
@@ -141,53 +153,51 @@ class _Backward:
         m, gap = self.system.dim_x, self.state(k)
         return Moments(gap.mean[:, m:], gap.covariance[:, m:, m:])
 
-    def _log_pair_at_gap(self, k: int) -> FloatArray:
-        """Return the same where a part of the window or of y_{k+1} is missing, given y_1..k."""
+    def _log_pairs(self, k: int) -> FloatArray:
+        """Log |P_ij| + log N(y_{k+1}; ...), (M, M); where a part is missing, given y_1..k."""
+        if k not in self.trajectory.gaps and not np.isnan(self.ys[k + 1]).any():
+            width = min(k + 1, self.system.order) * self.system.dim_z
+            window, y = self._windows[k : k + 1, :width], self.ys[k + 1 : k + 2]
+            pairs: FloatArray = recursion.log_pair_weights(self.system.pair_tables(k), window, y)[0]
+            return pairs
         m, gap = self.system.dim_x, self.state(k)
         prediction = pair_prediction(self.system.pair_tables(k), gap)
         log_w = prediction.log_w + observed_log_density(prediction, self.ys[k + 1], m)
-        return log_w - gap.log_p[:, None]
+        log_pairs: FloatArray = log_w - gap.log_p[:, None]
+        return log_pairs
 
     def weights(self, k: int) -> FloatArray:
         """o_ij of the step k, shape (M, M)."""
-        if k < self._start:
-            stop, self._start = k + 1, max(0, k + 1 - _CHUNK)
-            log_p = self.trajectory.states.table[self._start : stop, 0]
-            log_w = self.log_pairs(self._start, stop) + log_p[:, :, None]
-            sign = self._signs(self._start, stop)
-            if sign is None:
-                w = np.exp(log_w - log_w.max(axis=1, keepdims=True))
-                self._block = w / w.sum(axis=1, keepdims=True)
-            else:
-                self._block = np.stack([collapse_weights(a, b)[2] for a, b in zip(log_w, sign, strict=True)])
-        block: FloatArray = self._block[k - self._start]
-        return block
+        states = self.trajectory.states
+        log_w = self._log_pairs(k) + states.table[k, 0, :, None]
+        sign = np.ones_like(log_w)
+        if states.sign is not None:
+            sign = states.sign[k, :, None] * np.sign(self.system.pair_tables(k).transition)
+        o: FloatArray = collapse_weights(log_w, sign)[2]
+        return o
 
-    def _signs(self, start: int, stop: int) -> FloatArray | None:
-        signs = self.trajectory.states.sign
-        if signs is None:
-            return None
-        of_pairs = [np.sign(self.system.pair_tables(k).transition) for k in range(start, stop)]
-        both: FloatArray = signs[start:stop, :, None] * np.stack(of_pairs)
-        return both
-
-    def most_likely_path(self) -> np.ndarray:
+    def most_likely_path(self) -> NDArray[np.int64]:
         """Viterbi's algorithm on (R, Y): the nodes of the most probable path."""
         n = len(self.ys)
         if n == 0:
-            return np.empty(0, dtype=np.intp)
+            return np.empty(0, dtype=np.int64)
         score = self.trajectory.states.table[0, 0]
-        pointers = np.empty((n, score.size), dtype=np.intp)
-        columns = np.arange(score.size)
-        for start in range(0, n - 1, _CHUNK):
-            stop = min(start + _CHUNK, n - 1)
-            for k, log_pair in enumerate(self.log_pairs(start, stop), start + 1):
-                total = score[:, None] + log_pair
-                pointers[k] = total.argmax(axis=0)
-                score = total[pointers[k], columns]
-                score = score - score.max()
-        path = np.empty(n, dtype=np.intp)
+        pointers = np.empty((n - 1, score.size), dtype=np.int64)
+        k = 0
+        while k < n - 1:
+            stop = int(self._ends[np.searchsorted(self._ends, k)])
+            if stop > k:
+                kernel = self.system.pair_tables(k).kernel
+                score, pointers[k:stop] = engine.best_path(kernel, score, self._rows(k, stop))
+                k = stop
+                continue
+            total = score[:, None] + self._log_pairs(k)
+            pointers[k] = total.argmax(axis=0)
+            score = total.max(axis=0)
+            score = score - score.max()
+            k += 1
+        path = np.empty(n, dtype=np.int64)
         path[-1] = int(score.argmax())
-        for k in range(n - 1, 0, -1):
-            path[k - 1] = pointers[k, path[k]]
+        for k in range(n - 2, -1, -1):
+            path[k] = pointers[k, path[k + 1]]
         return path

@@ -1,9 +1,8 @@
 """The grid estimator against the loops that its paper prints, as ratios measured in one run.
 
-Run with ``pytest tests/benchmarks/test_grid_speed.py --benchmark-only -s -o addopts=--import-mode=importlib``.
-The loops are in C (``literal_loops.c``) and compiled with the flags of the package.  Times are
-those of the processor, which other work on the machine disturbs least.  Nothing passes or
-fails on a time.
+Run with ``nox -s benchmarks -- -k grid_speed -s``.  The loops are in C (``literal_loops.c``) and
+compiled with the flags of the package.  Times are those of the processor, which other work on the
+machine disturbs least.  Nothing passes or fails on a time.
 """
 
 from __future__ import annotations
@@ -56,10 +55,15 @@ def plane_estimator(points=N):
 
 
 def plane_loops(points=N):
-    """Return the same as loops, with 121 values of the noise: a step from a membership to the next."""
+    """Return the same as loops, with 121 noise values: a step to the next membership and its centre."""
     w = np.linspace(-3.0 * DEVIATION, 3.0 * DEVIATION, 121)
     grid, noise = literal.Grid.over(points, PLANE, w), np.exp(-0.5 * (w / DEVIATION) ** 2)
-    return lambda mu: literal.propagate("linear", grid, mu, noise, 0.1)
+
+    def step(mu):
+        mu = literal.propagate("linear", grid, mu, noise, 0.1)
+        return mu, literal.center_of_gravity(grid, mu)
+
+    return step
 
 
 def grid_propagation(rounds=5):
@@ -69,7 +73,7 @@ def grid_propagation(rounds=5):
     mu = np.ascontiguousarray(est.membership.values)
     for _ in range(rounds):
         own.append(seconds(est.predict)[0])  # with the moments of the result
-        spent, mu = seconds(lambda mu=mu: step(mu))
+        spent, (mu, _) = seconds(lambda mu=mu: step(mu))
         loops.append(spent)
     return np.array(own), np.array(loops)
 

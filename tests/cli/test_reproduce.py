@@ -68,6 +68,24 @@ def test_names_that_are_not_there_are_refused(tmp_path, arguments, message) -> N
     assert not (tmp_path / "new").exists()
 
 
+def test_without_its_data_an_experiment_is_left_out_of_all_and_said_so(tmp_path, monkeypatch) -> None:
+    monkeypatch.delenv("FUZZYKF_DATA", raising=False)
+    for name in EXPERIMENTS.keys() - {"densities", "building"}:
+        monkeypatch.delitem(EXPERIMENTS, name)
+    result = run("all", "--quick", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "Skipped: building: openei_building1_june2010.csv is not part of the package" in result.output
+    assert (tmp_path / "densities.csv").exists()
+    assert not (tmp_path / "building.csv").exists()
+
+
+def test_an_experiment_asked_for_by_name_needs_its_data(tmp_path) -> None:
+    result = run("densities", "building", "--data", tmp_path, "--out", tmp_path / "new")
+    assert result.exit_code == 1
+    assert "there is no openei_building1_june2010.csv in it" in result.output
+    assert not (tmp_path / "new").exists()
+
+
 def test_a_file_in_the_place_of_the_folder_is_refused_before_any_work(tmp_path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     result = run("densities", "--out", tmp_path / "file")

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from fuzzykf import engine
+from fuzzykf import IMMEstimator, KalmanFilter, engine
 from fuzzykf.engine import selected
 
 NUMPY_HOMES = {
@@ -20,8 +20,37 @@ NUMPY_HOMES = {
     "node_mean": "fuzzykf.engine.switching",
     "step_many": "fuzzykf.engine.switching_many",
     "forward_backward": "fuzzykf.engine.hmm",
+    "smooth_back": "fuzzykf.engine.backward",
+    "best_path": "fuzzykf.engine.backward",
     "Kernel": "fuzzykf.engine.switching",
     "Stepper": "fuzzykf.engine.stepper",
+    "convolve_parabola": "fuzzykf.engine.convolution",
+    "refine": "fuzzykf.engine.convolution",
+    "continue_tails": "fuzzykf.engine.grid",
+    "interpolate": "fuzzykf.engine.grid",
+    "interpolate_lines": "fuzzykf.engine.grid",
+    "least_outside": "fuzzykf.engine.grid",
+    "pull_back": "fuzzykf.engine.grid",
+    "convolve_bounded": "fuzzykf.engine.kernels",
+    "convolve_convex": "fuzzykf.engine.kernels",
+    "convolve_joint": "fuzzykf.engine.kernels",
+    "convolve_table": "fuzzykf.engine.kernels",
+    "crossing": "fuzzykf.engine.kernels",
+    "is_convex": "fuzzykf.engine.kernels",
+    "totals": "fuzzykf.engine.kernels",
+    "moments_about": "fuzzykf.engine.moments",
+    "corrected": "fuzzykf.engine.raster",
+    "cover": "fuzzykf.engine.raster",
+    "flat_cells": "fuzzykf.engine.raster",
+    "live_cells": "fuzzykf.engine.raster",
+    "span": "fuzzykf.engine.raster",
+    "stranded": "fuzzykf.engine.raster",
+    "LinearStepper": "fuzzykf.engine.stepper",
+    "BankStepper": "fuzzykf.engine.stepper",
+    "predict_linear": "fuzzykf.engine.kalman",
+    "update_linear": "fuzzykf.engine.kalman",
+    "filter_linear": "fuzzykf.engine.kalman_series",
+    "filter_bank": "fuzzykf.engine.imm",
 }
 
 
@@ -44,6 +73,11 @@ def test_what_is_selected_is_what_info_says() -> None:
     for function, home in NUMPY_HOMES.items():
         module = getattr(selected, function).__module__
         assert module.startswith("fuzzykf.engine.compiled.") if name == "compiled" else module == home
+
+
+def test_filters_inherit_the_selected_steppers() -> None:
+    for cls, stepper in ((KalmanFilter, selected.LinearStepper), (IMMEstimator, selected.BankStepper)):
+        assert cls.step is stepper.step
 
 
 def test_the_tests_run_on_the_engine_that_was_asked_for() -> None:

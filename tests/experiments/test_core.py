@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,6 +91,23 @@ def test_what_other_code_has_computed_is_not_used(coins, tmp_path, monkeypatch) 
     assert coins.calls == ["a", "b"]
 
 
+def test_what_was_made_of_other_data_is_not_used(coins, tmp_path) -> None:
+    given = {"x": np.arange(3.0)}
+
+    def run(rng, runs, *, name, data):
+        coins.calls.append(name)
+        return {"heads": data["x"].sum() + rng.random(runs)}
+
+    experiment = replace(coins.experiment("a"), run=run, load=lambda folder: dict(given))
+    first = perform(experiment, folder=tmp_path).samples["a"]["heads"]
+    assert first.min() >= 3.0
+    perform(experiment, folder=tmp_path)
+    assert coins.calls == ["a"]
+    given["x"] = np.arange(4.0)
+    assert perform(experiment, folder=tmp_path).samples["a"]["heads"].min() >= 6.0
+    assert coins.calls == ["a", "a"]
+
+
 def test_progress_is_told_of_every_piece(coins) -> None:
     told: list[str] = []
     perform(coins.experiment(), progress=told.append)
@@ -109,6 +127,7 @@ def test_files_hold_the_rows_the_parameters_and_a_picture(coins, tmp_path) -> No
         "lower": "",
         "upper": "",
         "p_value": "0",
+        "test": "equal to the last printed digit",
         "verdict": "not reproduced",
         "note": "it is two",
     }

@@ -64,6 +64,27 @@ def test_hard_pairs_reproduce_the_covariances(constraint):
             np.testing.assert_allclose(A @ MEANS[i] + offset, MEANS[j], atol=1e-14)
 
 
+def test_interpolating_breaks_the_constraint_and_so_it_is_set_at_every_pair():
+    # (42) of the paper is bilinear in all entries: half-way between four matrices that satisfy
+    # Cov(Y_2, X_1) = c Syy^-1 Syx it gives .18 where .17 is needed; the tables have .17
+    middle = gamma().mean(axis=(0, 1))
+    needed = middle[1, 3] * middle[0, 1] / middle[1, 1]
+    assert (middle[0, 3], needed) == pytest.approx((0.18, 0.17))
+    p = pair(CovarianceForm(MEANS, gamma(), 1, "project"), 0.5, 0.5)
+    A = np.block([[p.Axx[0], p.H[0] + p.G[0] @ p.Ayy[0]], [np.zeros((1, 1)), p.Ayy[0]]])
+    expected = middle[2:, :2].copy()
+    expected[1, 0] = needed
+    np.testing.assert_allclose(A @ middle[:2, :2], expected, atol=1e-14)
+
+
+def test_the_noise_as_printed_does_not_keep_the_covariance():
+    # (45) is printed with an inverse of Sigma(r_2); test_hard_pairs_reproduce_the_covariances
+    # shows that without it A Sigma(r_1) A' + Q = Sigma(r_2)
+    A = K[0, 1] @ np.linalg.inv(S[0])
+    printed = np.linalg.inv(S[1]) - A @ K[0, 1].T
+    assert np.abs(A @ S[0] @ A.T + printed - S[1]).max() > 1.0
+
+
 def test_projection_ignores_what_is_given():
     # d = b c / sigma_Y^2 is set, at the hard pairs and in between
     other = gamma()

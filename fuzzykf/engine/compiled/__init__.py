@@ -5,28 +5,26 @@ Arrays of any type and stride are converted, wrong shapes are refused; the arith
 is at work.
 """
 
-from fuzzykf.engine.compiled import (
-    arrays,
-    convolution,
-    grid,
-    kernels,
-    processor,
-    raster,
-    series,
-    stepper,
-    switching,
-    tables,
-)
+from importlib import import_module
 
-__all__ = [
+#: All of them or none: an engine that is compiled in part would be neither.
+MODULES = (
     "arrays",
+    "attributes",
+    "backward",
     "convolution",
     "grid",
+    "imm",
+    "kalman",
     "kernels",
+    "moments",
     "processor",
     "raster",
     "series",
     "stepper",
     "switching",
     "tables",
-]
+)
+
+for _name in MODULES:
+    import_module(f"{__name__}.{_name}")

@@ -27,6 +27,8 @@ cdef extern from "src/raster.h" nogil:
         double *position
         double *inverse
     void fk_live_corners(int, const fk_index *, const int *, unsigned char *) noexcept
+    void fk_dilate(int, const fk_index *, unsigned char *) noexcept
+    fk_index fk_span(int, const double *, const unsigned char *, fk_index, double *, double *) noexcept
     fk_index fk_count(const unsigned char *, fk_index) noexcept
     void fk_places(int, const fk_index *, const unsigned char *, fk_index *) noexcept
     fk_index fk_cover_simplices(
@@ -53,12 +55,15 @@ cdef cnp.ndarray flags_of(object alive):
     return flags
 
 
-cdef cnp.ndarray image_for(object image, cnp.ndarray flags):
+cdef cnp.ndarray image_for(object image, cnp.ndarray flags, int most=FK_IMAGE):
     """Return images of the nodes that may be alive."""
     cdef cnp.ndarray values = lattice(image, "image")
     cdef int s = cnp.PyArray_NDIM(flags)
-    if cnp.PyArray_NDIM(values) != s + 1 or np.shape(values)[:s] != np.shape(flags) or not 1 <= values.shape[s] <= FK_IMAGE:
-        raise ValueError(f"image: got shape {np.shape(values)}, expected {(*np.shape(flags), '1 to 3')}")
+    if (
+        cnp.PyArray_NDIM(values) != s + 1 or np.shape(values)[:s] != np.shape(flags)
+        or not 1 <= values.shape[s] <= most
+    ):
+        raise ValueError(f"image: got shape {np.shape(values)}, expected {np.shape(flags)} and 1 to {most} components")
     return values
 
 
@@ -172,9 +177,26 @@ def corrected(part, miss, shape):
     return position
 
 
+def span(image, live):
+    cdef cnp.ndarray flags = flags_of(live)
+    cdef cnp.ndarray values = image_for(image, flags, FK_AXES)
+    cdef int s = cnp.PyArray_NDIM(flags)
+    cdef int d = <int> values.shape[s]
+    cdef Py_ssize_t n = flags.size, count
+    cdef fk_index shape[FK_AXES]
+    cdef cnp.ndarray low = np.empty(d), high = np.empty(d)
+    axes_of(flags, shape)
+    with nogil:
+        fk_dilate(s, shape, bytes_of(flags))
+        count = fk_span(d, at(values), bytes_of(flags), n, at(low), at(high))
+    if not count:
+        raise ValueError("live: expected a node with a finite image")
+    return low, high
+
+
 def stranded(image, live, out):
     cdef cnp.ndarray flags = flags_of(live), target = lattice(out, "out")
-    cdef cnp.ndarray values = image_for(image, flags)
+    cdef cnp.ndarray values = image_for(image, flags, FK_AXES)
     cdef int d = <int> values.shape[cnp.PyArray_NDIM(flags)]
     cdef fk_index shape[FK_AXES]
     cdef Py_ssize_t n = flags.size

@@ -2,6 +2,8 @@
 
 from fuzzykf.engine.compiled.arrays cimport Buffer
 
+from libc.stdint cimport int64_t
+
 cimport numpy as cnp
 
 cdef extern from "src/series.h" nogil:
@@ -42,6 +44,12 @@ cdef extern from "src/series.h" nogil:
     ctypedef struct fk_engine:
         const char *instructions
         void (*log_pairs)(const fk_kernel *, const double *, double *) noexcept nogil
+        void (*smooth_back)(
+            const fk_kernel *, size_t, const double *, const double *, double *, double *, double *
+        ) noexcept nogil
+        void (*best_path)(
+            const fk_kernel *, size_t, double *, const double *, int64_t *, double *
+        ) noexcept nogil
         void (*posterior)(int, int, const double *, const double *, double *, double *) noexcept nogil
         int (*forward_backward)(
             int, int, const double *, const double *, const double *, double *, double *, double *, double *

@@ -5,6 +5,8 @@
 
 #include "switching_body.h"
 
+#include "backward_body.h"
+
 #include "hmm_body.h"
 
 #undef FK_V

@@ -130,37 +130,54 @@ FK_INLINE void fk_at_all(const fk_lattice *g, const int d, const int whole, cons
     out[j] = fk_inside(g, d, position + j * d) ? fk_at(g, d, whole, position + j * d) : INFINITY;
 }
 
-/* Along which axes all positions inside are nodes, as bits. */
-FK_INLINE int fk_whole(const fk_lattice *g, const int d, const double *position, fk_index n) {
-  int whole = (1 << d) - 1;
-  for (fk_index j = 0; j < n && whole; j++)
+/* Along which axes all positions inside are nodes, as bits; ``known`` are those that need no test. */
+FK_INLINE int fk_whole(const fk_lattice *g, const int d, const double *position, fk_index n, int known) {
+  int open = ((1 << d) - 1) & ~known;
+  for (fk_index j = 0; j < n && open; j++)
     if (fk_inside(g, d, position + j * d))
       for (int k = 0; k < d; k++) {
         const double along = position[j * d + k];
         const double off = along - (double)(fk_index)(fk_most(along, 0.0) + 0.5);
-        if (fabs(off) > FK_ON_NODE) whole &= ~(1 << k);
+        if (fabs(off) > FK_ON_NODE) open &= ~(1 << k);
       }
-  return whole;
+  return open | known;
+}
+
+/* Costs at up to FK_POSITIONS positions (n, d), which are known to be nodes along some axes. */
+FK_STATIC void fk_interpolate_some(const fk_lattice *g, const double *position, fk_index n, int known,
+                                   double *out) {
+  const int whole = fk_whole(g, g->d, position, n, known);
+  if (g->d == 1 && whole == 0)
+    fk_at_all(g, 1, 0, position, n, out);
+  else if (g->d == 2 && whole == 0)
+    fk_at_all(g, 2, 0, position, n, out);
+  else if (g->d == 2 && whole == 1)
+    fk_at_all(g, 2, 1, position, n, out);
+  else if (g->d == 2 && whole == 2)
+    fk_at_all(g, 2, 2, position, n, out);
+  else if (g->d == 3 && whole == 0)
+    fk_at_all(g, 3, 0, position, n, out);
+  else
+    fk_at_all(g, g->d, whole, position, n, out);
 }
 
 /* Costs at positions (n, d) in steps from the first node; infinite outside. */
 FK_STATIC void fk_interpolate(const fk_lattice *g, const double *position, fk_index n, double *out) {
-  for (fk_index start = 0; start < n; start += FK_POSITIONS, position += FK_POSITIONS * g->d, out += FK_POSITIONS) {
+  for (fk_index start = 0; start < n; start += FK_POSITIONS) {
     const fk_index count = n - start < FK_POSITIONS ? n - start : FK_POSITIONS;
-    const int whole = fk_whole(g, g->d, position, count);
-    if (g->d == 1 && whole == 0)
-      fk_at_all(g, 1, 0, position, count, out);
-    else if (g->d == 2 && whole == 0)
-      fk_at_all(g, 2, 0, position, count, out);
-    else if (g->d == 2 && whole == 1)
-      fk_at_all(g, 2, 1, position, count, out);
-    else if (g->d == 2 && whole == 2)
-      fk_at_all(g, 2, 2, position, count, out);
-    else if (g->d == 3 && whole == 0)
-      fk_at_all(g, 3, 0, position, count, out);
-    else
-      fk_at_all(g, g->d, whole, position, count, out);
+    fk_interpolate_some(g, position + start * g->d, count, 0, out + start);
   }
+}
+
+/* Along which axes the positions shift + matrix n are nodes for all whole n: as bits, not all perhaps. */
+FK_STATIC int fk_whole_rows(int d, const double *matrix, const double *shift) {
+  int whole = 0;
+  for (int i = 0; i < d; i++) {
+    int exact = fabs(shift[i]) < 1e9 && shift[i] == (double)(fk_index)shift[i];
+    for (int k = 0; k < d; k++) exact &= fabs(matrix[i * d + k]) == (matrix[i * d + k] != 0.0);
+    whole |= exact << i;
+  }
+  return whole;
 }
 
 /* Costs at positions shift + matrix n for the nodes from number ``start`` on, ``count`` of them, of a lattice of
@@ -168,20 +185,22 @@ FK_STATIC void fk_interpolate(const fk_lattice *g, const double *position, fk_in
 FK_STATIC void fk_pull_back(const fk_lattice *g, const double *matrix, const double *shift, const fk_index *shape,
                             fk_index start, fk_index count, double *position, double *out) {
   const int d = g->d;
+  const fk_index length = shape[d - 1];
   fk_index node[FK_AXES], rest = start;
   for (int k = d - 1; k >= 0; k--) node[k] = rest % shape[k], rest /= shape[k];
-  for (fk_index j = 0; j < count; j++) {
+  for (fk_index j = 0; j < count;) { /* the rest of one line, or of what is wanted */
+    const fk_index stop = length - node[d - 1] < count - j ? length - node[d - 1] : count - j;
     for (int i = 0; i < d; i++) {
-      double sum = shift[i];
-      for (int k = 0; k < d; k++) sum += matrix[i * d + k] * (double)node[k];
-      position[j * d + i] = sum;
+      const double slope = matrix[i * d + d - 1], first = (double)node[d - 1];
+      double sum = shift[i], *to = position + j * d + i;
+      for (int k = 0; k < d - 1; k++) sum += matrix[i * d + k] * (double)node[k];
+      for (fk_index n = 0; n < stop; n++) to[n * d] = sum + slope * (first + (double)n);
     }
-    for (int k = d - 1; k >= 0; k--) {
-      if (++node[k] < shape[k]) break;
-      node[k] = 0;
-    }
+    j += stop;
+    node[d - 1] += stop;
+    for (int k = d - 1; k > 0 && node[k] == shape[k]; k--) node[k] = 0, node[k - 1]++;
   }
-  fk_interpolate(g, position, count, out);
+  fk_interpolate_some(g, position, count, fk_whole_rows(d, matrix, shift), out);
 }
 
 /* Least cost of the n nodes whose image (n, d) is outside a box (d, 2); infinite if there is none. */

@@ -45,6 +45,54 @@ FK_STATIC void fk_live_corners(int s, const fk_index *shape, const int *chosen, 
   }
 }
 
+/* Set the flags of all neighbours, also across corners, of nodes that have it set. */
+FK_STATIC void fk_dilate(int s, const fk_index *shape, unsigned char *flags) {
+  fk_index size = 1, stride;
+  for (int k = 0; k < s; k++) size *= shape[k];
+  stride = size;
+  for (int k = 0; k < s; k++) {
+    const fk_index n = shape[k];
+    stride = n ? stride / n : 0;
+    if (n < 2 || !size) continue;
+    for (fk_index outer = 0; outer < size; outer += n * stride) {
+      unsigned char *row = flags + outer;
+      /* Bit 2 keeps what a node gets, until all have given. */
+      for (fk_index j = 0; j < (n - 1) * stride; j++) row[j] |= (unsigned char)((row[j + stride] & 1) << 1);
+      for (fk_index j = (n - 1) * stride - 1; j >= 0; j--)
+        row[j + stride] |= (unsigned char)((row[j] & 1) << 1);
+      for (fk_index j = 0; j < n * stride; j++) row[j] = row[j] != 0;
+    }
+  }
+}
+
+/* Bounds (d) of the finite images (n, d) of flagged nodes; returns their number. */
+FK_STATIC fk_index fk_span(int d, const double *image, const unsigned char *flags, fk_index n, double *low,
+                           double *high) {
+  fk_index count = 0;
+  int some = 0;
+  for (int k = 0; k < d; k++) low[k] = INFINITY, high[k] = -INFINITY;
+  for (fk_index j = 0; j < n; j++) some |= !flags[j];
+  for (fk_index j = 0; j < n * d; j++) some |= !(fabs(image[j]) <= DBL_MAX);
+  if (!some && d == 2) {
+    double a = INFINITY, b = INFINITY, c = -INFINITY, e = -INFINITY;
+    for (fk_index j = 0; j < n; j++) {
+      a = fk_least(a, image[2 * j]), b = fk_least(b, image[2 * j + 1]);
+      c = fk_most(c, image[2 * j]), e = fk_most(e, image[2 * j + 1]);
+    }
+    low[0] = a, low[1] = b, high[0] = c, high[1] = e;
+    return n;
+  }
+  for (fk_index j = 0; j < n; j++) {
+    const double *x = image + j * d;
+    int finite = flags[j] != 0;
+    for (int k = 0; k < d; k++) finite &= fabs(x[k]) <= DBL_MAX;
+    if (!finite) continue;
+    count++;
+    for (int k = 0; k < d; k++) low[k] = fk_least(low[k], x[k]), high[k] = fk_most(high[k], x[k]);
+  }
+  return count;
+}
+
 FK_STATIC fk_index fk_count(const unsigned char *flags, fk_index size) {
   fk_index count = 0;
   for (fk_index j = 0; j < size; j++) count += flags[j] != 0;

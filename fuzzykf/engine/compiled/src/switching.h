@@ -177,6 +177,8 @@ typedef struct {
                            const fk_output *);
   double (*exp_row)(const double *, int, double *);
   void (*log_pairs)(const fk_kernel *, const double *, double *);
+  void (*smooth_back)(const fk_kernel *, size_t, const double *, const double *, double *, double *, double *);
+  void (*best_path)(const fk_kernel *, size_t, double *, const double *, int64_t *, double *);
   void (*prior)(const fk_kernel *, const fk_summary *, const double *, const double *, const double *, double *,
                 double *, double *);
   void (*posterior)(int, int, const double *, const double *, double *, double *);

@@ -117,24 +117,6 @@ FK_TARGET static double FK_NAME(fk_exp_row)(const double *log_p, int M, double *
   return smallest;
 }
 
-/* log |P_ij| + log N(y'; Ayy w + Ny, Qyy) of all pairs, (M1, M2). */
-FK_TARGET static void FK_NAME(fk_log_pairs)(const fk_kernel *k, const double *u, double *out) {
-  const int q = k->q, n = 1 + k->w + q;
-  for (int i = 0; i < k->M1; i++)
-    for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
-      const double *cell = FK_CELL(k->cells, k->stride, i, b);
-      FK_V log_w = FK_ROW(cell, 0);
-      for (int r = 0; r < q; r++) {
-        const double *row = cell + (2 + r * n) * FK_LANES;
-        FK_V z = FK_ROW(row, 0);
-        for (int t = 1; t < n; t++) z += FK_ROW(row, t) * u[t];
-        log_w -= z * z;
-      }
-      for (int t = 0; t < FK_WIDTH && b * FK_WIDTH + t < k->M2; t++)
-        out[(size_t)i * k->M2 + b * FK_WIDTH + t] = log_w[t];
-    }
-}
-
 /* Mean (m) and covariance (m, m) of X' before Y' is seen. */
 FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_sized)(
     const fk_kernel *k, const fk_summary *s, const int m, const int w, const double *p, const double *table,

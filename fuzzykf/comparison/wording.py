@@ -1,0 +1,51 @@
+"""What a comparison says in words, on the terminal and in the report alike."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fuzzykf.comparison.run import Comparison
+    from fuzzykf.comparison.scores import Score
+
+__all__ = ["about_choices", "about_intervals", "about_task", "cells"]
+
+
+def about_task(comparison: Comparison, unit: str) -> str:
+    """Say what was learned on and compared on, and how hard the task is."""
+    task = comparison.task
+    when = "" if task.time is None else f", from {task.time[task.n_train].astype('datetime64[m]')}"
+    space = f" {unit}" if unit else ""
+    return (
+        f"Learned on {task.n_train:,} rows, compared on {task.n_test:,}{when}. "
+        f"Switch: {task.switch_source}. "
+        f"Always answering the mean of the learning part would have an RMSE of "
+        f"{comparison.baseline_rmse:.4g}{space}."
+    )
+
+
+def about_intervals(comparison: Comparison) -> str:
+    """Say where the intervals and the log-likelihoods come from."""
+    return (
+        f"Intervals: block bootstrap, blocks of {comparison.block_length} steps. Log-likelihood: of the "
+        "observations, each given the earlier ones; regressions have no law of them."
+    )
+
+
+def about_choices(comparison: Comparison) -> tuple[str, ...]:
+    """Say what was chosen while learning, and what a reader should know before trusting a method."""
+    found = comparison.restorations
+    choices = [f"{one.name}: {one.description}." for one in found if one.description]
+    notes = [f"Note on {one.name}: {note}." for one in found for note in one.notes]
+    return (*choices, *notes)
+
+
+def cells(score: Score) -> tuple[str, str, str, str, str]:
+    """Return the numbers of a row of the table, as they are shown: RMSE, its interval, ..."""
+    return (
+        f"{score.rmse:.4g}",
+        f"{score.rmse_low:#.3g}–{score.rmse_high:#.3g}",
+        f"{100 * score.coverage:.1f} %",
+        "none" if score.log_likelihood is None else f"{score.log_likelihood:.3f}",
+        f"{score.microseconds:.2g}" if score.microseconds < 10 else f"{score.microseconds:.0f}",
+    )

@@ -1,0 +1,134 @@
+"""What comes out: names, dimensions, coordinates and attributes of the results."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.errors import MissingDependencyError, ParameterError, ShapeError
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Mapping, Sequence
+    from typing import Any
+
+    import xarray as xr
+
+    from fuzzykf.base import Filter, FilterResult
+
+__all__ = ["DIMS", "check_names", "check_store", "describe"]
+
+_STATE, _SQUARE, _NODE = ("state",), ("state", "state_column"), ("node",)
+
+#: Dimensions of each field after those of the series and of time.
+DIMS: dict[str, tuple[str, ...]] = {
+    "x": _STATE,
+    "P": _SQUARE,
+    "x_prior": _STATE,
+    "P_prior": _SQUARE,
+    "mu": _NODE,
+    "switch": (),
+    "switch_mean": (),
+    "log_likelihood": (),
+    "possibility": (),
+    "lower": _STATE,
+    "upper": _STATE,
+}
+
+_LONG_NAMES = {
+    "x": "mean of the state given the observations so far",
+    "P": "covariance of the state given the observations so far",
+    "x_prior": "mean of the state given the earlier observations",
+    "P_prior": "covariance of the state given the earlier observations",
+    "mu": "probability of each value of the switch",
+    "switch": "most probable value of the switch",
+    "switch_mean": "mean of the switch",
+    "log_likelihood": "log-density of the observation given the earlier ones",
+    "possibility": "possibility of the observation given the earlier ones",
+    "lower": "least possible state",
+    "upper": "greatest possible state",
+}
+
+
+def check_names(
+    series: xr.DataArray, shapes: Mapping[str, tuple[int, ...]], states: Sequence[str] | None, dim_x: int
+) -> None:
+    """Refuse names that two things would have."""
+    for name in (*shapes, *(d for field in shapes for d in DIMS[field])):
+        if name in series.dims or name in series.coords:
+            raise ParameterError(
+                f"ds: its dimension or coordinate {name!r} has the name of a result; "
+                f"rename it first: ds.rename({name}=...)"
+            )
+    if states is not None and (isinstance(states, str) or len(states) != dim_x):
+        raise ShapeError(
+            f"states: got {states!r}, expected {dim_x} names, one for each component of the state"
+        )
+
+
+def check_store(
+    ds: xr.Dataset, series: xr.DataArray, loops: tuple[Hashable, ...], store: Any, mode: str
+) -> None:
+    """Refuse, before any work is done, what cannot be written."""
+    try:
+        import zarr  # noqa: F401
+    except ImportError as error:
+        raise MissingDependencyError("store needs zarr: pip install 'fuzzykf[dask]'") from error
+    if mode not in ("w-", "w"):
+        raise ParameterError(f"mode: got {mode!r}, expected 'w-' or 'w'")
+    if str(store) in {str(one.encoding.get("source")) for one in (ds, series)}:
+        raise ParameterError(f"store: {store} is also read from; name another one")
+    for d in loops:
+        sizes = series.chunksizes[d]
+        if len(set(sizes[:-1])) > 1 or sizes[-1] > sizes[0]:
+            raise ParameterError(
+                f"ds: the chunks along {d!r} have sizes from {min(sizes)} to {max(sizes)}, but a store needs "
+                f"chunks of one size, the last one excepted: ds.chunk({{{d!r}: {max(sizes)}}})"
+            )
+
+
+def describe(
+    result: xr.Dataset,
+    ds: xr.Dataset,
+    observations: Hashable,
+    filter_: Filter,
+    probe: FilterResult,
+    states: Sequence[str] | None,
+    units: str | None,
+) -> xr.Dataset:
+    """Add coordinates and attributes to the results of a filter on ``ds[observations]``."""
+    for name, variable in result.data_vars.items():
+        dims = DIMS[str(name)]
+        variable.attrs = {"long_name": _LONG_NAMES[str(name)]}
+        if units is not None and dims in (_STATE, _SQUARE):
+            variable.attrs["units"] = units if dims == _STATE else f"({units})^2"
+    if "node" in result.dims and probe.nodes is not None and np.isfinite(probe.nodes).all():
+        result = result.assign_coords(node=("node", probe.nodes, {"long_name": "value of the switch"}))
+    if states is not None:
+        result = result.assign_coords({d: list(states) for d in _SQUARE if d in result.dims})
+    result.attrs = {**ds.attrs, **_provenance(filter_, observations)}
+    return result.drop_encoding()  # chunks and filters of the old store, which need not fit the new one
+
+
+def _provenance(filter_: Filter, observations: Hashable) -> dict[str, str]:
+    """Say how the results were made: text only, which any store can hold."""
+    from fuzzykf import __version__
+    from fuzzykf.io import as_document, model_to_dict
+    from fuzzykf.switching import CGOFMSModel, CGOMSModel
+
+    options: dict[str, Any] = getattr(filter_, "_options", dict)()
+    listed = ", ".join(f"{key}={value!r}" for key, value in options.items())
+    about = {
+        "fuzzykf_version": __version__,
+        "fuzzykf_filter": f"{type(filter_).__name__}({listed})",
+        "fuzzykf_observations": str(observations),
+    }
+    model = getattr(filter_, "model", None)
+    if isinstance(model, CGOFMSModel | CGOMSModel):
+        try:
+            document = as_document(type(model).__name__, model_to_dict(model))
+        except ParameterError:  # a law given by functions cannot be written down
+            return about
+        about["fuzzykf_model"] = json.dumps(document, allow_nan=False)
+    return about

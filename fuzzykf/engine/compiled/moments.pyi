@@ -1,0 +1,5 @@
+from fuzzykf.base import FloatArray
+
+def moments_about(
+    mass: FloatArray, axes: tuple[FloatArray, ...], center: FloatArray
+) -> tuple[FloatArray, FloatArray]: ...
