@@ -102,6 +102,7 @@ FK_TARGET static double FK_NAME(fk_step)(const fk_kernel *k, const double *table
   switch (k->w == k->q && k->m <= 4 && k->q <= 2 ? 10 * k->m + k->q : 0) {
   case 11: return FK_NAME(fk_step_sized)(k, 1, 1, 1, table, sign, u, out, out_sign, scratch);
   case 21: return FK_NAME(fk_step_sized)(k, 2, 1, 1, table, sign, u, out, out_sign, scratch);
+  case 31: return FK_NAME(fk_step_sized)(k, 3, 1, 1, table, sign, u, out, out_sign, scratch);
   case 22: return FK_NAME(fk_step_sized)(k, 2, 2, 2, table, sign, u, out, out_sign, scratch);
   case 42: return FK_NAME(fk_step_sized)(k, 4, 2, 2, table, sign, u, out, out_sign, scratch);
   default: return FK_NAME(fk_step_sized)(k, k->m, k->q, k->w, table, sign, u, out, out_sign, scratch);
@@ -175,6 +176,8 @@ FK_TARGET static void FK_NAME(fk_prior)(const fk_kernel *k, const fk_summary *s,
   }
   switch (k->w <= 2 && k->m <= 4 ? 10 * k->m + k->w : 0) {
   case 21: FK_NAME(fk_prior_sized)(k, s, 2, 1, p, table, u, x, P, scratch); break;
+  case 22: FK_NAME(fk_prior_sized)(k, s, 2, 2, p, table, u, x, P, scratch); break;
+  case 31: FK_NAME(fk_prior_sized)(k, s, 3, 1, p, table, u, x, P, scratch); break;
   case 42: FK_NAME(fk_prior_sized)(k, s, 4, 2, p, table, u, x, P, scratch); break;
   default: FK_NAME(fk_prior_sized)(k, s, k->m, k->w, p, table, u, x, P, scratch);
   }
