@@ -149,13 +149,13 @@ FK_INLINE double fk_ceiling(double x) {
 /* Cover target nodes by the simplices from ``*next`` on of n cells (n, s); stops before the room for
  * ``most`` nodes may not be enough.  Returns the nodes found; *next is n when all is done, and *need the
  * room that the next simplex asks for. */
-FK_INLINE fk_index fk_simplices(const fk_raster *r, const int d, const fk_index *base, fk_index n,
-                                fk_index most, fk_cover out, fk_index *next, fk_index *need) {
+FK_INLINE fk_index fk_simplices(const fk_raster *r, const int s, const int d, const fk_index *base,
+                                fk_index n, fk_index most, fk_cover out, fk_index *next, fk_index *need) {
   fk_index found = 0;
   for (; *next < n; ++*next) {
-    const fk_index *cell = base + *next * r->s;
+    const fk_index *cell = base + *next * s;
     fk_index index = 0, low[FK_IMAGE], extent[FK_IMAGE], count = 1, at[FK_IMAGE] = {0};
-    for (int k = 0; k < r->s; k++) index += cell[k] * r->stride[k];
+    for (int k = 0; k < s; k++) index += cell[k] * r->stride[k];
     double corner[FK_IMAGE + 1][FK_IMAGE], edges[FK_IMAGE * FK_IMAGE], inverse[FK_IMAGE * FK_IMAGE];
     for (int c = 0; c <= d; c++) {
       if (c) index += r->stride[r->order[c - 1]];
@@ -202,9 +202,9 @@ FK_INLINE fk_index fk_simplices(const fk_raster *r, const int d, const fk_index 
       for (int i = 1; i < d; i++) ordered &= within[i] - within[i - 1] <= FK_WITHIN;
       ordered &= 0.0 - within[d - 1] <= FK_WITHIN;
       if (ordered) {
-        double *position = out.position + found * r->s;
+        double *position = out.position + found * s;
         out.node[found] = node;
-        for (int k = 0; k < r->s; k++) position[k] = (double)cell[k];
+        for (int k = 0; k < s; k++) position[k] = (double)cell[k];
         for (int i = 0; i < d; i++) position[r->order[i]] += fk_least(fk_most(within[i], 0.0), 1.0);
         for (int k = 0; k < d * d; k++) out.inverse[found * d * d + k] = inverse[k];
         found++;
@@ -221,9 +221,10 @@ FK_INLINE fk_index fk_simplices(const fk_raster *r, const int d, const fk_index 
 
 FK_STATIC fk_index fk_cover_simplices(const fk_raster *r, const fk_index *base, fk_index n, fk_index most,
                                       fk_cover out, fk_index *next, fk_index *need) {
-  if (r->d == 1) return fk_simplices(r, 1, base, n, most, out, next, need);
-  if (r->d == 2) return fk_simplices(r, 2, base, n, most, out, next, need);
-  return fk_simplices(r, 3, base, n, most, out, next, need);
+  if (r->d == 1) return fk_simplices(r, r->s, 1, base, n, most, out, next, need);
+  if (r->d == 2 && r->s == 2) return fk_simplices(r, 2, 2, base, n, most, out, next, need);
+  if (r->d == 2) return fk_simplices(r, r->s, 2, base, n, most, out, next, need);
+  return fk_simplices(r, r->s, 3, base, n, most, out, next, need);
 }
 
 /* Keep of the flags of cells those whose image has no volume. */
