@@ -91,11 +91,11 @@ def _reached(
     if kernel is None or np.isinf(limit):
         return low, high
     t_norm = source.t_norm
-    cost = source.cost[live]
+    cost, there = source.cost[live], image[live]
     left = limit - cost if t_norm.additive else np.full(cost.shape, limit)
     below, above = kernel.reach(np.clip(t_norm.membership(left), np.finfo(float).tiny, 1.0))
-    inner, outer = float(image[live].min()) - low, high - float(image[live].max())
-    lowest, highest = float((image[live] + below).min()), float((image[live] + above).max())
+    inner, outer = float(there.min()) - low, high - float(there.max())
+    lowest, highest = float((there + below).min()), float((there + above).max())
     return min(low, lowest - inner), max(high, highest + outer)
 
 

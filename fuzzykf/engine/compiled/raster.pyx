@@ -131,9 +131,10 @@ def cover(image, alive, shape):
 
 def simplices(cnp.ndarray values, cnp.ndarray base, order, shape):
     """Cover by the simplices along the axes of ``order``, as many nodes at a time as there is room for."""
-    next_, need = 0, CHUNK
+    next_, need, room = 0, 0, min(CHUNK, 2 * base.shape[0])  # most maps keep the size of cells
     while next_ < base.shape[0]:
-        part, next_, need = simplices_from(values, base, order, shape, next_, max(need, CHUNK))
+        part, next_, need = simplices_from(values, base, order, shape, next_, max(need, room))
+        room = CHUNK
         if part.node.size:
             yield part
 

@@ -101,12 +101,16 @@ FK_STATIC fk_index fk_count(const unsigned char *flags, fk_index size) {
 
 /* Indices (count, s) of the flags that are set. */
 FK_STATIC void fk_places(int s, const fk_index *shape, const unsigned char *flags, fk_index *out) {
-  fk_index at[FK_AXES] = {0}, size = 1;
-  for (int k = 0; k < s; k++) size *= shape[k];
-  for (fk_index j = 0; j < size; j++) {
-    if (flags[j])
-      for (int k = 0; k < s; k++) *out++ = at[k];
-    for (int k = s - 1; k >= 0; k--) {
+  fk_index at[FK_AXES] = {0}, lines = 1;
+  const fk_index n = shape[s - 1];
+  for (int k = 0; k < s - 1; k++) lines *= shape[k];
+  for (fk_index line = 0; line < lines; line++, flags += n) {
+    for (fk_index j = 0; j < n; j++) {
+      if (!flags[j]) continue;
+      for (int k = 0; k < s - 1; k++) *out++ = at[k];
+      *out++ = j;
+    }
+    for (int k = s - 2; k >= 0; k--) {
       if (++at[k] < shape[k]) break;
       at[k] = 0;
     }
