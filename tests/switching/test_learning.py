@@ -50,7 +50,7 @@ CASES = [(law, form) for law in ("fmc1", "fmc2", "free") for form in ("regressio
 
 @pytest.mark.parametrize(("law", "form"), CASES)
 def test_hidden_fuzzy_switches(law, form, sim):
-    fit = CGOFMSModel.fit(sim.x, sim.y, law=law, form=form, max_iter=30)
+    fit = CGOFMSModel.fit(sim.x, sim.y, law=law, form=form, n_starts=2, max_iter=30)
     assert len(fit.trace) > 5
     assert (np.diff(fit.trace) > -1e-8).all()  # EM never lowers likelihood times prior
     z = np.hstack([sim.x, sim.y])
@@ -138,8 +138,9 @@ def test_several_series_and_missing_stretches(r, sim):
 def test_units_scale_the_parameters(form, r, sim):
     a, b, c, d = 1e-4, 20.0, 300.0, -7e4
     known = sim.r if r else None
-    one = CGOFMSModel.fit(sim.x, sim.y, known, form=form, max_iter=10)
-    other = CGOFMSModel.fit(a * sim.x + b, c * sim.y + d, known, form=form, max_iter=10)
+    options = {"form": form, "n_starts": 1, "max_iter": 10}
+    one = CGOFMSModel.fit(sim.x, sim.y, known, **options)
+    other = CGOFMSModel.fit(a * sim.x + b, c * sim.y + d, known, **options)
     N = len(sim.x)
     assert other.log_likelihood == pytest.approx(one.log_likelihood - N * np.log(a * c), rel=1e-7)
     np.testing.assert_allclose(other.switch_mean, one.switch_mean, atol=1e-6)
@@ -245,7 +246,7 @@ def test_known_switches_beat_hard_pairs_alone(paper):
 
 
 def test_bootstrap_keeps_the_names_of_the_regimes(sim):
-    fit = CGOMSModel.fit(sim.x, sim.y, form="covariance")
+    fit = CGOMSModel.fit(sim.x, sim.y, form="covariance", tolerance=1e-4)
     replicates = fit.bootstrap(3, np.random.default_rng(6))
     assert [r.n_observations for r in replicates] == [400] * 3
     for replicate in replicates:
@@ -321,7 +322,7 @@ def test_a_width_that_has_to_grow(paper):
     # FMC2 of half width .3: expectation-maximisation alone stays at the edge of a cell, .2
     truth = CGOFMSModel(FuzzyMarkovLaw.fmc2(0.1, 0.46, 0.3), paper.form.means, paper.form.covariances, 1)
     data = truth.simulate(1000, np.random.default_rng(18))
-    fit = CGOFMSModel.fit(data.x, data.y, law="fmc2", form="covariance", max_iter=40)
+    fit = CGOFMSModel.fit(data.x, data.y, law="fmc2", form="covariance", n_starts=1, tolerance=1e-4)
     assert 0.22 < fit.model.law.parameters["delta"] < 0.4
 
 
@@ -345,9 +346,8 @@ def test_recovery_of_a_hidden_switch(paper):
     fuzzy = CGOFMSModel.fit(train.x, train.y)
     error = np.mean((OFSRFilter(fuzzy.model).filter(test.y).x - test.x) ** 2)
     assert error - truth < 0.005
-    for form in ("covariance", "regression"):
-        hard = CGOMSModel.fit(train.x, train.y, form=form)
-        assert error < np.mean((CGOMSMFilter(hard.model).filter(test.y).x - test.x) ** 2)
+    hard = CGOMSModel.fit(train.x, train.y)
+    assert error < np.mean((CGOMSMFilter(hard.model).filter(test.y).x - test.x) ** 2)
     assert fuzzy.model.law.p_hard == pytest.approx(paper.law.p_hard, abs=0.1)
     correlation = np.corrcoef(fuzzy.switch_mean, train.r)[0, 1]
     assert abs(correlation) > 0.7
