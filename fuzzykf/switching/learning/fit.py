@@ -49,7 +49,11 @@ TRIAL = 12
 #: How many starts go on to convergence.
 FINALISTS = 2
 
-#: A guess of a fuzzy switch has so many steps from 0 to 1, so that equal pairs of values go together.
+#: Below this tolerance steps are extrapolated; a search that is to stop early does not creep long.
+CREEP = 1e-5
+
+#: In the covariance form, whose start is slow, a guess of a fuzzy switch has so many steps from 0 to 1, so
+#: that equal pairs of values go together.
 GUESS_STEPS = 20
 
 
@@ -196,7 +200,7 @@ def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Optio
         guessed.append(posterior.gamma[:, 1])
     starts = []
     for guess in guessed:
-        r = np.round(guess * GUESS_STEPS) / GUESS_STEPS
+        r = np.round(guess * GUESS_STEPS) / GUESS_STEPS if options.form == "covariance" else guess
         gaussian = _from_shares(kind, np.stack([1.0 - r, r], axis=1), data, fuzzy=True)
         starts.append(Estimate(family_of(law, n_nodes, None), gaussian))
     estimate, posterior, trace, converged = _best(starts, shares, data, options, final=True)
@@ -292,7 +296,8 @@ def _best(
     finished = []
     for estimate, posterior, trace, converged in trials[:FINALISTS]:
         if not converged and options.max_iter > trial:
-            estimate, posterior, more, converged = run(estimate, options.max_iter - trial, accelerate=True)
+            far = options.tolerance < CREEP
+            estimate, posterior, more, converged = run(estimate, options.max_iter - trial, accelerate=far)
             trace = trace + more[1:]
         finished.append((estimate, posterior, trace, converged))
     return max(finished, key=lambda t: t[2][-1])
