@@ -54,10 +54,10 @@ class FitResult(Generic[M]):
     log_likelihood: float
     n_parameters: int
     n_observations: int
-    trace: FloatArray
+    trace: FloatArray = field(repr=False)
     converged: bool
     warnings: tuple[str, ...] = ()
-    switch_mean: Any = None
+    switch_mean: Any = field(default=None, repr=False)
     bic_of_forms: dict[str, float] = field(default_factory=dict)
     refit: Callable[[Simulation], FitResult[M]] | None = field(default=None, repr=False)
 
