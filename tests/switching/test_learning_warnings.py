@@ -286,3 +286,15 @@ def test_a_refusal_leaves_the_generator_as_it_was(sim):
     assert rng.bit_generator.state == state
     with pytest.raises(ParameterError, match="rng"):
         fit.bootstrap(1, 7)
+
+
+def test_a_state_that_is_missing_everywhere_is_none(sim):
+    with pytest.raises(ParameterError, match="hold 0 steps .* not identifiable from y alone"):
+        CGOFMSModel.fit(np.full(400, np.nan), sim.y)
+
+
+def test_a_result_is_shown_in_short(sim):
+    text = repr(CGOFMSModel.fit(sim.x, sim.y, sim.r, form="regression"))
+    assert "log_likelihood=-" in text
+    assert "trace" not in text
+    assert "switch_mean" not in text
