@@ -289,7 +289,7 @@ def test_a_refusal_leaves_the_generator_as_it_was(sim):
 
 
 def test_a_state_that_is_missing_everywhere_is_none(sim):
-    with pytest.raises(ParameterError, match="hold 0 steps .* not identifiable from y alone"):
+    with pytest.raises(ParameterError, match=r"hold 0 steps .* not identifiable from y alone"):
         CGOFMSModel.fit(np.full(400, np.nan), sim.y)
 
 
