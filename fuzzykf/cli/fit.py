@@ -34,6 +34,7 @@ class Law(StrEnum):
 class Form(StrEnum):
     """Form of the Gaussian part."""
 
+    AUTO = "auto"
     REGRESSION = "regression"
     COVARIANCE = "covariance"
 
@@ -81,9 +82,9 @@ def command(
         Form,
         typer.Option(
             help="Form of the Gaussian part; covariance, that of the paper, is for one state and one "
-            "observation."
+            "observation; auto learns both and takes the one of smaller BIC."
         ),
-    ] = Form.REGRESSION,
+    ] = Form.AUTO,
     nodes: Annotated[
         int,
         typer.Option(
@@ -102,7 +103,7 @@ def command(
         int, typer.Option(min=1, help="Guesses of the switch to begin from; more than 4 are random.")
     ] = 4,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random starts.")] = 0,
-    max_iter: Annotated[int, typer.Option(min=1, help="Largest number of iterations.")] = 200,
+    max_iter: Annotated[int, typer.Option(min=1, help="Largest number of iterations.")] = 500,
     tolerance: Annotated[
         float, typer.Option(help="Gain in log-likelihood per row and iteration at which to stop.")
     ] = 1e-6,

@@ -71,7 +71,7 @@ class LearningPart:
         """Learn a fuzzy model with a law of this family."""
         from fuzzykf.switching import CGOFMSModel
 
-        options: Any = {"law": law, "n_nodes": self.n_nodes, "form": "regression"} | self._effort
+        options: Any = {"law": law, "n_nodes": self.n_nodes} | self._effort
         fit: FitResult[CGOFMSModel] = _numerical(lambda: CGOFMSModel.fit(self.x, self.y, self.r, **options))
         return fit
 
@@ -91,7 +91,7 @@ class LearningPart:
 
     @property
     def _effort(self) -> dict[str, Any]:
-        return {"max_iter": self.max_iter, "tolerance": self.tolerance}
+        return {"form": "regression", "max_iter": self.max_iter, "tolerance": self.tolerance}
 
 
 def _numerical(fit: Callable[[], Any]) -> Any:

@@ -181,7 +181,7 @@ def _restore_column(
     model = make_model(make_law(family, parameters), interpolation)
     series = simulate_many(model, runs, n, rng)
     lesson = simulate_many(model, max(1, min(most_learned, runs // 10)), n, rng)
-    learned = CGOMSModel.fit(list(lesson.x), list(lesson.y), n_starts=2).model
+    learned = CGOMSModel.fit(list(lesson.x), list(lesson.y), form="regression", n_starts=2).model
     out: Samples = {"hard_share": np.mean((series.r == 0.0) | (series.r == 1.0), axis=1)}
     filters = {
         "fuzzy": OFSRFilter(model, n_nodes=n_nodes),

@@ -169,10 +169,10 @@ class CGOFMSModel(SwitchingModel):
         r: ArrayLike | Sequence[ArrayLike] | None = None,
         *,
         law: Literal["fmc1", "fmc2", "free"] = "fmc1",
-        form: Literal["regression", "covariance"] = "regression",
+        form: Literal["auto", "regression", "covariance"] = "auto",
         n_nodes: int = 5,
         n_starts: int = 4,
-        max_iter: int = 200,
+        max_iter: int = 500,
         tolerance: float = 1e-6,
         rng: np.random.Generator | None = None,
         progress: bool = False,
@@ -189,10 +189,11 @@ class CGOFMSModel(SwitchingModel):
         law : {"fmc1", "fmc2", "free"}
             Family of the law of the switch; "free" is any Markov chain on the nodes
             (with a hidden switch only).
-        form : {"regression", "covariance"}
-            Form of the Gaussian part.  "regression" assumes nothing stationary and is the
-            safer choice on real data; "covariance" is that of the paper, with fewer
-            parameters, for one state and one observation.
+        form : {"auto", "regression", "covariance"}
+            Form of the Gaussian part.  "regression" assumes nothing stationary;
+            "covariance" is that of the paper, with fewer parameters, for one state and one
+            observation.  "auto" learns in both, where both can be, and takes the one of
+            smaller BIC; a covariance form that positive definiteness bounds is not taken.
         n_nodes : int
             Nodes between 0 and 1 on which a hidden switch is learned; the cost of an
             iteration grows as (n_nodes + 2)^2.

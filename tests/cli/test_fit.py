@@ -46,7 +46,7 @@ def test_the_file_holds_the_model_that_the_library_learns(write, data, tmp_path)
     assert model_to_dict(load_model(out)) == model_to_dict(fit.model)
     printed = " ".join(result.output.split())
     assert "Learned load from temperature, on 240 rows of data.csv." in printed
-    assert "law fmc2; regression form, " in printed
+    assert f"law fmc2; {fit.model.form.kind} form, {fit.n_parameters} parameters" in printed
     assert f"log-likelihood {fit.log_likelihood:.2f}" in printed
     assert f"AIC {fit.aic:.1f}, BIC {fit.bic:.1f}, p_hard {fit.model.law.p_hard:.4g}" in printed
     assert f"Stopped after {len(fit.trace) - 1} iterations." in printed

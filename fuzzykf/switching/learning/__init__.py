@@ -2,18 +2,20 @@
 
 `fuzzykf.switching.learning.data` brings data to a common form; with a hidden switch,
 `em` alternates between the posterior of the nodes and the maximisation of `gaussians`
-and `chains`; `fit` chooses between starts and reports what the data cannot support.
+and `chains`; `fit` chooses between starts and reports what the data cannot support, `choice`
+chooses between the forms of the Gaussian part.
 """
 
 from __future__ import annotations
 
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import is_whole
+from fuzzykf.switching.learning.choice import bic, forms_to_try, learn_forms
 from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.fit import Fitted, Options, fit_fuzzy, fit_hard
 from fuzzykf.switching.learning.result import FitResult
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
 __all__ = ["FitResult", "fit_fuzzy_model", "fit_hard_model"]
 
+T = TypeVar("T")
+
 
 def fit_fuzzy_model(
     x: Any, y: Any, r: Any, *, law: str, n_nodes: int, progress: bool, **options: Any
@@ -40,12 +44,7 @@ def fit_fuzzy_model(
         raise ParameterError("law: got 'free', expected 'fmc1' or 'fmc2' (a free chain is learned without r)")
     n_nodes = _whole("n_nodes", n_nodes, 0)
     data = _prepared(x, y, r, options)
-    fitted = _with_progress(progress, options, lambda o: fit_fuzzy(data, law, n_nodes, o))
-
-    def refit(again: TrainingData, guess: FloatArray | None) -> Fitted:
-        return fit_fuzzy(again, law, n_nodes, Options(**options, guess=guess))
-
-    return _present(fitted, data, x, refit)
+    return _learn(lambda d, o: fit_fuzzy(d, law, n_nodes, o), data, x, progress, options)
 
 
 def fit_hard_model(
@@ -54,12 +53,28 @@ def fit_hard_model(
     """See `CGOMSModel.fit`."""
     n_switches = _whole("n_switches", n_switches, 1)
     data = _prepared(x, y, r, options)
-    fitted = _with_progress(progress, options, lambda o: fit_hard(data, n_switches, o))
+    return _learn(lambda d, o: fit_hard(d, n_switches, o), data, x, progress, options)
+
+
+def _learn(
+    fit: Callable[[TrainingData, Options], Fitted],
+    data: TrainingData,
+    x: Any,
+    progress: bool,
+    options: dict[str, Any],
+) -> FitResult[Any]:
+    forms = forms_to_try(options.pop("form"), data)
+
+    def learn(tick: Callable[[], None] | None) -> tuple[Fitted, dict[str, float]]:
+        return learn_forms(lambda form: fit(data, Options(form=form, tick=tick, **options)), forms, data)
+
+    fitted, values = _with_progress(progress, learn)
+    form = fitted.model.form.kind
 
     def refit(again: TrainingData, guess: FloatArray | None) -> Fitted:
-        return fit_hard(again, n_switches, Options(**options, guess=guess))
+        return fit(again, Options(form=form, guess=guess, **options))
 
-    return _present(fitted, data, x, refit)
+    return _present(fitted, values, data, x, refit)
 
 
 def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any]) -> TrainingData:
@@ -72,8 +87,8 @@ def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any]) -> TrainingData:
         raise ParameterError(f"rng: got {type(rng).__name__}, expected a numpy.random.Generator")
     if options["n_starts"] > 4 and rng is None:
         raise ParameterError("rng: missing; more than 4 starts are drawn at random and need a Generator")
-    if options["form"] not in ("regression", "covariance"):
-        raise ParameterError(f"form: got {options['form']!r}, expected 'regression' or 'covariance'")
+    if options["form"] not in ("auto", "regression", "covariance"):
+        raise ParameterError(f"form: got {options['form']!r}, expected 'auto', 'regression' or 'covariance'")
     return gather(x, y, r)
 
 
@@ -83,9 +98,9 @@ def _whole(name: str, value: Any, least: int) -> int:
     return int(value)
 
 
-def _with_progress(progress: bool, options: dict[str, Any], fit: Callable[[Options], Fitted]) -> Fitted:
+def _with_progress(progress: bool, learn: Callable[[Callable[[], None] | None], T]) -> T:
     if not progress:
-        return fit(Options(**options))
+        return learn(None)
     try:
         from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
     except ImportError as error:
@@ -102,11 +117,15 @@ def _with_progress(progress: bool, options: dict[str, Any], fit: Callable[[Optio
             count += 1
             bar.update(task, description=f"learning, {count} iterations")
 
-        return fit(Options(**options, tick=tick))
+        return learn(tick)
 
 
 def _present(
-    fitted: Fitted, data: TrainingData, x: Any, fit: Callable[[TrainingData, FloatArray | None], Fitted]
+    fitted: Fitted,
+    bic_of_forms: dict[str, float],
+    data: TrainingData,
+    x: Any,
+    fit: Callable[[TrainingData, FloatArray | None], Fitted],
 ) -> FitResult[Any]:
     switch: Any = np.full(data.n_rows, np.nan)
     switch[data.kept] = fitted.switch_mean
@@ -118,10 +137,12 @@ def _present(
     def refit(sample: Simulation) -> FitResult[Any]:
         """Learn from simulated data, what was known being known again."""
         if data.r is not None:
-            again = gather(sample.x, sample.y, sample.r)
-            return _present(fit(again, None), again, sample.x, fit)
-        again = gather(sample.x, sample.y)
-        return _present(fit(again, sample.r), again, sample.x, fit)
+            again, guess = gather(sample.x, sample.y, sample.r), None
+        else:
+            again, guess = gather(sample.x, sample.y), sample.r
+        found = fit(again, guess)
+        value = bic(found.n_parameters, len(again.z), found.log_likelihood)
+        return _present(found, {found.model.form.kind: value}, again, sample.x, fit)
 
     return FitResult(
         model=fitted.model,
@@ -132,5 +153,6 @@ def _present(
         converged=fitted.converged,
         warnings=tuple(fitted.warnings),
         switch_mean=switch,
+        bic_of_forms=bic_of_forms,
         refit=refit,
     )

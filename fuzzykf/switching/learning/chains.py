@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 __all__ = ["ChainFamily", "FMC1Chain", "FMC2Chain", "FreeChain", "family_of"]
 
 
+#: Where a search may go, in logits.
+_LOGIT = 15.0
+
+
 class ChainFamily(ABC):
     """A chain on nodes whose joint masses depend on a few free numbers.
 
@@ -66,6 +70,15 @@ class ChainFamily(ABC):
             Expected numbers of stretches that begin in each node.
         """
 
+    @property
+    @abstractmethod
+    def vector(self) -> FloatArray:
+        """All parameters, as one vector in which straight lines make sense."""
+
+    @abstractmethod
+    def at(self, vector: FloatArray) -> Self | None:
+        """Return the chain with these parameters, or None where there is none."""
+
     def variants(self) -> list[Self]:
         """Return chains that the maximisation cannot reach from this one, but may be better."""
         return []
@@ -100,11 +113,25 @@ class _LogitChain(ChainFamily):
             value = _objective(np.maximum(self._joint(logits), 1e-300), pairs, first)
             return -value * scale
 
-        bounds = [(-15.0, 15.0)] * self.logits.size
+        bounds = [(-_LOGIT, _LOGIT)] * self.logits.size
         found = minimize(loss, self.logits, method="L-BFGS-B", bounds=bounds, options={"maxiter": 25})
         if found.fun < loss(self.logits):
             self.logits = found.x
             self.joint = self._joint(found.x)
+
+    @property
+    def vector(self) -> FloatArray:
+        """The unconstrained parameters."""
+        return self.logits
+
+    def at(self, vector: FloatArray) -> Self | None:
+        """Return the chain with these parameters, or None beyond the bounds of the search."""
+        if (np.abs(vector) > _LOGIT).any():
+            return None
+        moved = copy(self)
+        moved.logits = vector
+        moved.joint = moved._joint(vector)
+        return moved
 
 
 class FMC1Chain(_LogitChain):
@@ -121,7 +148,7 @@ class FMC1Chain(_LogitChain):
         p = law.parameters
         shares = np.array([2 * p["alpha"], 2 * law.beta, 8 * p["eta"] / 3, 7 * p["delta"] / 3])
         shares = np.maximum(shares, 1e-4)
-        self.logits = np.clip(np.log(shares[1:] / shares[0]), -15.0, 15.0)
+        self.logits = np.clip(np.log(shares[1:] / shares[0]), -_LOGIT, _LOGIT)
         self.joint = self._joint(self.logits)
 
     def _joint(self, logits: FloatArray) -> FloatArray:
@@ -176,10 +203,9 @@ class FMC2Chain(_LogitChain):
         for low, high in pairwise(edges.tolist()):
             if not low < self._delta(self.logits) <= high:
                 width = low + high  # of the whole band, in the middle of the interval
-                other = copy(self)
-                other.logits = np.append(self.logits[:2], np.log(width / (1.0 - width)))
-                other.joint = other._joint(other.logits)
-                chains.append(other)
+                other = self.at(np.append(self.logits[:2], np.log(width / (1.0 - width))))
+                if other is not None:
+                    chains.append(other)
         return chains
 
     def law(self) -> FuzzyMarkovLaw:
@@ -216,6 +242,25 @@ class FreeChain(ChainFamily):
         self._rows = self._rows / self._rows.sum(axis=1, keepdims=True)
         self._first = first / first.sum()
         self.joint = pairs / pairs.sum()
+
+    @property
+    def vector(self) -> FloatArray:
+        """Square roots of the probabilities, which stay finite where one vanishes."""
+        roots: FloatArray = np.sqrt(np.append(self._rows.ravel(), self._first))
+        return roots
+
+    def at(self, vector: FloatArray) -> Self | None:
+        """Return the chain with these square roots, rows brought to the sum one."""
+        squares = vector * vector
+        M = self.nodes.size
+        rows, first = squares[: M * M].reshape(M, M), squares[M * M :]
+        if not (rows.sum(axis=1) > 0.0).all() or not first.sum() > 0.0:
+            return None
+        moved = copy(self)
+        moved._rows = rows / rows.sum(axis=1, keepdims=True)
+        moved._first = first / first.sum()
+        moved.joint = self.joint.sum(axis=1)[:, None] * moved._rows
+        return moved
 
     def law(self) -> FuzzyMarkovLaw:
         """Return the law that is constant on the cells of the nodes.

@@ -134,7 +134,7 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
     if first.size < MIN_TRANSITIONS:
         raise ParameterError(
             f"x, y: hold {first.size} steps in which x and y are both measured, expected at least "
-            f"{MIN_TRANSITIONS}"
+            f"{MIN_TRANSITIONS}; the parameters of the state are not identifiable from y alone"
         )
     m = xs[0].shape[1]
     mean, std = z.mean(axis=0), z.std(axis=0)

@@ -8,6 +8,7 @@ The likelihood is that of each stretch of data given its first (x, y).
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from fuzzykf.switching.learning.data import TrainingData
     from fuzzykf.switching.learning.gaussians import GaussianEstimate
 
-__all__ = ["Estimate", "Posterior", "cells_of", "expectation", "pair_shares", "run_em"]
+__all__ = ["Estimate", "Posterior", "cells_of", "expectation", "extrapolated", "pair_shares", "run_em"]
 
 
 @dataclass
@@ -34,6 +35,11 @@ class Estimate:
 
     chain: ChainFamily
     gaussian: GaussianEstimate
+
+    @property
+    def vector(self) -> FloatArray:
+        """All parameters, those of the chain first."""
+        return np.concatenate([self.chain.vector, self.gaussian.vector])
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,15 @@ class Posterior:
     moment: FloatArray
     first: FloatArray
     log_likelihood: float
+
+
+@dataclass(frozen=True)
+class Point:
+    """An estimate, what the data say of it, and the density that is raised."""
+
+    estimate: Estimate
+    posterior: Posterior
+    value: float
 
 
 def pair_shares(shares: FloatArray) -> FloatArray:
@@ -113,6 +128,7 @@ def run_em(
     *,
     max_iter: int,
     tolerance: float,
+    accelerate: bool = False,
     tick: Callable[[], None] | None = None,
 ) -> tuple[Estimate, Posterior, list[float], bool]:
     """Alternate expectation and maximisation until the posterior density stands still.
@@ -127,6 +143,9 @@ def run_em(
     max_iter : int
     tolerance : float
         Gain per observation at which to stop.
+    accelerate : bool
+        After every two steps, go on along the curve through the last three estimates (see
+        `extrapolated`), if the density rises.  Each such step counts as an iteration.
     tick : callable, optional
         Called after each iteration.
 
@@ -137,18 +156,75 @@ def run_em(
         decreases.
     """
     v = transition_vectors(data)
+    little = tolerance * len(v)
+
+    def judged(found: Estimate) -> Point:
+        posterior = expectation(found, shares, data, v)
+        return Point(found, posterior, posterior.log_likelihood + found.gaussian.log_prior)
+
+    path = [judged(estimate)]
+    trace = [path[0].value]
+    longest = 4.0
     converged = False
-    posterior = expectation(estimate, shares, data, v)
-    trace = [posterior.log_likelihood + estimate.gaussian.log_prior]
-    for _ in range(max_iter):
-        gaussian = estimate.gaussian.maximise(cells_of(posterior, shares))
-        estimate.chain.maximise(posterior.pairs, posterior.first)
-        estimate = Estimate(estimate.chain, gaussian)
-        posterior = expectation(estimate, shares, data, v)
-        trace.append(posterior.log_likelihood + estimate.gaussian.log_prior)
+    while len(trace) <= max_iter and not converged:
+        now = path[-1]
+        chain = copy(now.estimate.chain)
+        chain.maximise(now.posterior.pairs, now.posterior.first)
+        gaussian = now.estimate.gaussian.maximise(cells_of(now.posterior, shares))
+        path.append(judged(Estimate(chain, gaussian)))
+        trace.append(path[-1].value)
+        converged = trace[-1] - trace[-2] < little
         if tick is not None:
             tick()
-        if trace[-1] - trace[-2] < tolerance * len(v):
-            converged = True
-            break
-    return estimate, posterior, trace, converged
+        if accelerate and len(path) == 3 and len(trace) <= max_iter:
+            farther, length = extrapolated(path[0].estimate, path[1].estimate, path[2].estimate, longest)
+            path = path[2:]
+            if farther is not None:
+                trial = judged(farther)
+                if trial.value >= trace[-1]:
+                    converged = converged and trial.value - trace[-1] < little
+                    path = [trial]
+                    trace.append(trial.value)
+                    longest = max(longest, 4.0 * length)
+                else:
+                    longest = max(0.5 * length, 2.0)
+    return path[-1].estimate, path[-1].posterior, trace, converged
+
+
+def extrapolated(
+    first: Estimate, second: Estimate, third: Estimate, longest: float
+) -> tuple[Estimate | None, float]:
+    """Go on along the parabola through three estimates that followed one another.
+
+    Expectation-maximisation creeps where much is hidden: its steps shrink by a constant
+    factor.  With r the first step, v the difference of the two steps and a = |r| / |v|, the
+    point theta + 2 a r + a^2 v is where such steps would end.
+
+    Parameters
+    ----------
+    first, second, third : Estimate
+    longest : float
+        Largest a; 1 is the third estimate itself.
+
+    Returns
+    -------
+    Estimate or None
+        None where the steps do not shrink, or there is no model.
+    float
+        The a that was used.
+
+    References
+    ----------
+    R. Varadhan, C. Roland, "Simple and globally convergent methods for accelerating the
+    convergence of any EM algorithm", Scandinavian Journal of Statistics 35 (2008), scheme S3.
+    """
+    r = second.vector - first.vector
+    v = third.vector - second.vector - r
+    size = float(np.linalg.norm(v))
+    a = min(float(np.linalg.norm(r)) / size, longest) if size > 0.0 else 1.0
+    if not a > 1.0:
+        return None, a
+    vector = first.vector + 2.0 * a * r + a * a * v
+    k = first.chain.vector.size
+    chain, gaussian = third.chain.at(vector[:k]), third.gaussian.at(vector[k:])
+    return (None if chain is None or gaussian is None else Estimate(chain, gaussian)), a

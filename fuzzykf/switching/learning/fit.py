@@ -9,7 +9,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.chain import stationary_distribution
-from fuzzykf.switching.fuzzy_model import N_PROOF, CGOFMSModel
+from fuzzykf.switching.fuzzy_model import CGOFMSModel
 from fuzzykf.switching.hard_model import CGOMSModel
 from fuzzykf.switching.learning.chains import ChainFamily, FreeChain, family_of
 from fuzzykf.switching.learning.em import Estimate, Posterior, pair_shares, run_em
@@ -22,7 +22,16 @@ from fuzzykf.switching.learning.gaussians import (
 )
 from fuzzykf.switching.learning.law import count_transitions, fit_law
 from fuzzykf.switching.learning.likelihood import log_likelihood
-from fuzzykf.switching.learning.regression import Cells
+from fuzzykf.switching.learning.notes import (
+    active_constraint,
+    hidden_scarcity,
+    instability,
+    known_scarcity,
+    proof_values,
+    too_gradual,
+    unfinished,
+)
+from fuzzykf.switching.learning.regression import Cells, merged
 from fuzzykf.switching.learning.starts import classes, guesses, soften, spread
 from fuzzykf.switching.learning.vine import VineEstimate
 
@@ -31,12 +40,8 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import FloatArray
     from fuzzykf.switching.learning.data import TrainingData
-    from fuzzykf.switching.tables import SwitchingSystem
 
 __all__ = ["Fitted", "Options", "fit_fuzzy", "fit_hard"]
-
-#: A regime, or a pair, with less than this many observations is reported.
-SCARCE = 5.0
 
 #: Iterations that every start gets before the best ones go on.
 TRIAL = 12
@@ -44,8 +49,12 @@ TRIAL = 12
 #: How many starts go on to convergence.
 FINALISTS = 2
 
-#: Where the noise of the state has less than this share of that elsewhere, it is reported.
-VANISHING = 1e-3
+#: Below this tolerance steps are extrapolated; a search that is to stop early does not creep long.
+CREEP = 1e-5
+
+#: In the covariance form, whose start is slow, a guess of a fuzzy switch has so many steps from 0 to 1, so
+#: that equal pairs of values go together.
+GUESS_STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -66,9 +75,9 @@ class Options:
         The switch along the data from which alone to begin, where it is hidden.
     """
 
-    form: str = "regression"
+    form: str
     n_starts: int = 4
-    max_iter: int = 200
+    max_iter: int = 500
     tolerance: float = 1e-6
     rng: np.random.Generator | None = None
     tick: Callable[[], None] | None = None
@@ -86,6 +95,7 @@ class Fitted:
     converged: bool
     warnings: list[str]
     switch_mean: FloatArray  # at the rows of the data
+    bounded: bool = False  # whether positive definiteness bounds the parameters
 
 
 def _estimator(form: str, data: TrainingData) -> type[GaussianEstimate]:
@@ -99,16 +109,9 @@ def _estimator(form: str, data: TrainingData) -> type[GaussianEstimate]:
     return VineEstimate
 
 
-def _proof_values(K: int, *, fuzzy: bool) -> FloatArray:
-    """Return the values of the switch at pairs of which a model has to be valid."""
-    if not fuzzy:
-        return np.arange(K, dtype=np.float64)
-    return np.concatenate([[0.0], (np.arange(N_PROOF) + 0.5) / N_PROOF, [1.0]])
-
-
 def _proof(K: int, *, fuzzy: bool) -> FloatArray:
     """Return the shares of the regimes in those pairs."""
-    r = _proof_values(K, fuzzy=fuzzy)
+    r = proof_values(K, fuzzy=fuzzy)
     return pair_shares(np.stack([1.0 - r, r], axis=1) if fuzzy else np.eye(K))
 
 
@@ -118,8 +121,8 @@ def _from_shares(
     """Estimate a Gaussian part from shares (N, K) of the regimes in each row of the data."""
     v = transition_vectors(data)
     w = np.concatenate([np.ones((len(data.z), 1)), data.z], axis=1)
-    single = Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :])
-    pairs = pair_cells(shares[data.before], shares[data.after], v)
+    single = merged(Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :]))
+    pairs = merged(pair_cells(shares[data.before], shares[data.after], v))
     proof = _proof(shares.shape[1], fuzzy=fuzzy)
     return kind.start(pairs, single, data.dim_x, data.z.shape[1] - data.dim_x, proof)
 
@@ -139,7 +142,8 @@ def fit_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Options) -> F
     w = np.concatenate([np.ones((len(data.z), 1)), data.z], axis=1)
     single = Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :])
     model = CGOFMSModel._from_form(fitted, estimate.form(single, data.scale))
-    notes = _known_scarcity(shares, data) + _active_constraint(estimate, 2)
+    bounds = active_constraint(estimate, 2)
+    notes = known_scarcity(shares, data) + bounds
     hard = float(np.isin(data.r, (0.0, 1.0)).mean())
     if law == "fmc1" and hard < 0.375:
         notes.append(
@@ -147,8 +151,8 @@ def fit_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Options) -> F
         )
     system = model.on_nodes(n_nodes)
     value = log_likelihood(system, data)
-    notes += _instability(system)
-    return Fitted(model, value, estimate.n_parameters + 3, [value], True, notes, data.r)
+    notes += instability(system)
+    return Fitted(model, value, estimate.n_parameters + 3, [value], True, notes, data.r, bool(bounds))
 
 
 def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
@@ -161,7 +165,7 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         )
     shares = np.eye(K)[data.r.astype(int)]
     counts = count_transitions(data.r[data.before], data.r[data.after], K)
-    notes = _known_scarcity(shares, data)
+    notes = known_scarcity(shares, data)
     left = counts.sum(axis=1)
     for k in np.flatnonzero(left == 0.0):
         notes.append(
@@ -173,8 +177,10 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     single = single_cells(shares, np.eye(K), data.z)
     model = CGOMSModel._from_form(transition, estimate.form(single, data.scale), visits / visits.sum())
     value = log_likelihood(model.on_nodes(), data)
-    notes += _active_constraint(estimate, K) + _instability(model.on_nodes())
-    return Fitted(model, value, estimate.n_parameters + K * (K - 1), [value], True, notes, data.r)
+    bounds = active_constraint(estimate, K)
+    notes += bounds + instability(model.on_nodes())
+    n_parameters = estimate.n_parameters + K * (K - 1)
+    return Fitted(model, value, n_parameters, [value], True, notes, data.r, bool(bounds))
 
 
 # --------------------------------------------------------------------------- the switch is hidden
@@ -193,7 +199,8 @@ def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Optio
         _, posterior, *_ = _best(_hard_starts(kind, data, 2, options), np.eye(2), data, options, final=False)
         guessed.append(posterior.gamma[:, 1])
     starts = []
-    for r in guessed:
+    for guess in guessed:
+        r = np.round(guess * GUESS_STEPS) / GUESS_STEPS if options.form == "covariance" else guess
         gaussian = _from_shares(kind, np.stack([1.0 - r, r], axis=1), data, fuzzy=True)
         starts.append(Estimate(family_of(law, n_nodes, None), gaussian))
     estimate, posterior, trace, converged = _best(starts, shares, data, options, final=True)
@@ -201,13 +208,11 @@ def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Optio
     form = estimate.gaussian.form(single, data.scale)
     model = CGOFMSModel._from_form(estimate.chain.law(), form)
     system = model.on_nodes(n_nodes)
-    notes = _hidden_scarcity(posterior, shares) + _active_constraint(estimate.gaussian, 2)
-    notes += _instability(system) + _unfinished(converged, options)
-    if law == "fmc1" and model.law.p_hard < 0.375 + 0.02:
-        notes.append(
-            f"p_hard is {model.law.p_hard:.3g}, at the bound 3/8 of FMC1: the switch seems to be more "
-            "gradual than FMC1 can be; consider 'fmc2' or 'free'"
-        )
+    bounds = active_constraint(estimate.gaussian, 2)
+    notes = hidden_scarcity(posterior, shares) + bounds + instability(system)
+    notes += unfinished(converged, options.max_iter)
+    if law == "fmc1":
+        notes += too_gradual(estimate, shares, data)
     return Fitted(
         model,
         log_likelihood(system, data),
@@ -216,6 +221,7 @@ def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Optio
         converged,
         notes,
         posterior.gamma @ base.nodes,
+        bool(bounds),
     )
 
 
@@ -247,8 +253,9 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     except ParameterError:  # a regime that is never left: how often it was seen is all there is to say
         initial = posterior.gamma.mean(axis=0) / posterior.gamma.mean(axis=0).sum()
     model = CGOMSModel._from_form(transition, form, initial)
-    notes = _hidden_scarcity(posterior, shares) + _active_constraint(estimate.gaussian, K)
-    notes += _instability(model.on_nodes()) + _unfinished(converged, options)
+    bounds = active_constraint(estimate.gaussian, K)
+    notes = hidden_scarcity(posterior, shares) + bounds + instability(model.on_nodes())
+    notes += unfinished(converged, options.max_iter)
     return Fitted(
         model,
         log_likelihood(model.on_nodes(), data),
@@ -257,6 +264,7 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         converged,
         notes,
         posterior.gamma @ estimate.chain.nodes,
+        bool(bounds),
     )
 
 
@@ -265,8 +273,18 @@ def _best(
 ) -> tuple[Estimate, Posterior, list[float], bool]:
     """Give every start a few iterations, and the best ones all they need."""
 
-    def run(start: Estimate, max_iter: int) -> tuple[Estimate, Posterior, list[float], bool]:
-        return run_em(start, shares, data, max_iter=max_iter, tolerance=options.tolerance, tick=options.tick)
+    def run(
+        start: Estimate, max_iter: int, *, accelerate: bool = False
+    ) -> tuple[Estimate, Posterior, list[float], bool]:
+        return run_em(
+            start,
+            shares,
+            data,
+            max_iter=max_iter,
+            tolerance=options.tolerance,
+            accelerate=accelerate,
+            tick=options.tick,
+        )
 
     trial = min(TRIAL, options.max_iter)
     trials = [run(start, trial) for start in starts]
@@ -278,81 +296,8 @@ def _best(
     finished = []
     for estimate, posterior, trace, converged in trials[:FINALISTS]:
         if not converged and options.max_iter > trial:
-            estimate, posterior, more, converged = run(estimate, options.max_iter - trial)
+            far = options.tolerance < CREEP
+            estimate, posterior, more, converged = run(estimate, options.max_iter - trial, accelerate=far)
             trace = trace + more[1:]
         finished.append((estimate, posterior, trace, converged))
     return max(finished, key=lambda t: t[2][-1])
-
-
-# --------------------------------------------------------------------------- warnings
-
-
-def _scarcity(visits: FloatArray, pairs: FloatArray) -> list[str]:
-    """Say which regimes and pairs of regimes the data hardly visit.
-
-    Parameters
-    ----------
-    visits, pairs : ndarray, shapes (K,) and (K, K)
-        Total shares of the regimes in the data, and of pairs of regimes in the steps.
-    """
-    found = []
-    K = len(visits)
-    for k in range(K):
-        if visits[k] < SCARCE:
-            found.append(f"the regime {k} is hardly visited (a total share of {visits[k]:.3g} observations)")
-    for i in range(K):
-        for j in range(K):
-            if min(visits[i], visits[j]) >= SCARCE and pairs[i, j] < SCARCE:
-                found.append(
-                    f"the pair of regimes ({i}, {j}) hardly occurs (a total share of {pairs[i, j]:.3g} "
-                    "steps); its parameters follow the others"
-                )
-    return found
-
-
-def _known_scarcity(shares: FloatArray, data: TrainingData) -> list[str]:
-    return _scarcity(shares.sum(axis=0), shares[data.before].T @ shares[data.after])
-
-
-def _hidden_scarcity(posterior: Posterior, shares: FloatArray) -> list[str]:
-    return _scarcity(posterior.gamma.sum(axis=0) @ shares, shares.T @ posterior.pairs @ shares)
-
-
-def _active_constraint(estimate: GaussianEstimate, K: int) -> list[str]:
-    """Say where the noise of the covariance form is about to vanish."""
-    if not isinstance(estimate, VineEstimate):
-        return []
-    share = estimate.noise_share(estimate.proof)
-    if share.min() >= VANISHING * share.max():
-        return []
-    first, second = np.unravel_index(int(np.argmin(share)), (round(len(share) ** 0.5),) * 2)
-    values = _proof_values(K, fuzzy=len(share) > K * K)
-    return [
-        f"the constraint is active: at the values ({values[first]:.3g}, {values[second]:.3g}) of the switch "
-        f"the noise of the state has {share.min() / share.max():.3g} of its variance elsewhere, and positive "
-        "definiteness bounds the parameters; consider form='regression', which has no such bound"
-    ]
-
-
-def stability_radius(system: SwitchingSystem) -> float:
-    """Spectral radius of the transition-weighted Axx: the error of the state filter grows from 1 on."""
-    Axx, P = system.pair_tables(0).pairs.Axx, system.chain.transition
-    M, m = len(P), Axx.shape[-1]
-    twice = np.einsum("ij,ijkl,ijrs->jkrils", P, Axx, Axx).reshape(M * m * m, M * m * m)
-    return float(np.abs(np.linalg.eigvals(twice)).max())
-
-
-def _instability(system: SwitchingSystem) -> list[str]:
-    radius = stability_radius(system)
-    if radius < 1.0:
-        return []
-    return [
-        f"the state filter is unstable: its error variance grows by the factor {radius:.4g} a step, since "
-        "the model has no feedback from observations to the state"
-    ]
-
-
-def _unfinished(converged: bool, options: Options) -> list[str]:
-    if converged:
-        return []
-    return [f"not converged after {options.max_iter} iterations; raise max_iter or tolerance"]

@@ -108,6 +108,15 @@ class GaussianEstimate(ABC):
     def maximise(self, cells: Cells) -> Self:
         """Return an estimate of larger expected likelihood, prior included, given the moments of pairs."""
 
+    @property
+    @abstractmethod
+    def vector(self) -> FloatArray:
+        """All parameters, as one vector in which straight lines make sense."""
+
+    @abstractmethod
+    def at(self, vector: FloatArray) -> Self | None:
+        """Return the estimate with these parameters, or None where there is no model."""
+
     @abstractmethod
     def form(self, single: Cells, scale: Scale) -> GaussianForm:
         """Return the form in the units of the data; ``single`` holds the moments of regimes."""
@@ -137,6 +146,18 @@ class RegressionEstimate(GaussianEstimate):
         before = (self.observation, self.state)
         both = _two_regressions(join(cells, self.prior), self.dim_x, self.dim_z, before, 3)
         return type(self)(*both, self.prior)
+
+    @property
+    def vector(self) -> FloatArray:
+        """Coefficients, factors and log-variances of both regressions."""
+        return np.concatenate([part.ravel() for part in (*self.observation, *self.state)])
+
+    def at(self, vector: FloatArray) -> Self:
+        """Return the estimate with these parameters; any are valid."""
+        parts = (*self.observation, *self.state)
+        pieces = np.split(vector, np.cumsum([part.size for part in parts])[:-1])
+        new = [piece.reshape(part.shape) for piece, part in zip(pieces, parts, strict=True)]
+        return type(self)(Regression(*new[:3]), Regression(*new[3:]), self.prior)
 
     def rows(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whiten the residuals of both regressions."""

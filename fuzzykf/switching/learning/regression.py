@@ -28,7 +28,7 @@ from fuzzykf.switching.interpolation import compose, decompose
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray
 
-__all__ = ["Cells", "Regression", "fit_regression", "join", "prior_cells"]
+__all__ = ["Cells", "Regression", "fit_regression", "join", "merged", "prior_cells"]
 
 #: Weight of the prior of each regime, or pair of regimes, in average observations.  It decides
 #: only where the data say next to nothing.
@@ -55,6 +55,20 @@ def prior_cells(cells: Cells) -> Cells:
 def join(first: Cells, second: Cells) -> Cells:
     """Put two collections of cells together."""
     return Cells(*(np.concatenate(both) for both in zip(first, second, strict=True)))
+
+
+def merged(cells: Cells) -> Cells:
+    """Take cells of equal shares together, which changes no likelihood."""
+    shares, which = np.unique(cells.shares, axis=0, return_inverse=True)
+    if len(shares) == len(cells.shares):
+        return cells
+    which = which.reshape(-1)
+    weight = np.bincount(which, cells.weight, minlength=len(shares)).astype(np.float64)
+    f = cells.moment.shape[-1]
+    total = np.zeros((len(shares), f * f))
+    np.add.at(total, which, (cells.weight[:, None, None] * cells.moment).reshape(-1, f * f))
+    mean = total / np.where(weight > 0.0, weight, 1.0)[:, None]
+    return Cells(shares, weight, mean.reshape(-1, f, f))
 
 
 class Regression(NamedTuple):

@@ -9,6 +9,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import is_whole
+from fuzzykf.switching.learning.choice import bic
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,16 +45,20 @@ class FitResult(Generic[M]):
     switch_mean : ndarray or pandas Series, shape (n,)
         Posterior mean of the switch along the training data (the switch itself, if it was
         given); NaN where x or y is missing.  Several series follow one another.
+    bic_of_forms : dict
+        BIC of each form of the Gaussian part that was learned; with ``form="auto"`` the
+        model has the one of the least.
     """
 
     model: M
     log_likelihood: float
     n_parameters: int
     n_observations: int
-    trace: FloatArray
+    trace: FloatArray = field(repr=False)
     converged: bool
     warnings: tuple[str, ...] = ()
-    switch_mean: Any = None
+    switch_mean: Any = field(default=None, repr=False)
+    bic_of_forms: dict[str, float] = field(default_factory=dict)
     refit: Callable[[Simulation], FitResult[M]] | None = field(default=None, repr=False)
 
     @property
@@ -64,7 +69,7 @@ class FitResult(Generic[M]):
     @property
     def bic(self) -> float:
         """Schwarz's information criterion, k log n - 2 log L; smaller is better."""
-        return float(np.log(self.n_observations)) * self.n_parameters - 2.0 * self.log_likelihood
+        return bic(self.n_parameters, self.n_observations, self.log_likelihood)
 
     def bootstrap(self, n_replicates: int, rng: np.random.Generator) -> list[FitResult[M]]:
         """Simulate from the model and learn again, to see how well parameters are known.

@@ -35,13 +35,17 @@ class VineEstimate(GaussianEstimate):
     is the constraint of the model, and every covariance is positive definite.
 
     Between regimes covariances are interpolated, and the noise need not stay positive
-    definite.  Estimates at which it does not, at one of the pairs ``proof``, are not taken.
+    definite.  Estimates at which it does not, at one of the pairs ``proof``, are not taken;
+    ``bounded`` says that this stopped the latest maximisation.
     """
 
     dim_x = dim_z = 1
 
-    def __init__(self, theta: FloatArray, n_classes: int, prior: Cells, proof: FloatArray) -> None:
+    def __init__(
+        self, theta: FloatArray, n_classes: int, prior: Cells, proof: FloatArray, *, bounded: bool = False
+    ) -> None:
         self.theta, self.n_classes, self.prior, self.proof = theta, n_classes, prior, proof
+        self.bounded = bounded
 
     @classmethod
     def start(cls, cells: Cells, single: Cells, m: int, q: int, proof: FloatArray) -> Self:
@@ -55,8 +59,8 @@ class VineEstimate(GaussianEstimate):
         shared = [np.tile(part, n) for part, n in zip(_parts(_from_moments(*whole), 1), counts, strict=True)]
         return alone._towards(np.concatenate(shared)).maximise(cells, _FIRST)
 
-    def _with(self, theta: FloatArray) -> Self:
-        return type(self)(theta, self.n_classes, self.prior, self.proof)
+    def _with(self, theta: FloatArray, *, bounded: bool = False) -> Self:
+        return type(self)(theta, self.n_classes, self.prior, self.proof, bounded=bounded)
 
     def _towards(self, theta: FloatArray) -> Self:
         """Move towards a valid estimate until this one is valid, by halving the distance."""
@@ -110,21 +114,56 @@ class VineEstimate(GaussianEstimate):
             W /= np.stack([sd_y, sd_x], axis=1)[..., None]
             return W, -np.log(2.0 * np.pi) - np.log(sd_y) - np.log(sd_x)
 
+    @property
+    def vector(self) -> FloatArray:
+        """The free numbers."""
+        return self.theta
+
+    def at(self, vector: FloatArray) -> Self | None:
+        """Return the estimate with these free numbers, or None if the noise is not positive definite."""
+        K = self.n_classes
+        if (np.abs(vector[2 * K : 4 * K]) > _LOG_STD).any() or (np.abs(vector[4 * K :]) > _FISHER).any():
+            return None
+        moved = self._with(vector, bounded=self.bounded)
+        return moved if moved.is_valid else None
+
     def maximise(self, cells: Cells, max_iter: int = _EACH) -> Self:
-        """Take quasi-Newton steps up the expected likelihood."""
+        """Take quasi-Newton steps up the expected likelihood.
+
+        Where they lead out of the models, they are taken again with a wall: each pair of the
+        proof has seen as little as each pair of regimes, which keeps the noise there positive.
+        """
+        every = join(Cells(*(part[cells.weight > 1e-12] for part in cells)), self.prior)
+        now = self.loss(self.theta, every)[0]
+        free = self._with(self._searched(every, max_iter))
+        if free.is_valid:
+            return free if self.loss(free.theta, every)[0] < now else self._with(self.theta)
+        n = len(self.proof)
+        moment = np.repeat(self.prior.moment[:1], n, axis=0)
+        wall = Cells(self.proof, np.full(n, self.prior.weight[0]), moment)
+        walled = self._with(self._searched(join(every, wall), max_iter))
+        candidates = [free._towards(self.theta), walled._towards(self.theta)]
+        best = min(candidates, key=lambda c: self.loss(c.theta, every)[0])
+        theta = best.theta if self.loss(best.theta, every)[0] < now else self.theta
+        return self._with(theta, bounded=True)
+
+    def _searched(self, cells: Cells, max_iter: int) -> FloatArray:
         from scipy.optimize import minimize
 
-        used = Cells(*(part[cells.weight > 1e-12] for part in cells))
-        every = join(used, self.prior)
         K = self.n_classes
         bounds = [(None, None)] * (2 * K) + [(-_LOG_STD, _LOG_STD)] * (2 * K)
         bounds += [(-_FISHER, _FISHER)] * (self.theta.size - 4 * K)
-        options = {"maxiter": max_iter}
         found = minimize(
-            self.loss, self.theta, (every,), jac=True, method="L-BFGS-B", bounds=bounds, options=options
+            self.loss,
+            self.theta,
+            (cells,),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds,
+            options={"maxiter": max_iter},
         )
-        new = self._with(found.x)._towards(self.theta)
-        return new if self.loss(new.theta, every)[0] < self.loss(self.theta, every)[0] else self
+        theta: FloatArray = found.x
+        return theta
 
     def loss(self, theta: FloatArray, cells: Cells) -> tuple[float, FloatArray]:
         """Minus the mean log-likelihood of cells, and its gradient.

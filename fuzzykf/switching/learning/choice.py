@@ -1,0 +1,72 @@
+"""Which form of the Gaussian part: the one that describes the data with fewer parameters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.errors import FuzzykfError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fuzzykf.switching.learning.data import TrainingData
+    from fuzzykf.switching.learning.fit import Fitted
+
+__all__ = ["bic", "forms_to_try", "learn_forms"]
+
+
+def forms_to_try(form: str, data: TrainingData) -> tuple[str, ...]:
+    """Return the forms that a name stands for; "auto" is both, where both can be learned."""
+    if form != "auto":
+        return (form,)
+    return ("regression", "covariance") if data.z.shape[1] == 2 else ("regression",)
+
+
+def bic(n_parameters: int, n_observations: int, log_likelihood: float) -> float:
+    """Schwarz's information criterion, k log n - 2 log L; smaller is better."""
+    return float(np.log(n_observations)) * n_parameters - 2.0 * log_likelihood
+
+
+def learn_forms(
+    learn: Callable[[str], Fitted], forms: tuple[str, ...], data: TrainingData
+) -> tuple[Fitted, dict[str, float]]:
+    """Learn in each form, and take the one of least BIC.
+
+    Neither form contains the other: they interpolate other quantities between the regimes,
+    so this is a choice between models that are not nested.  A form whose parameters were
+    stopped by the bound of positive definiteness is taken only if there is no other, since
+    BIC holds for a maximum inside the parameter space.
+
+    Parameters
+    ----------
+    learn : callable
+        From the name of a form to what was found.
+    forms : tuple of str
+    data : TrainingData
+
+    Returns
+    -------
+    Fitted
+        The chosen one.
+    dict
+        BIC of each form that was learned.
+
+    Raises
+    ------
+    FuzzykfError, LinAlgError
+        If no form could be learned: what the first one said.
+    """
+    found: dict[str, Fitted] = {}
+    refused: list[Exception] = []
+    for form in forms:
+        try:
+            found[form] = learn(form)
+        except (FuzzykfError, np.linalg.LinAlgError) as error:
+            refused.append(error)
+    if not found:
+        raise refused[0]
+    values = {form: bic(f.n_parameters, len(data.z), f.log_likelihood) for form, f in found.items()}
+    best = min(found, key=lambda form: (found[form].bounded, values[form]))
+    return found[best], values

@@ -1,0 +1,168 @@
+"""What the data cannot support, in sentences."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.switching.fuzzy_model import N_PROOF
+from fuzzykf.switching.learning.chains import FreeChain
+from fuzzykf.switching.learning.em import Estimate, Posterior, run_em
+from fuzzykf.switching.learning.vine import VineEstimate
+
+if TYPE_CHECKING:
+    from fuzzykf.base import FloatArray
+    from fuzzykf.switching.learning.data import TrainingData
+    from fuzzykf.switching.learning.gaussians import GaussianEstimate
+    from fuzzykf.switching.tables import SwitchingSystem
+
+__all__ = [
+    "active_constraint",
+    "hidden_scarcity",
+    "instability",
+    "known_scarcity",
+    "proof_values",
+    "stability_radius",
+    "too_gradual",
+    "unfinished",
+]
+
+#: A regime, or a pair, with less than this many observations is reported.
+SCARCE = 5.0
+
+#: Where the noise of the state has less than this share of that elsewhere, it is reported.
+VANISHING = 1e-3
+
+#: Least share of hard values under FMC1.
+LEAST_HARD = 0.375
+
+#: Where FMC1 is learned to be hard in less than this share of the data, a chain without a law is tried.
+SUSPECT = 0.6
+
+#: Iterations of this trial.
+PROBE = 60
+
+#: Probability that FMC1 is suspected though it is true.
+LEVEL = 0.01
+
+
+def proof_values(K: int, *, fuzzy: bool) -> FloatArray:
+    """Return the values of the switch at pairs of which a model has to be valid."""
+    if not fuzzy:
+        return np.arange(K, dtype=np.float64)
+    return np.concatenate([[0.0], (np.arange(N_PROOF) + 0.5) / N_PROOF, [1.0]])
+
+
+def _scarcity(visits: FloatArray, pairs: FloatArray) -> list[str]:
+    """Say which regimes and pairs of regimes the data hardly visit.
+
+    Parameters
+    ----------
+    visits, pairs : ndarray, shapes (K,) and (K, K)
+        Total shares of the regimes in the data, and of pairs of regimes in the steps.
+    """
+    found = []
+    K = len(visits)
+    for k in range(K):
+        if visits[k] < SCARCE:
+            found.append(f"the regime {k} is hardly visited (a total share of {visits[k]:.3g} observations)")
+    for i in range(K):
+        for j in range(K):
+            if min(visits[i], visits[j]) >= SCARCE and pairs[i, j] < SCARCE:
+                found.append(
+                    f"the pair of regimes ({i}, {j}) hardly occurs (a total share of {pairs[i, j]:.3g} "
+                    "steps); its parameters follow the others"
+                )
+    return found
+
+
+def known_scarcity(shares: FloatArray, data: TrainingData) -> list[str]:
+    """Say what the data hardly visit, the shares of the regimes being known."""
+    return _scarcity(shares.sum(axis=0), shares[data.before].T @ shares[data.after])
+
+
+def hidden_scarcity(posterior: Posterior, shares: FloatArray) -> list[str]:
+    """Say what the data hardly visit, as far as the posterior knows."""
+    return _scarcity(posterior.gamma.sum(axis=0) @ shares, shares.T @ posterior.pairs @ shares)
+
+
+def active_constraint(estimate: GaussianEstimate, K: int) -> list[str]:
+    """Say where positive definiteness stopped the covariance form, or its noise is about to vanish."""
+    if not isinstance(estimate, VineEstimate):
+        return []
+    share = estimate.noise_share(estimate.proof)
+    if not estimate.bounded and share.min() >= VANISHING * share.max():
+        return []
+    first, second = np.unravel_index(int(np.argmin(share)), (round(len(share) ** 0.5),) * 2)
+    values = proof_values(K, fuzzy=len(share) > K * K)
+    return [
+        "the constraint is active: positive definiteness bounds the parameters; at the values "
+        f"({values[first]:.3g}, {values[second]:.3g}) of the switch the noise of the state has "
+        f"{share.min() / share.max():.2g} of its variance elsewhere; consider form='regression', which has "
+        "no such bound"
+    ]
+
+
+def stability_radius(system: SwitchingSystem) -> float:
+    """Spectral radius of the transition-weighted Axx: the error of the state filter grows from 1 on."""
+    Axx, P = system.pair_tables(0).pairs.Axx, system.chain.transition
+    M, m = len(P), Axx.shape[-1]
+    twice = np.einsum("ij,ijkl,ijrs->jkrils", P, Axx, Axx).reshape(M * m * m, M * m * m)
+    return float(np.abs(np.linalg.eigvals(twice)).max())
+
+
+def instability(system: SwitchingSystem) -> list[str]:
+    """Say whether the error of the state filter grows."""
+    radius = stability_radius(system)
+    if radius < 1.0:
+        return []
+    return [
+        f"the state filter is unstable: its error variance grows by the factor {radius:.4g} a step, since "
+        "the model has no feedback from observations to the state"
+    ]
+
+
+def unfinished(converged: bool, max_iter: int) -> list[str]:
+    """Say that the search was cut short."""
+    if converged:
+        return []
+    return [f"not converged after {max_iter} iterations; raise max_iter or tolerance"]
+
+
+def too_gradual(estimate: Estimate, shares: FloatArray, data: TrainingData) -> list[str]:
+    """Say whether a hidden switch is less often hard than FMC1 allows.
+
+    It is, if FMC1 itself was learned at its bound.  Short of that the Gaussian part can make
+    up for a wrong law; so, where FMC1 is hard in less than `SUSPECT` of the data, learning goes
+    on a little with any chain in its place.  That chain is believed if the likelihood rises
+    by more than chance explains (a likelihood-ratio test).
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What was learned with FMC1.
+    shares : ndarray, shape (M, 2)
+    data : TrainingData
+    """
+    from scipy.special import gammainccinv
+
+    law, nodes = estimate.chain.law(), estimate.chain.nodes
+    if law.p_hard < LEAST_HARD + 0.02:
+        return [
+            f"p_hard is {law.p_hard:.3g}, at the bound 3/8 of FMC1: the switch seems to be more gradual than "
+            "FMC1 can be; consider 'fmc2' or 'free'"
+        ]
+    if law.p_hard >= SUSPECT:
+        return []
+    start = Estimate(FreeChain(nodes, estimate.chain.joint), estimate.gaussian)
+    found, posterior, trace, _ = run_em(start, shares, data, max_iter=PROBE, tolerance=1e-5, accelerate=True)
+    hard = float(posterior.gamma[:, [0, -1]].sum() / posterior.gamma.sum())
+    more = found.chain.n_parameters - estimate.chain.n_parameters
+    chance = 2.0 * float(gammainccinv(0.5 * more, LEVEL))  # of a chi-squared variable
+    if hard >= LEAST_HARD or 2.0 * (trace[-1] - trace[0]) <= chance:
+        return []
+    return [
+        f"the switch seems to be hard in {hard:.2g} of the data, but FMC1 cannot go below 3/8: a chain "
+        "without a law describes them better than chance explains; consider 'fmc2' or 'free'"
+    ]
