@@ -217,6 +217,15 @@ def log_normal(y: FloatArray, S: FloatArray) -> float:
         if s > 0.0:
             r = float(y[0])
             return -0.5 * (r * (r / s) + LOG_2PI + log(s))
+    if m == 2:  # in plain floats, as `inverse`
+        (u, v), ((a, b), (_, c)) = y.tolist(), S.tolist()
+        if 0.0 < a < inf:
+            ratio = b / a
+            pivot = c - ratio * b
+            if PIVOT_TOLERANCE * c < pivot < inf:
+                v -= ratio * u
+                distance: float = u * (u / a) + v * (v / pivot)
+                return -0.5 * (distance + 2.0 * LOG_2PI + log(a) + log(pivot))
     try:
         return float(log_density(y, np.asarray(np.linalg.cholesky(S), dtype=np.float64)))
     except np.linalg.LinAlgError:

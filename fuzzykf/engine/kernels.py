@@ -26,7 +26,6 @@ __all__ = [
     "convolve_convex",
     "convolve_joint",
     "convolve_table",
-    "crossing",
     "is_convex",
     "totals",
 ]
@@ -183,22 +182,6 @@ def totals(
         np.take_along_axis(cost, clipped, axis=1), table[np.arange(table.shape[0]), clipped]
     )
     return np.where(neighbour == clipped, total, np.inf)
-
-
-def crossing(cost: FloatArray, table: FloatArray, source: IntArray) -> FloatArray:
-    """Least maximum of cost and kernel between a source and its neighbours, both taken as linear."""
-    here = np.take_along_axis(cost, source, axis=1)
-    kernel_here = table[np.arange(table.shape[0]), source]
-    least = np.maximum(here, kernel_here)
-    for shift in (-1, 1):
-        neighbour = np.clip(source + shift, 0, cost.shape[1] - 1)
-        there = np.take_along_axis(cost, neighbour, axis=1)
-        kernel_there = table[np.arange(table.shape[0]), neighbour]
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            t = (kernel_here - here) / ((there - here) - (kernel_there - kernel_here))
-            value = here + t * (there - here)
-        least = np.where((t > 0.0) & (t < 1.0) & (value < least), value, least)
-    return least
 
 
 def is_convex(table: FloatArray) -> bool:

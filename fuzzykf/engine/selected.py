@@ -34,7 +34,6 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
         convolve_convex,
         convolve_joint,
         convolve_table,
-        crossing,
         is_convex,
         totals,
     )
@@ -71,7 +70,6 @@ else:
         convolve_convex,
         convolve_joint,
         convolve_table,
-        crossing,
         is_convex,
         totals,
     )
@@ -100,7 +98,6 @@ __all__ = [
     "convolve_table",
     "corrected",
     "cover",
-    "crossing",
     "filter_bank",
     "filter_linear",
     "first_step",

@@ -215,7 +215,7 @@ def put_posterior(f: Any, x: FloatArray, P: FloatArray) -> None:
 def clone(f: Any) -> Any:
     """Return a copy whose verbs leave the original alone.
 
-    The verbs of this package replace attributes and write into none, so that a
+    The verbs of this package write into no array that anybody else holds, so that a
     shallow copy will do; of others nothing is known.
     """
     return copy.copy(f) if type(f) in {KalmanFilter, ExtendedKalmanFilter} else copy.deepcopy(f)

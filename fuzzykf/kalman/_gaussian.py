@@ -211,9 +211,11 @@ class GaussianFilter(Filter):
         ``log(sys.float_info.min)`` before the first update, as in filterpy.
         """
         if self._log_likelihood is None:
-            y, S, seen = self.y.ravel(), self.S, seen_components(self.z)
-            if seen is not None:
-                y, S = y[seen], S[np.ix_(seen, seen)]
+            y, S = self.y.ravel(), self.S
+            if y.size > 1 and type(self.z) is np.ndarray and self.z.shape == self.y.shape:
+                seen = seen_components(self.z)
+                if seen is not None:
+                    y, S = y[seen], S[np.ix_(seen, seen)]
             self._log_likelihood = engine.log_normal(y, S)
         return self._log_likelihood
 

@@ -93,12 +93,13 @@ class LinearSeries(LinearUpdates):
         """Whether the verbs are this package's, and so may be done for all of a series at once."""
         return False
 
-    def _filter_at_once(self, series: FloatArray) -> dict[str, FloatArray]:
+    def _filter_at_once(self, series: FloatArray, keep: tuple[str, ...] = FIELDS) -> dict[str, FloatArray]:
         """Do predict and update for a whole series, and stay at its last observation."""
         n, m = self.dim_x, self.dim_z
         (x, P), Q, F = self._state(), as_square("Q", self.Q, n), as_matrix("F", self.F, (n, n))
         H, R = as_matrix("H", self.H, (m, n)), as_square("R", self.R, m)
-        stored = {name: np.empty((len(series), *shape)) for name, shape in field_shapes(n).items()}
+        shapes = field_shapes(n)
+        stored = {name: np.empty((len(series), *shapes[name])) for name in keep}
         try:
             innovation = filter_linear(x, P, series, F, Q, H, R, self._alpha_sq, None, stored)
         except np.linalg.LinAlgError as error:
@@ -273,7 +274,7 @@ class LinearSeries(LinearUpdates):
             self._remember()
             x, _ = self._state()
             series = as_observations(observations, self.dim_z)
-            return as_batch(self._filter_at_once(series), x.ndim == 1)
+            return as_batch(self._filter_at_once(series, FIELDS[:4]), x.ndim == 1)  # no log-likelihood
         moves = given_per_step({"us": us, "Bs": Bs, "Fs": Fs, "Qs": Qs}, n)
         looks = given_per_step({"Rs": Rs, "Hs": Hs}, n)
         self._remember()

@@ -18,16 +18,9 @@ _ABSENT = object()
 
 def lookups(cls: type, names: Iterable[str]) -> dict[str, Any]:
     """Return what each of the names stands for in a class."""
-    return {name: _lookup(cls, name) for name in names}
+    return {name: getattr(cls, name, _ABSENT) for name in names}
 
 
 def overrides(cls: type, own: dict[str, Any]) -> bool:
     """Whether one of the names stands for something else in ``cls``."""
-    return any(_lookup(cls, name) is not value for name, value in own.items())
-
-
-def _lookup(cls: type, name: str) -> Any:
-    for base in cls.__mro__:
-        if name in base.__dict__:
-            return base.__dict__[name]
-    return _ABSENT
+    return any(getattr(cls, name, _ABSENT) is not value for name, value in own.items())

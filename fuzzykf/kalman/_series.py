@@ -33,8 +33,8 @@ FIELDS = ("x", "P", "x_prior", "P_prior", "log_likelihood")
 class unchanged_on_error:
     """Put filters back into the state they came with when the block raises.
 
-    Their verbs replace attributes instead of writing into them, so that the old
-    attribute dictionary is the old state.
+    Their verbs write into no array that anybody else holds, so that a copy of the
+    attribute dictionary keeps the old state.
     """
 
     def __init__(self, *filters: Any) -> None:

@@ -89,6 +89,9 @@ class KalmanFilter(LinearStepper, LinearSeries):
     predicted and has the log-likelihood 0.  Of an observation with NaN in some
     components the others are used.  The covariance is updated in Joseph's form.
 
+    An array that has been read from an attribute does not change later, unless the reader
+    writes into it: then the filter sees that.
+
     References
     ----------
     R. E. Kalman, A new approach to linear filtering and prediction problems,
@@ -236,8 +239,7 @@ class KalmanFilter(LinearStepper, LinearSeries):
             type(self)._overrides() == 0
             and not overrides(type(self), _READ)
             and self.inv is np.linalg.inv
-            and "predict" not in self.__dict__
-            and "update" not in self.__dict__
+            and self.__dict__.keys().isdisjoint(("predict", "update", "get_prediction"))
         )
 
     @classmethod

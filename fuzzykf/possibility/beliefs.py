@@ -252,7 +252,7 @@ class GridBelief:
         t_norm = self.lattice.t_norm
         lower, upper = self.bounds()
         lattice, lost = propagate(self.lattice, move, decompose(noise, t_norm, upper - lower), self.universe)
-        level, notes = float(t_norm.membership(lost)), _coarse(lattice)
+        level, notes = float(t_norm.membership(lost)), _coarse(lattice, self.universe)
         if level > (LOSS_BOUNDED if self.universe.bounded else LOSS_UNBOUNDED):
             notes.append(
                 f"domain: states of membership up to {level:.3g} leave it at this prediction and count as "
@@ -265,7 +265,7 @@ class GridBelief:
         found = conditioning.condition(self.lattice, measure, noise, z, self.universe)
         if found.lattice is None:
             return Outcome(None, found.possibility, found.reachable, found.notes)
-        notes = found.notes or _coarse(found.lattice)
+        notes = found.notes or _coarse(found.lattice, self.universe)
         return Outcome(self._with(found.lattice), found.possibility, found.reachable, notes)
 
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> GridBelief | None:
@@ -277,8 +277,13 @@ class GridBelief:
         return GridBelief(lattice, self.universe)
 
 
-def _coarse(lattice: Lattice) -> list[str]:
+def _coarse(lattice: Lattice, universe: Universe) -> list[str]:
     """Return a warning if the membership is far narrower than the cells in some direction."""
+    if universe.domain is None and lattice.is_lone:
+        return [
+            "points: the likeliest states lie between neighbouring nodes of a grid that covers all states "
+            "above the floor; centroid and spread are inaccurate (ask for more points, or raise the floor)"
+        ]
     if lattice.parts <= MOST_PARTS:
         return []
     return [

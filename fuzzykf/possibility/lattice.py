@@ -26,6 +26,9 @@ RESOLUTION = 0.7
 #: A step is cut into at most so many parts.
 MOST_PARTS = 6
 
+#: A node stands alone if the memberships beside it are below this.
+LONE = 0.1
+
 #: Costs beyond the best by more than this do not count in integrals.
 NEGLIGIBLE = 60.0
 
@@ -129,6 +132,20 @@ class Lattice:
         between the nodes nevertheless.
         """
         return max(1, int(np.ceil(RESOLUTION * np.sqrt(max(sharpness(self.cost), 0.0)))))
+
+    @property
+    def is_lone(self) -> bool:
+        """Whether the likeliest node stands alone along some axis, and nothing is known around it."""
+        if sharpness(self.cost) > 0.0:
+            return False
+        best = [int(b) for b in np.unravel_index(int(np.argmin(self.cost)), self.cost.shape)]
+        values = self.t_norm.renormalise(self.cost, float(self.cost[tuple(best)]))
+        for k in self.free:
+            line = values[tuple(slice(None) if m == k else b for m, b in enumerate(best))]
+            beside = np.delete(line[max(best[k] - 1, 0) : best[k] + 2], min(best[k], 1))
+            if (self.t_norm.membership(beside) < LONE).all():
+                return True
+        return False
 
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:

@@ -27,12 +27,13 @@ from fuzzykf.engine.selected import (
     refine,
     totals,
 )
+from fuzzykf.possibility.landing import landing
 from fuzzykf.possibility.lattice import Lattice, grid_points
 from fuzzykf.possibility.mapping import Mapping
 from fuzzykf.possibility.meeting import meeting
 from fuzzykf.possibility.noise import Kernel
 from fuzzykf.possibility.scalar import predict_scalar
-from fuzzykf.possibility.warp import landing, warp
+from fuzzykf.possibility.warp import warp
 
 if TYPE_CHECKING:
     from fuzzykf.base import FloatArray

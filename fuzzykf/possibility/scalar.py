@@ -16,11 +16,17 @@ from fuzzykf.engine.selected import convolve_table, interpolate, totals
 from fuzzykf.possibility.meeting import meeting
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from fuzzykf.base import FloatArray
+    from fuzzykf.engine.scales import Scale
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.noise import Kernel
 
 __all__ = ["predict_scalar"]
+
+#: Where the parabola is wrong by more than this cost, the likeliest source is sought by such steps.
+ROUGH, HALVINGS = 1e-3, tuple(0.5**k for k in range(1, 9))
 
 
 def predict_scalar(
@@ -57,11 +63,13 @@ def predict_scalar(
         with np.errstate(invalid="ignore", divide="ignore"):
             # The likeliest source between the nodes, by the parabola through three of them.
             shift = 0.5 * (left - right) / (left - 2.0 * out + right)
-        inner = np.flatnonzero(np.abs(shift) <= 1.0)
-        position = (source[0] + shift)[inner]
-        place = move((axis[0] + position * (axis[-1] - axis[0]) / (axis.size - 1))[:, None])[:, 0]
-        total = interpolate(cost, position[:, None], t_norm.scale) + kernel.cost(target[inner] - place)
-        out[inner] = np.fmin(out[inner], total)
+            expected = out + 0.25 * (right - left) * shift
+        smooth = np.abs(shift) <= 1.0
+        position = source[0] + np.where(smooth, shift, 0.0)
+        found = _searched(axis, cost, move, target, kernel, position, ())
+        rough = np.flatnonzero((out < t_norm.impossible) & ~(np.abs(found - expected) <= ROUGH))
+        found[rough] = _searched(axis, cost, move, target[rough], kernel, position[rough], HALVINGS)
+        out = np.fmin(out, found)
     else:
         out = meeting(lines, image, target, kernel, source)[0]
     # Sources between the nodes: the likeliest noise, and the ends of a noise that stops short.
@@ -70,11 +78,37 @@ def predict_scalar(
         if extra[0] < t_norm.impossible:
             between = _carried(axis, cost, move, image, target - end, t_norm.scale)
             out = np.minimum(out, t_norm.combine(between, extra))
-    return out
+    return np.asarray(out, dtype=np.float64)
+
+
+def _searched(
+    axis: FloatArray,
+    cost: FloatArray,
+    move: Mapping,
+    target: FloatArray,
+    kernel: Kernel,
+    position: FloatArray,
+    widths: Sequence[float],
+) -> FloatArray:
+    """Total costs (m,) of sources between the nodes, the better one after each step to either side."""
+    t_norm, step = kernel.t_norm, (axis[-1] - axis[0]) / (axis.size - 1)
+
+    def total(position: FloatArray) -> FloatArray:
+        with np.errstate(all="ignore"):
+            offset = target - move((axis[0] + position * step)[:, None])[:, 0]
+            return t_norm.combine(interpolate(cost, position[:, None], t_norm.scale), kernel.cost(offset))
+
+    best = total(position)
+    for width in widths:
+        for side in (-width, width):
+            trial = np.clip(position + side, 0.0, axis.size - 1.0)
+            found = total(trial)
+            position, best = np.where(found < best, trial, position), np.fmin(found, best)
+    return best
 
 
 def _carried(
-    axis: FloatArray, cost: FloatArray, move: Mapping, image: FloatArray, wanted: FloatArray, scale: str
+    axis: FloatArray, cost: FloatArray, move: Mapping, image: FloatArray, wanted: FloatArray, scale: Scale
 ) -> FloatArray:
     """Least costs (m,) of the states that the map carries to given places, by interpolation."""
     miss = wanted[:, None] - image

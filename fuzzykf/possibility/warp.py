@@ -26,13 +26,11 @@ from fuzzykf.engine.selected import (
     cover,
     flat_cells,
     interpolate,
-    least_outside,
     live_cells,
     pull_back,
-    span,
     stranded,
 )
-from fuzzykf.errors import SupportLostError
+from fuzzykf.possibility.landing import landing
 from fuzzykf.possibility.memberships import GaussianMembership, ParabolicMembership
 from fuzzykf.possibility.noise import Kernel
 
@@ -45,7 +43,7 @@ if TYPE_CHECKING:
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.propagation import Universe
 
-__all__ = ["Image", "Landing", "landing", "warp"]
+__all__ = ["Image", "warp"]
 
 #: A spread of images below this part of their size is none.
 CONSTANT = 1e-13
@@ -79,62 +77,6 @@ class Image:
     reached: list[tuple[float, float]]
     convolved: set[int]
     lost: float
-
-
-@dataclass(frozen=True, eq=False)
-class Landing:
-    """Where a map takes the nodes of a lattice.
-
-    Attributes
-    ----------
-    image : ndarray, shape (n_1, ..., n_s, d)
-        Of all nodes.
-    live : ndarray of bool, shape (n_1, ..., n_s)
-        The nodes that matter.
-    low, high : ndarray, shape (d,)
-        Bounds of the images of live nodes and of their neighbours.
-    reached : list of (float, float)
-        Bounds per axis of what the noise will reach.
-    lost : float
-        Least cost of a state mapped out of the domain.
-    """
-
-    image: FloatArray
-    live: np.ndarray
-    low: FloatArray
-    high: FloatArray
-    reached: list[tuple[float, float]]
-    lost: float
-
-    def nothing_left(self, universe: Universe) -> SupportLostError:
-        """Return the error for a prediction without any possible state."""
-        if universe.domain is None:
-            return SupportLostError("points: the possible states fall between the nodes; ask for more points")
-        where = ", ".join(f"[{a:.6g}, {b:.6g}]" for a, b in zip(self.low, self.high, strict=True))
-        return SupportLostError(
-            f"domain: all possible states have left {universe.domain.tolist()}, they are within {where}"
-        )
-
-
-def landing(source: Lattice, move: Mapping, kernels: Sequence[Kernel | None], universe: Universe) -> Landing:
-    """Map the nodes of a lattice.
-
-    Raises
-    ------
-    ParameterError
-        If the map returns something inadmissible at a possible state.
-    """
-    limit = universe.limit if universe.domain is None else np.inf
-    with np.errstate(all="ignore"):
-        image = move.on_grid(source.axes)
-    live = source.live(limit)
-    move.require_finite(source.axes, image, live)
-    low, high = span(image, live)
-    reached = [
-        _reached(source, image[..., k], live, kernels[k], float(low[k]), float(high[k]), limit)
-        for k in range(low.size)
-    ]
-    return Landing(image, live, low, high, reached, _lost(source, image, universe, low, high))
 
 
 def warp(
@@ -246,44 +188,6 @@ def _blur(source: Lattice, reached: list[tuple[float, float]], k: int, universe:
         shape = GaussianMembership(0.0, (0.5 * step) ** 2)
     reached[k] = reached[k][0] - 3.0 * step, reached[k][1] + 3.0 * step
     return Kernel(shape, source.t_norm)
-
-
-def _reached(
-    source: Lattice,
-    image: FloatArray,
-    live: np.ndarray,
-    kernel: Kernel | None,
-    low: float,
-    high: float,
-    limit: float,
-) -> tuple[float, float]:
-    """Bounds of what the noise reaches along one axis, state and noise judged together."""
-    if kernel is None or np.isinf(limit):
-        return low, high
-    t_norm = source.t_norm
-    cost, there = source.cost[live], image[live]
-    left = limit - cost if t_norm.additive else np.full(cost.shape, limit)
-    below, above = kernel.reach(np.clip(t_norm.membership(left), np.finfo(float).tiny, 1.0))
-    inner, outer = float(there.min()) - low, high - float(there.max())
-    lowest, highest = float((there + below).min()), float((there + above).max())
-    return min(low, lowest - inner), max(high, highest + outer)
-
-
-def _lost(
-    source: Lattice,
-    image: FloatArray,
-    universe: Universe,
-    low: FloatArray,
-    high: FloatArray,
-) -> float:
-    """Least cost of a possible node mapped out of the domain."""
-    if universe.domain is None:
-        return np.inf
-    slack = 1e-9 * (universe.domain[:, 1] - universe.domain[:, 0])
-    if (low >= universe.domain[:, 0] - slack).all() and (high <= universe.domain[:, 1] + slack).all():
-        return np.inf
-    least = least_outside(image, source.cost, universe.domain + slack[:, None] * [-1.0, 1.0])
-    return least if least < source.t_norm.impossible else np.inf
 
 
 def _pull_back(source: Lattice, move: Mapping, axes: tuple[FloatArray, ...]) -> FloatArray:

@@ -1,91 +1,92 @@
-"""How much faster than filterpy: ratios of times measured alternately in one run.
+"""How much faster than filterpy and pykalman: ratios of times measured in turn in one run.
 
-Nothing here passes or fails by a clock.  Run with::
+Nothing here passes or fails by a clock.  A line gives the fastest round of each, which other work
+on the machine disturbs least, their ratio, and the quartiles of the ratio over the
+rounds.  Run with::
 
     pytest tests/benchmarks/test_kalman_speed.py --benchmark-only -s
 """
 
 from __future__ import annotations
 
-import statistics
-import timeit
+import importlib.util
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fuzzykf import kalman
+from fuzzykf import engine, kalman
 
 theirs = pytest.importorskip("filterpy.kalman")
 
+_spec = importlib.util.spec_from_file_location("kalman_rows", Path(__file__).with_name("kalman_rows.py"))
+rows = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(rows)
 
-def compare(benchmark, capsys, what, ours, reference, number, per_call=(1, 1)):
-    """Time both alternately, report the median ratio, and let pytest-benchmark time ours."""
-    pairs = []
-    for _ in range(25):
-        a, b = timeit.timeit(reference, number=number), timeit.timeit(ours, number=number)
-        pairs.append((a / per_call[0] / number, b / per_call[1] / number))
-    ratio = statistics.median(a / b for a, b in pairs)
-    slow, fast = (1e6 * statistics.median(times) for times in zip(*pairs, strict=True))
-    benchmark.extra_info.update(ratio=round(ratio, 2), filterpy_us=round(slow, 2), fuzzykf_us=round(fast, 2))
+SIZES = [(2, 1), (4, 2), (6, 3)]
+PEERS = ("filterpy", "pykalman")
+
+
+def report(benchmark, capsys, what, works):
+    """Print a line for each pair of one of ours and one of the peers."""
+    times = benchmark.pedantic(lambda: rows.measure(works), rounds=1)
     with capsys.disabled():
-        print(f"\n{what}: filterpy {slow:.2f} us, fuzzykf {fast:.2f} us, {ratio:.2f} times as fast")
-    benchmark.pedantic(ours, rounds=5, iterations=number, warmup_rounds=1)
+        print(f"\n{engine.info().name}, {what}")
+        for own in works.keys() - set(PEERS):
+            for peer in (name for name in PEERS if name in works):
+                slow, fast = times[peer], times[own]
+                ratio, quartiles = slow.min() / fast.min(), np.quantile(slow / fast, [0.25, 0.75])
+                benchmark.extra_info[f"{own}, {peer}"] = round(float(ratio), 2)
+                print(
+                    f"  {own:<18}{fast.min() * 1e6:>9.3f} us {peer:>9}{slow.min() * 1e6:>9.2f} us"
+                    f"{ratio:>9.2f} ({quartiles[0]:.1f} to {quartiles[1]:.1f}) times as fast"
+                )
 
 
-def make(module, n, m, seed=0):
-    rng = np.random.default_rng(seed)
-    f = module.KalmanFilter(n, m)
-    f.F = np.eye(n) + 0.1 * rng.normal(size=(n, n))
-    f.F *= 0.9 / np.abs(np.linalg.eigvals(f.F)).max()
-    f.H = rng.normal(size=(m, n))
-    f.Q *= 1.0 + seed
-    return f
-
-
-@pytest.mark.parametrize(("n", "m"), [(2, 1), (4, 2), (6, 3)])
+@pytest.mark.parametrize(("n", "m"), SIZES)
 def test_step(benchmark, capsys, n, m):
-    ours, reference = make(kalman, n, m), make(theirs, n, m)
-    z = np.ones((m, 1))
+    report(benchmark, capsys, f"KalmanFilter ({n}, {m})", rows.steps(n, m))
 
-    def step():
-        reference.predict()
-        reference.update(z)
 
-    compare(benchmark, capsys, f"step ({n}, {m})", lambda: ours.step(z), step, 1000)
-    np.testing.assert_allclose(ours.x, reference.x, rtol=1e-9)
+@pytest.mark.parametrize(("n", "m"), SIZES)
+def test_sequence(benchmark, capsys, n, m):
+    report(benchmark, capsys, f"KalmanFilter ({n}, {m}), per step of a series", rows.sequences(n, m))
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.1])
 @pytest.mark.parametrize(("n", "m"), [(2, 1), (4, 2)])
 def test_many_series(benchmark, capsys, n, m, missing):
-    # filterpy one series after another against all 1,000 at once, per step of one series; 50 of
-    # filterpy's take about as long as all of ours, so that other work on the machine slows both
-    ours, reference = make(kalman, n, m), make(theirs, n, m)
-    rng = np.random.default_rng(1)
-    zs = rng.normal(size=(1000, 20, m))
-    zs[rng.random(zs.shape) < missing] = np.nan
-
-    def some_series():
-        for z in zs[:50].reshape(-1, m):
-            reference.predict()
-            reference.update(z)
-
-    name = f"filter_many ({n}, {m}), {missing:.0%} missing"
-    compare(benchmark, capsys, name, lambda: ours.filter_many(zs), some_series, 1, per_call=(1000, 20_000))
+    name = f"KalmanFilter ({n}, {m}), per step of 1,000 series, {missing:.0%} missing"
+    report(benchmark, capsys, name, rows.many_series(n, m, missing))
 
 
-@pytest.mark.parametrize(("n", "m"), [(2, 1), (4, 2), (6, 3)])
+@pytest.mark.parametrize(("n", "m"), SIZES)
 def test_imm_of_three_modes(benchmark, capsys, n, m):
-    M = np.full((3, 3), 0.05) + 0.85 * np.eye(3)
-    ours, reference = (
-        module.IMMEstimator([make(module, n, m, seed) for seed in range(3)], [1.0, 1.0, 1.0], M)
-        for module in (kalman, theirs)
-    )
-    z = np.ones((m, 1))
+    report(benchmark, capsys, f"IMM ({n}, {m}), 3 modes", rows.bank_steps(n, m))
 
-    def step(imm):
-        imm.predict()
-        imm.update(z)
 
-    compare(benchmark, capsys, f"IMM ({n}, {m}), 3 modes", lambda: step(ours), lambda: step(reference), 100)
-    np.testing.assert_allclose(ours.x, reference.x, rtol=1e-8)
+@pytest.mark.parametrize(("n", "m"), [(2, 1), (4, 2)])
+def test_imm_sequence(benchmark, capsys, n, m):
+    report(benchmark, capsys, f"IMM ({n}, {m}), 3 modes, per step of a series", rows.bank_sequences(n, m))
+
+
+@pytest.mark.parametrize(("n", "m"), SIZES)
+def test_what_is_timed_is_the_same(benchmark, n, m):
+    ours, reference, zs = rows.make(kalman, n, m), rows.make(theirs, n, m), rows.observations(30, m)
+    result = ours.filter(zs)
+    means, covariances, *_ = reference.batch_filter(list(zs[..., None]))
+    np.testing.assert_allclose(result.x, means[..., 0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(result.P, covariances, rtol=1e-9, atol=1e-12)
+    works = rows.sequences(n, m)
+    if "pykalman" in works:
+        means, covariances = works["pykalman"][0]()
+        expected = rows.make(kalman, n, m).filter(rows.observations(2000, m)[:40])
+        np.testing.assert_allclose(means, expected.x, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(covariances, expected.P, rtol=1e-9, atol=1e-12)
+    banks = rows.make_bank(kalman, n, m), rows.make_bank(theirs, n, m)
+    for z in zs[..., None]:
+        banks[0].step(z)
+        banks[1].predict()
+        banks[1].update(z)
+    np.testing.assert_allclose(banks[0].x, banks[1].x, rtol=1e-8)
+    benchmark.pedantic(lambda: None, rounds=1)

@@ -13,7 +13,6 @@ from fuzzykf.engine.kernels import (
     convolve_convex,
     convolve_joint,
     convolve_table,
-    crossing,
     is_convex,
     totals,
 )
@@ -128,15 +127,6 @@ def test_other_kernels_are_not(name):
 
 def test_a_gap_is_not_convex():
     assert not is_convex(np.array([[0.0, np.inf, 0.0, 1.0]]))
-
-
-def test_crossing_of_two_slopes():
-    # max(2 - y, y - 0) over y has its minimum 1 at y = 1, here between the nodes
-    y = np.array([0.0, 0.6, 1.2, 1.8])
-    cost, table = (2.0 - y)[None], y[None]
-    source = convolve_table(cost, table, np.maximum)
-    assert total(cost, table, source, np.maximum)[0, 0] == pytest.approx(1.2)
-    assert crossing(cost, table, source)[0, 0] == pytest.approx(1.0)
 
 
 def test_joint_kernel_in_the_plane():

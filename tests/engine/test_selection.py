@@ -35,7 +35,6 @@ NUMPY_HOMES = {
     "convolve_convex": "fuzzykf.engine.kernels",
     "convolve_joint": "fuzzykf.engine.kernels",
     "convolve_table": "fuzzykf.engine.kernels",
-    "crossing": "fuzzykf.engine.kernels",
     "is_convex": "fuzzykf.engine.kernels",
     "totals": "fuzzykf.engine.kernels",
     "moments_about": "fuzzykf.engine.moments",

@@ -40,6 +40,7 @@ cdef int commit(dict d, Entry *entries, int count) except -1
 cdef int forget_likelihoods(dict d) except -1
 cdef int overrides(object filter_) except -1
 cdef int is_plain(object filter_, dict d, bint verbs) except -1
+cdef int has_own_verbs(dict d) except -1
 cdef int is_begun(dict d) except -1
 cdef void entry(Entry *e, str name, const double *values, int rows, int columns) noexcept
 cdef int forget(dict d, str name) except -1

@@ -80,11 +80,14 @@ cdef int is_plain(object filter_, dict d, bint verbs) except -1:
         return 0
     if PyDict_GetItemWithError(d, "inv") != <PyObject *> numpy_inverse:
         return 0
-    if verbs and (
-        PyDict_GetItemWithError(d, "predict") != NULL or PyDict_GetItemWithError(d, "update") != NULL
-    ):
+    if PyDict_GetItemWithError(d, "get_prediction") != NULL:
         return 0
-    return 1
+    return not (verbs and has_own_verbs(d))
+
+
+cdef int has_own_verbs(dict d) except -1:
+    """Whether predict or update has been replaced in one object."""
+    return PyDict_GetItemWithError(d, "predict") != NULL or PyDict_GetItemWithError(d, "update") != NULL
 
 
 cdef int is_begun(dict d) except -1:

@@ -9,7 +9,7 @@ from libc.string cimport memcmp, memcpy
 
 from fuzzykf.engine.compiled.arrays cimport at, at_or_null, doubles
 from fuzzykf.engine.compiled.attributes cimport (
-    ENTRIES, Entry, Member, commit, entry, forget, is_begun, is_plain, overrides, posterior_entries,
+    ENTRIES, Entry, Member, commit, entry, forget, has_own_verbs, is_begun, is_plain, overrides, posterior_entries,
     prior_entries, read_motion, read_observation, read_state, read_z, release, reserve,
 )
 from fuzzykf.engine.compiled.kalman cimport fk_kalman_inverse, versions
@@ -213,8 +213,8 @@ class BankStepper:
         cdef Bank bank
         cdef int k
         if not (
-            is_begun(d) and not overrides(self) & 3 and PyDict_GetItemWithError(d, "_log_cbar") == <PyObject *> None
-            and PyDict_GetItemWithError(d, "predict") == NULL and PyDict_GetItemWithError(d, "update") == NULL
+            is_begun(d) and not overrides(self) & 3 and not has_own_verbs(d)
+            and PyDict_GetItemWithError(d, "_log_cbar") == <PyObject *> None
         ):
             return self._step_any(z)
         bank = read_bank(self, d, True, True)

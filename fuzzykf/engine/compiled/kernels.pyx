@@ -31,7 +31,6 @@ cdef extern from "src/search.h" nogil:
     void fk_totals(
         int, const double *, const double *, fk_index, fk_index, const fk_index *, fk_index, double *
     ) noexcept
-    void fk_crossing(const double *, const double *, fk_index, fk_index, const fk_index *, double *) noexcept
     int fk_is_convex(const double *, fk_index, fk_index) noexcept
     void fk_joint(
         int, int, const fk_index *, const double *, const fk_index *, const double *, const fk_index *, double *
@@ -134,21 +133,6 @@ def totals(cost, table, source, Py_ssize_t shift, combine=np.add):
     with nogil:
         for line in range(count):
             fk_totals(code, costs + line * n, entries, n, m, sources + line * m, shift, to + line * m)
-    return out
-
-
-def crossing(cost, table, source):
-    cdef cnp.ndarray lines = doubles(cost, "cost", (-1, -1)), rows = table_for(table, lines)
-    cdef cnp.ndarray s = sources_for(source, lines, rows)
-    cdef Py_ssize_t count = lines.shape[0], n = lines.shape[1], m = rows.shape[0], line
-    cdef cnp.ndarray out = np.empty((count, m))
-    cdef const double *costs = at(lines)
-    cdef const double *entries = at(rows)
-    cdef const fk_index *sources = whole(s)
-    cdef double *to = at(out)
-    with nogil:
-        for line in range(count):
-            fk_crossing(costs + line * n, entries, n, m, sources + line * m, to + line * m)
     return out
 
 

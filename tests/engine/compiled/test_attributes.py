@@ -335,6 +335,14 @@ def test_a_method_changed_later_is_not_bypassed(monkeypatch) -> None:
     f.step([1.0, 2.0])
     f.filter(np.ones((1, 2)))
     assert calls == ["class"] * 2 + ["instance"] * 2
+    f = make(Mine)
+    f.get_prediction = lambda *_: calls.append("moved") or (f.x + 1.0, f.P)
+    x = f.x
+    f.predict()
+    np.testing.assert_array_equal(f.x, x + 1.0)
+    f.step([1.0, 2.0])
+    f.filter(np.ones((1, 2)))
+    assert calls[4:] == ["moved"] * 3
 
 
 def test_an_inverse_of_the_user_is_used() -> None:

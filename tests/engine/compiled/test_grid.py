@@ -122,9 +122,6 @@ def test_searches(seed, kind, lines, n, m):
                     core.kernels.totals(cost, table, brute, shift, combine),
                     kernels.totals(cost, table, brute, shift, combine),
                 )
-        np.testing.assert_array_equal(
-            core.kernels.crossing(cost, table, brute), kernels.crossing(cost, table, brute)
-        )
         if name in ("convex", "interval"):
             source = core.kernels.convolve_convex(cost, table)
             np.testing.assert_array_equal(source, kernels.convolve_convex(cost, table))
@@ -355,7 +352,8 @@ ONE, PLANE = np.ones((2, 3)), np.ones((4, 4))
         (lambda: core.kernels.convolve_table(ONE, ONE, np.minimum), "combine: got"),
         (lambda: core.kernels.totals(ONE, ONE, [[0, 3], [0, 0]], 0), "source: got 3"),
         (lambda: core.kernels.totals(ONE, ONE, [[0, -1], [0, 0]], 0), "source: got -1"),
-        (lambda: core.kernels.crossing(ONE, ONE, [[0.5, 1], [0, 0]]), "whole numbers"),
+        (lambda: core.kernels.totals(ONE, ONE, [[0.5, 1], [0, 0]], 0), "whole numbers"),
+        (lambda: core.kernels.totals(ONE, ONE, [[0, 1]], 0), "source: got shape"),
         (lambda: core.kernels.convolve_joint(ONE, np.ones(3), (1,)), "expected 2 axes"),
         (lambda: core.kernels.convolve_joint(ONE, ONE, (1, 2**40)), "center: got"),
         (lambda: core.kernels.convolve_joint(ONE, ONE, (1, 1), np.multiply), "combine: got"),

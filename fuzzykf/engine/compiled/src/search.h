@@ -139,24 +139,6 @@ FK_STATIC void fk_totals(int how, const double *cost, const double *table, fk_in
   }
 }
 
-/* Least maximum of cost and kernel between a source and its neighbours, both taken as linear. */
-FK_STATIC void fk_crossing(const double *cost, const double *table, fk_index n, fk_index m,
-                           const fk_index *source, double *out) {
-  for (fk_index i = 0; i < m; i++) {
-    const fk_index s = source[i];
-    const double here = cost[s], kernel_here = table[i * n + s];
-    double least = fk_most(here, kernel_here);
-    for (int side = -1; side <= 1; side += 2) {
-      const fk_index j = s + side < 0 ? 0 : s + side > n - 1 ? n - 1 : s + side;
-      const double there = cost[j], kernel_there = table[i * n + j];
-      const double t = (kernel_here - here) / ((there - here) - (kernel_there - kernel_here));
-      const double value = here + t * (there - here);
-      if (t > 0.0 && t < 1.0 && value < least) least = value;
-    }
-    out[i] = least;
-  }
-}
-
 /* Whether every row of a table is convex where it is finite, and finite on an interval. */
 FK_STATIC int fk_is_convex(const double *table, fk_index n, fk_index m) {
   for (fk_index i = 0; i < m; i++) {
