@@ -103,14 +103,14 @@ def filter_steady(
     for name, value in zip(("x_prior", "P_prior"), plan.first_prior, strict=True):
         if name in out:
             out[name][:, 0] = value
+
+    def work(ys: FloatArray, out: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+        return engine.filter_series(plan.kernel, plan.summary, plan.start, ys, out)
+
     cuts = [len(ys) * k // threads for k in range(threads + 1)]
     blocks = [slice(a, b) for a, b in pairwise(cuts) if b > a]
-
-    def work(block: slice) -> tuple[FloatArray, FloatArray]:
-        part = {name: values[block] for name, values in out.items()}
-        return engine.filter_series(plan.kernel, plan.summary, plan.start, ys[block], part)
-
     if len(blocks) == 1:
-        return work(blocks[0])
+        return work(ys, out)
+    parts = [{name: values[block] for name, values in out.items()} for block in blocks]
     with ThreadPoolExecutor(len(blocks)) as pool:
-        return list(pool.map(work, blocks))[-1]
+        return list(pool.map(work, [ys[block] for block in blocks], parts))[-1]
