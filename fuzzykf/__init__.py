@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fuzzykf import moved
+
 if TYPE_CHECKING:
-    from fuzzykf.base import Filter, FilterResult
+    from fuzzykf.base import Filter
+    from fuzzykf.comparison import compare_models
     from fuzzykf.errors import FuzzykfError
     from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
-    from fuzzykf.model_choice import compare_models
     from fuzzykf.possibility import (
         CauchyMembership,
         FunctionMembership,
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
         TriangularMembership,
     )
     from fuzzykf.preprocessing import DailyProfile, Standardizer
+    from fuzzykf.results import FilterResult
     from fuzzykf.switching import (
         CGLSSM,
         CGOFMSModel,
@@ -35,6 +38,8 @@ if TYPE_CHECKING:
         OFSRFilter,
         SwitchChain,
     )
+
+moved.install()
 
 __version__ = "0.1.0.dev0"
 
@@ -47,7 +52,7 @@ _HOMES = {
     "DailyProfile": "fuzzykf.preprocessing",
     "ExtendedKalmanFilter": "fuzzykf.kalman",
     "Filter": "fuzzykf.base",
-    "FilterResult": "fuzzykf.base",
+    "FilterResult": "fuzzykf.results",
     "FunctionMembership": "fuzzykf.possibility",
     "FuzzyMarkovLaw": "fuzzykf.switching",
     "FuzzyRelationEstimator": "fuzzykf.possibility",
@@ -64,7 +69,7 @@ _HOMES = {
     "Standardizer": "fuzzykf.preprocessing",
     "SwitchChain": "fuzzykf.switching",
     "TriangularMembership": "fuzzykf.possibility",
-    "compare_models": "fuzzykf.model_choice",
+    "compare_models": "fuzzykf.comparison",
 }
 
 __all__ = [

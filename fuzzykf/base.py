@@ -13,16 +13,18 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from fuzzykf.arrays import FloatArray
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.results import FilterResult
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from numpy.typing import ArrayLike
 
 __all__ = [
     "Filter",
@@ -33,9 +35,6 @@ __all__ = [
     "as_observations",
     "check_keep",
 ]
-
-FloatArray: TypeAlias = NDArray[np.float64]
-
 
 # --------------------------------------------------------------------------- observations
 

@@ -152,12 +152,12 @@ def model_to_dict(model: Any) -> dict[str, Any]:
 
 def model_from_dict(kind: str, values: dict[str, Any]) -> Any:
     """Build a model from what `model_to_dict` returned."""
-    from fuzzykf.switching import forms
-    from fuzzykf.switching.converted import ConvertedSystem
-    from fuzzykf.switching.fuzzy_model import CGOFMSModel
-    from fuzzykf.switching.hard_model import CGOMSModel
-    from fuzzykf.switching.law_cells import CellLaw
-    from fuzzykf.switching.laws import FuzzyMarkovLaw
+    from fuzzykf.switching.dynamics import forms
+    from fuzzykf.switching.laws.cells import CellLaw
+    from fuzzykf.switching.laws.law import FuzzyMarkovLaw
+    from fuzzykf.switching.models.fuzzy import CGOFMSModel
+    from fuzzykf.switching.models.hard import CGOMSModel
+    from fuzzykf.switching.state_space.converted import ConvertedSystem
 
     parameters = dict(values["form"])
     if parameters["kind"] == ConvertedSystem.kind:

@@ -17,7 +17,7 @@ from fuzzykf.errors import ParameterError, SequenceError, ShapeError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["DailyProfile", "Standardizer", "hour_of_day"]
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["FilterResult"]
 

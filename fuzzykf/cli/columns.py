@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.datasets import Table
 
 __all__ = ["TIME_COLUMNS", "Rows", "as_csv", "components", "read_rows", "time_column"]

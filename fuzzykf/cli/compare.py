@@ -23,7 +23,7 @@ from fuzzykf.io import write_bytes, write_text
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison import Comparison
 
 __all__ = ["EXAMPLE", "command"]
@@ -146,7 +146,7 @@ def command(
     The methods learn on the first rows, where state and observation are known, and then see the observation
     alone. Prints a table, and writes it with a picture.
     """
-    from fuzzykf import comparison, plotting
+    from fuzzykf import comparison
     from fuzzykf.comparison.report import check_installed, report_page
 
     with report_errors():
@@ -172,7 +172,7 @@ def command(
             )
             progress("picture")
             label = source.state_label + (", less its daily profile" if task.profile else "")
-            figure = plotting.plot_comparison(result, state_label=label, unit=source.unit)
+            figure = comparison.plot_comparison(result, state_label=label, unit=source.unit)
             picture = io.BytesIO()
             figure.savefig(picture, format="png", dpi=150)
             if report is not None:

@@ -17,7 +17,8 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.io import write_text
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FilterResult, FloatArray
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.base import FilterResult
 
 __all__ = ["FILTER_EXAMPLE", "SMOOTH_EXAMPLE", "filter_command", "smooth_command"]
 

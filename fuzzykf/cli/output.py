@@ -10,8 +10,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from fuzzykf._progress import progress_bar
 from fuzzykf.errors import FuzzykfError, ParameterError
+from fuzzykf.progress import progress_bar
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

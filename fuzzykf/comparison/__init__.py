@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from fuzzykf.comparison.candidates import Candidate, Estimates, Learned, LearningPart
 from fuzzykf.comparison.methods import Restoration, main_methods
+from fuzzykf.comparison.models import compare_models
+from fuzzykf.comparison.picture import plot_comparison
 from fuzzykf.comparison.prepare import ClockSwitch, Task, prepare, quantile_switch
 from fuzzykf.comparison.report import report_page
 from fuzzykf.comparison.rolling import Fold, ModelComparison, ModelScore
@@ -43,7 +45,9 @@ __all__ = [
     "bootstrap_rmse",
     "circular_block_means",
     "compare",
+    "compare_models",
     "main_methods",
+    "plot_comparison",
     "prepare",
     "quantile_switch",
     "report_page",

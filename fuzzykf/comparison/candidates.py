@@ -13,7 +13,7 @@ from fuzzykf.errors import FuzzykfError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.switching import CGOFMSModel, CGOMSModel
     from fuzzykf.switching.learning import FitResult
 

@@ -13,7 +13,7 @@ from fuzzykf.errors import FuzzykfError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import LearningPart
 
 __all__ = ["LearnedIMM", "LearnedKalman", "LinearModel", "fit_linear_model", "learn_imm", "learn_kalman"]

@@ -16,7 +16,7 @@ from fuzzykf.errors import MissingDependencyError, ParameterError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import Learned
 
 __all__ = ["KNOTS", "Restoration", "main_methods", "restore"]

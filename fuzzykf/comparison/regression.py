@@ -13,7 +13,7 @@ from fuzzykf.preprocessing import Standardizer
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import LearningPart
 
 __all__ = ["LAGS", "LagRegression", "learn_regression"]

@@ -14,7 +14,7 @@ from fuzzykf.comparison.scores import INTERVAL_FACTOR
 from fuzzykf.errors import MissingDependencyError
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.methods import Restoration
     from fuzzykf.comparison.run import Comparison
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import Candidate, Estimates, Learned, LearningPart
 
 __all__ = ["Fold", "ModelComparison", "ModelScore", "Round", "summarise"]

@@ -10,7 +10,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = [
     "INTERVAL_FACTOR",

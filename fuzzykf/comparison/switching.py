@@ -13,10 +13,10 @@ from fuzzykf.errors import FuzzykfError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import LearningPart
+    from fuzzykf.switching.dynamics.pairs import SwitchingSystem
     from fuzzykf.switching.learning import FitResult
-    from fuzzykf.switching.tables import SwitchingSystem
 
 __all__ = ["LAWS", "LearnedSwitching", "growth_notes", "learn_chosen_law", "learn_fuzzy", "learn_hard"]
 

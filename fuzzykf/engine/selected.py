@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from fuzzykf import engine
 
 #: Whether the engine summarises whole series by itself (`Summary`, `filter_series`).  NumPy
-#: summarises a series after it has been filtered, in `fuzzykf.switching.series`.
+#: summarises a series after it has been filtered, in `fuzzykf.switching.inference.series`.
 SUMMARISES = engine.info().name == "compiled"
 
 #: Convolutions of up to so many sums in all try every source: NumPy does that faster than anything else.
@@ -52,20 +52,20 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     )
     from fuzzykf.engine.compiled.tables import Kernel, Summary, pack
 else:
-    from fuzzykf.engine.backward import best_path, smooth_back
-    from fuzzykf.engine.convolution import convolve_parabola, refine
-    from fuzzykf.engine.grid import (
+    from fuzzykf.engine.numpy.backward import best_path, smooth_back
+    from fuzzykf.engine.numpy.convolution import convolve_parabola, refine
+    from fuzzykf.engine.numpy.grid import (
         continue_tails,
         interpolate,
         interpolate_lines,
         least_outside,
         pull_back,
     )
-    from fuzzykf.engine.hmm import forward_backward
-    from fuzzykf.engine.imm import filter_bank
-    from fuzzykf.engine.kalman import predict_linear, update_linear
-    from fuzzykf.engine.kalman_series import filter_linear
-    from fuzzykf.engine.kernels import (
+    from fuzzykf.engine.numpy.hmm import forward_backward
+    from fuzzykf.engine.numpy.imm import filter_bank
+    from fuzzykf.engine.numpy.kalman import predict_linear, update_linear
+    from fuzzykf.engine.numpy.kalman_series import filter_linear
+    from fuzzykf.engine.numpy.kernels import (
         convolve_bounded,
         convolve_convex,
         convolve_joint,
@@ -73,11 +73,11 @@ else:
         is_convex,
         totals,
     )
-    from fuzzykf.engine.moments import moments_about
-    from fuzzykf.engine.raster import corrected, cover, flat_cells, live_cells, span, stranded
-    from fuzzykf.engine.stepper import BankStepper, LinearStepper, Stepper
-    from fuzzykf.engine.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
-    from fuzzykf.engine.switching_many import step_many
+    from fuzzykf.engine.numpy.moments import moments_about
+    from fuzzykf.engine.numpy.raster import corrected, cover, flat_cells, live_cells, span, stranded
+    from fuzzykf.engine.numpy.stepper import BankStepper, LinearStepper, Stepper
+    from fuzzykf.engine.numpy.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
+    from fuzzykf.engine.numpy.switching_many import step_many
 
     LARGEST_LINEAR = 0  # NumPy has no bound
 

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from fuzzykf.base import Filter, FloatArray
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.base import Filter
     from fuzzykf.experiments.core import Samples
 
 __all__ = ["ROCKET", "dynamics", "jacobian", "launch"]

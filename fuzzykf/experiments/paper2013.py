@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.experiments.core import Samples
 
 __all__ = ["SWITCHING_STATE_SPACE", "kalman_told", "make_cglssm", "restore_told"]

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.experiments.core import Samples
 
 __all__ = ["BUILDING"]

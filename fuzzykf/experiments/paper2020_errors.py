@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.experiments.core import Samples
     from fuzzykf.experiments.verdicts import Finding
     from fuzzykf.switching import CGOFMSModel

@@ -15,7 +15,7 @@ from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
 from fuzzykf.gaussian import SYMMETRY_TOLERANCE, as_array, check_covariance
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = [
     "SINGULAR",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import Filter
-from fuzzykf.engine import imm as engine
+from fuzzykf.engine.numpy import imm as engine
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError, as_square, as_state, control_term
 from fuzzykf.kalman._series import unchanged_on_error
@@ -19,7 +19,7 @@ from fuzzykf.kalman.kalman_filter import KalmanFilter
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = [
     "check_possible",

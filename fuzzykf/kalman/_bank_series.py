@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import Filter, FilterResult, as_many, as_observations, check_keep
-from fuzzykf.engine import imm as engine
 from fuzzykf.engine import selected
+from fuzzykf.engine.numpy import imm as engine
 from fuzzykf.errors import ParameterError
 from fuzzykf.kalman import _bank as bank
 from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["BankSeries"]
 

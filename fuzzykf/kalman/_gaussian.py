@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import Filter
-from fuzzykf.engine import kalman as engine
-from fuzzykf.engine.kalman import seen_components
+from fuzzykf.engine.numpy import kalman as engine
+from fuzzykf.engine.numpy.kalman import seen_components
 from fuzzykf.gaussian import as_array
 from fuzzykf.kalman._arguments import (
     SINGULAR,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["GaussianFilter", "describe"]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.engine import imm as engine
+from fuzzykf.engine.numpy import imm as engine
 from fuzzykf.kalman._bank import (
     check_possible,
     clone,
@@ -20,7 +20,7 @@ from fuzzykf.kalman._series import unchanged_on_error
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["PairBranches"]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
-from fuzzykf.engine import kalman_series as engine
+from fuzzykf.engine.numpy import kalman_series as engine
 from fuzzykf.errors import ShapeError
 from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError, as_matrix, as_square
 from fuzzykf.kalman._moments import filter_linear
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["LinearSeries"]
 

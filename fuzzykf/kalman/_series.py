@@ -12,7 +12,7 @@ from fuzzykf.errors import ShapeError
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = [
     "FIELDS",

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import as_observation
-from fuzzykf.engine import kalman as engine
-from fuzzykf.engine.kalman import seen_components
+from fuzzykf.engine.numpy import kalman as engine
+from fuzzykf.engine.numpy.kalman import seen_components
 from fuzzykf.errors import ShapeError
 from fuzzykf.kalman._arguments import (
     SINGULAR,
@@ -27,7 +27,7 @@ from fuzzykf.kalman._moments import update_linear
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["LinearUpdates"]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import as_observation
-from fuzzykf.engine import kalman as engine
+from fuzzykf.engine.numpy import kalman as engine
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array
 from fuzzykf.kalman._arguments import (
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["ExtendedKalmanFilter"]
 

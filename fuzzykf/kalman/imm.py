@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from fuzzykf.base import as_observation
-from fuzzykf.engine import imm as engine
+from fuzzykf.engine.numpy import imm as engine
 from fuzzykf.engine.selected import BankStepper
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["IMMEstimator"]
 

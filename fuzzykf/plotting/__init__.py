@@ -1,6 +1,8 @@
 """Pictures that stay readable without colour."""
 
-from fuzzykf.plotting.comparison import plot_comparison
+from __future__ import annotations
+
+from fuzzykf import moved
 from fuzzykf.plotting.laws import plot_law, plot_model
 from fuzzykf.plotting.memberships import plot_estimate, plot_membership
 from fuzzykf.plotting.results import plot_result
@@ -10,10 +12,14 @@ __all__ = [
     "BLUE",
     "ORANGE",
     "TRUTH",
-    "plot_comparison",
     "plot_estimate",
     "plot_law",
     "plot_membership",
     "plot_model",
     "plot_result",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """Find what has moved up."""
+    return moved.lookup(__name__, name)

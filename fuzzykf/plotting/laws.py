@@ -8,15 +8,15 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.plotting.style import BLUE, ORANGE, SURFACE, axes_or_new
-from fuzzykf.switching.forms import GaussianForm
-from fuzzykf.switching.hard_model import CGOMSModel
+from fuzzykf.switching.dynamics.forms import GaussianForm
+from fuzzykf.switching.models.hard import CGOMSModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from fuzzykf.base import FloatArray
-    from fuzzykf.switching.fuzzy_model import CGOFMSModel
-    from fuzzykf.switching.laws import FuzzyMarkovLaw
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.laws.law import FuzzyMarkovLaw
+    from fuzzykf.switching.models.fuzzy import CGOFMSModel
 
 __all__ = ["plot_law", "plot_model"]
 

@@ -11,8 +11,8 @@ from fuzzykf.base import Filter
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, check_covariance
 from fuzzykf.possibility.beliefs import BoxBelief, GridBelief, QuadraticBelief
-from fuzzykf.possibility.choice import FAMILIES, as_box, as_quadratic
-from fuzzykf.possibility.noise import as_noise
+from fuzzykf.possibility.grid.noise import as_noise
+from fuzzykf.possibility.representation import FAMILIES, as_box, as_quadratic
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.beliefs import Belief
-    from fuzzykf.possibility.choice import Representation
     from fuzzykf.possibility.closed_form import Posterior
+    from fuzzykf.possibility.grid.propagation import Universe
     from fuzzykf.possibility.memberships import IntervalMembership, Membership
     from fuzzykf.possibility.norms import TNorm
-    from fuzzykf.possibility.propagation import Universe
+    from fuzzykf.possibility.representation import Representation
 
 __all__ = ["EstimatorState", "as_map", "as_matrix"]
 

@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.possibility import boxes, closed_form, conditioning
-from fuzzykf.possibility.choice import FAMILIES, as_box, as_quadratic
-from fuzzykf.possibility.lattice import MOST_PARTS, Lattice
+from fuzzykf.possibility import closed_form
+from fuzzykf.possibility.grid import conditioning
+from fuzzykf.possibility.grid.lattice import MOST_PARTS, Lattice
+from fuzzykf.possibility.grid.noise import decompose
+from fuzzykf.possibility.grid.propagation import propagate
+from fuzzykf.possibility.intervals import boxes
 from fuzzykf.possibility.mapping import matrix_of
-from fuzzykf.possibility.noise import decompose
-from fuzzykf.possibility.propagation import propagate
+from fuzzykf.possibility.representation import FAMILIES, as_box, as_quadratic
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.possibility.grid.propagation import Universe
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import (
         EllipticalMembership,
@@ -25,7 +28,6 @@ if TYPE_CHECKING:
         Membership,
     )
     from fuzzykf.possibility.norms import TNorm
-    from fuzzykf.possibility.propagation import Universe
 
 __all__ = ["Belief", "BoxBelief", "GridBelief", "Outcome", "QuadraticBelief"]
 

@@ -31,7 +31,7 @@ import numpy as np
 from fuzzykf.gaussian import LOG_2PI, symmetrize
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["Posterior", "condition", "possibility", "predict", "restart", "whitening"]
 

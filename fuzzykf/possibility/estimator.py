@@ -17,16 +17,16 @@ from fuzzykf.errors import (
 )
 from fuzzykf.gaussian import as_array, is_whole
 from fuzzykf.possibility.attributes import EstimatorState, as_map
-from fuzzykf.possibility.choice import choose, universe_of
 from fuzzykf.possibility.mapping import Mapping
 from fuzzykf.possibility.norms import as_t_conorm, as_t_norm
+from fuzzykf.possibility.representation import choose, universe_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.beliefs import Belief, Outcome
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TConorm, TNorm

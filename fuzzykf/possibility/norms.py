@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from fuzzykf.engine.scales import from_membership, to_membership
+from fuzzykf.engine.numpy.scales import from_membership, to_membership
 from fuzzykf.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.base import FloatArray
-    from fuzzykf.engine.scales import Scale
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.engine.numpy.scales import Scale
 
 __all__ = [
     "BOUNDED_SUM",

@@ -1,16 +1,16 @@
 """Exact filters for Gaussian systems whose regime switches abruptly or gradually."""
 
-from fuzzykf.switching.cglssm import CGLSSM
-from fuzzykf.switching.chain import SwitchChain
-from fuzzykf.switching.filter_base import SwitchingFilter
-from fuzzykf.switching.filters import CGOMSMFilter, OFSRFilter
-from fuzzykf.switching.fuzzy_model import CGOFMSModel
-from fuzzykf.switching.hard_model import CGOMSModel
-from fuzzykf.switching.known_switch import KnownSwitchFilter
-from fuzzykf.switching.laws import FuzzyMarkovLaw
-from fuzzykf.switching.repair import shrink_covariances
-from fuzzykf.switching.simulation import Simulation
-from fuzzykf.switching.systems import StationarySystem
+from fuzzykf.switching.dynamics.placed import StationarySystem
+from fuzzykf.switching.dynamics.simulation import Simulation
+from fuzzykf.switching.filters.exact import CGOMSMFilter, OFSRFilter
+from fuzzykf.switching.filters.known_switch import KnownSwitchFilter
+from fuzzykf.switching.filters.switching_filter import SwitchingFilter
+from fuzzykf.switching.laws.chain import SwitchChain
+from fuzzykf.switching.laws.law import FuzzyMarkovLaw
+from fuzzykf.switching.models.fuzzy import CGOFMSModel
+from fuzzykf.switching.models.hard import CGOMSModel
+from fuzzykf.switching.models.repair import shrink_covariances
+from fuzzykf.switching.state_space.cglssm import CGLSSM
 
 __all__ = [
     "CGLSSM",

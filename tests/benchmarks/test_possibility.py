@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from fuzzykf import CauchyMembership, FuzzyRelationEstimator, GaussianMembership, SingletonMembership
-from fuzzykf.engine.convolution import convolve_parabola
-from fuzzykf.engine.kernels import convolve_bounded, convolve_convex, convolve_table
+from fuzzykf.engine.numpy.convolution import convolve_parabola
+from fuzzykf.engine.numpy.kernels import convolve_bounded, convolve_convex, convolve_table
 
 N = 1000
 

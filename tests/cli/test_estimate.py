@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from fuzzykf import CGOFMSModel, CGOMSMFilter, OFSRFilter
 from fuzzykf.cli.app import app
-from fuzzykf.switching.law_cells import CellLaw
+from fuzzykf.switching.laws.cells import CellLaw
 
 
 def run(*arguments: object):

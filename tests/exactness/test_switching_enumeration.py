@@ -24,8 +24,8 @@ from fuzzykf import (
     SwitchChain,
 )
 from fuzzykf.switching import SwitchingFilter
-from fuzzykf.switching.forms import TransitionForm
-from fuzzykf.switching.tables import InitialLaw, PairTables
+from fuzzykf.switching.dynamics.forms import TransitionForm
+from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
 
 TOLERANCE = {"rtol": 1e-9, "atol": 1e-11}
 

@@ -23,7 +23,7 @@ from fuzzykf import (
     TriangularMembership,
 )
 from fuzzykf.errors import EmptyIntersectionError, NotPositiveDefiniteError, ParameterError, ShapeError
-from fuzzykf.testing import check_filter
+from fuzzykf.testing.check import check_filter
 
 F = np.array([[1.0, 1.0], [0.0, 1.0]])
 H = np.array([[1.0, 0.0]])

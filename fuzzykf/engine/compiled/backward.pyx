@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""Back along a filtered series, and the most likely path; see `fuzzykf.engine.backward`."""
+"""Back along a filtered series, and the most likely path; see `fuzzykf.engine.numpy.backward`."""
 
 from libc.stdint cimport int64_t
 from libc.string cimport memcpy

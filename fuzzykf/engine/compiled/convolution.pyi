@@ -1,5 +1,5 @@
+from fuzzykf.arrays import IntArray
 from fuzzykf.base import FloatArray
-from fuzzykf.engine.convolution import IntArray
 
 def convolve_parabola(
     cost: FloatArray, y0: float, dy: float, x0: float, dx: float, n_targets: int, curvature: float

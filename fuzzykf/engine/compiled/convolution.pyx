@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""Convolution of lines of costs with a parabola; see `fuzzykf.engine.convolution`."""
+"""Convolution of lines of costs with a parabola; see `fuzzykf.engine.numpy.convolution`."""
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, doubles
 

@@ -1,5 +1,5 @@
 from fuzzykf.base import FloatArray
-from fuzzykf.engine.scales import Scale
+from fuzzykf.engine.numpy.scales import Scale
 
 def interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray: ...
 def interpolate_lines(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray: ...

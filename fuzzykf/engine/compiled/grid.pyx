@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""Interpolation of costs on regular lattices; see `fuzzykf.engine.grid`."""
+"""Interpolation of costs on regular lattices; see `fuzzykf.engine.numpy.grid`."""
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, axes_of, doubles, lattice
 

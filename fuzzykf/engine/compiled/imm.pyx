@@ -194,7 +194,7 @@ cdef int write(Bank bank, bint prior, bint posterior) except -1:
 
 
 class BankStepper:
-    """Owner of ``step``; see `fuzzykf.engine.stepper.BankStepper`."""
+    """Owner of ``step``; see `fuzzykf.engine.numpy.stepper.BankStepper`."""
 
     def step(self, z):
         """Predict, then update with ``z``.
@@ -229,7 +229,7 @@ class BankStepper:
         return <object> PyDict_GetItemWithError(d, "x")
 
     def _predict_at_once(self):
-        """See `fuzzykf.engine.stepper.BankStepper`."""
+        """See `fuzzykf.engine.numpy.stepper.BankStepper`."""
         cdef dict d = PyObject_GenericGetDict(self, NULL)
         cdef Bank bank
         cdef cnp.ndarray log_cbar
@@ -250,7 +250,7 @@ class BankStepper:
         return True
 
     def _update_at_once(self, z):
-        """See `fuzzykf.engine.stepper.BankStepper`."""
+        """See `fuzzykf.engine.numpy.stepper.BankStepper`."""
         cdef dict d = PyObject_GenericGetDict(self, NULL)
         cdef Bank bank
         cdef Member *member
@@ -282,7 +282,7 @@ class BankStepper:
 
 
 def filter_bank(xs, Ps, log_mu, log_M, zs, dict model, dict out):
-    """See `fuzzykf.engine.imm.filter_bank`."""
+    """See `fuzzykf.engine.numpy.imm.filter_bank`."""
     cdef cnp.ndarray log_M_ = doubles(log_M, "log_M", (-1, -1)), Ps_ = doubles(Ps, "Ps", (-1, -1, -1))
     cdef cnp.ndarray R = doubles(model["R"], "R", (-1, -1, -1))
     cdef int K = <int> log_M_.shape[0], n = <int> Ps_.shape[1], m = <int> R.shape[1], k

@@ -72,7 +72,7 @@ cdef tuple innovation_of(fk_kalman *f, int column):
 
 
 def predict_linear(x, P, F, Q, double alpha_sq):
-    """See `fuzzykf.engine.kalman.predict_linear`."""
+    """See `fuzzykf.engine.numpy.kalman.predict_linear`."""
     cdef fk_kalman f
     cdef int column = begin(&f, x, P, 1)
     cdef cnp.ndarray F_ = doubles(F, "F", (f.n, f.n)), Q_ = doubles(Q, "Q", (f.n, f.n))
@@ -82,7 +82,7 @@ def predict_linear(x, P, F, Q, double alpha_sq):
 
 
 def update_linear(x, P, z, H, R):
-    """See `fuzzykf.engine.kalman.update_linear`."""
+    """See `fuzzykf.engine.numpy.kalman.update_linear`."""
     cdef fk_kalman f
     cdef cnp.ndarray R_ = doubles(R, "R", (-1, -1))
     cdef int column = begin(&f, x, P, <int> R_.shape[0])
@@ -97,7 +97,7 @@ def update_linear(x, P, z, H, R):
 
 
 def filter_linear(x, P, zs, F, Q, H, R, double alpha_sq, controls, dict out):
-    """See `fuzzykf.engine.kalman_series.filter_linear`."""
+    """See `fuzzykf.engine.numpy.kalman_series.filter_linear`."""
     cdef fk_kalman f
     cdef cnp.ndarray R_ = doubles(R, "R", (-1, -1))
     cdef int column = begin(&f, x, P, <int> R_.shape[0]), n = f.n, m = f.m
@@ -129,7 +129,7 @@ def filter_linear(x, P, zs, F, Q, H, R, double alpha_sq, controls, dict out):
 
 
 class LinearStepper:
-    """Owner of ``step``; see `fuzzykf.engine.stepper.LinearStepper`."""
+    """Owner of ``step``; see `fuzzykf.engine.numpy.stepper.LinearStepper`."""
 
     def step(self, z):
         """Predict, then update with ``z``.
@@ -164,7 +164,7 @@ class LinearStepper:
         return <object> PyDict_GetItemWithError(d, "x")
 
     def _predict_at_once(self):
-        """See `fuzzykf.engine.stepper.LinearStepper`."""
+        """See `fuzzykf.engine.numpy.stepper.LinearStepper`."""
         cdef dict d = PyObject_GenericGetDict(self, NULL)
         cdef Member member
         cdef Entry entries[ENTRIES]
@@ -180,7 +180,7 @@ class LinearStepper:
         return True
 
     def _update_at_once(self, z):
-        """See `fuzzykf.engine.stepper.LinearStepper`."""
+        """See `fuzzykf.engine.numpy.stepper.LinearStepper`."""
         cdef dict d = PyObject_GenericGetDict(self, NULL)
         cdef Member member
         cdef Entry entries[ENTRIES]

@@ -1,7 +1,7 @@
 import numpy as np
 
+from fuzzykf.arrays import IntArray
 from fuzzykf.base import FloatArray
-from fuzzykf.engine.kernels import IntArray
 
 def convolve_table(cost: FloatArray, table: FloatArray, combine: np.ufunc = ...) -> IntArray: ...
 def convolve_convex(cost: FloatArray, table: FloatArray) -> IntArray: ...

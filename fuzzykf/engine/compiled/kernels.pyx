@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""Convolution of lines of costs with a tabulated kernel; see `fuzzykf.engine.kernels`."""
+"""Convolution of lines of costs with a tabulated kernel; see `fuzzykf.engine.numpy.kernels`."""
 
 from libc.string cimport memcpy
 

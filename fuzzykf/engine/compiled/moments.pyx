@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""Moments of memberships on a lattice; see `fuzzykf.engine.moments`."""
+"""Moments of memberships on a lattice; see `fuzzykf.engine.numpy.moments`."""
 
 from fuzzykf.engine.compiled.arrays cimport at, axes_of, doubles, lattice
 

@@ -1,7 +1,8 @@
 from collections.abc import Iterator
 
+from fuzzykf.arrays import BoolArray, IntArray
 from fuzzykf.base import FloatArray
-from fuzzykf.engine.raster import BoolArray, Cover, IntArray
+from fuzzykf.engine.numpy.raster import Cover
 
 def cover(image: FloatArray, alive: BoolArray, shape: tuple[int, ...]) -> Iterator[Cover]: ...
 def corrected(part: Cover, miss: FloatArray, shape: tuple[int, ...]) -> FloatArray: ...

@@ -1,10 +1,10 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""Forward mapping of a lattice; see `fuzzykf.engine.raster`."""
+"""Forward mapping of a lattice; see `fuzzykf.engine.numpy.raster`."""
 
 from itertools import combinations, permutations
 
 from fuzzykf.engine.compiled.arrays cimport at, axes_of, doubles, lattice, whole
-from fuzzykf.engine.raster import CHUNK, Cover
+from fuzzykf.engine.numpy.raster import CHUNK, Cover
 
 cimport numpy as cnp
 

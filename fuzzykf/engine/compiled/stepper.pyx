@@ -24,7 +24,7 @@ cdef inline const fk_engine *engine() noexcept nogil:
 
 
 cdef class Stepper:
-    """The state of a switching filter, and `step`; see `fuzzykf.engine.stepper.Stepper`.
+    """The state of a switching filter, and `step`; see `fuzzykf.engine.numpy.stepper.Stepper`.
 
     Once `_arm` has handed over a state and the tables of all steps to come, observations that
     are complete go through the compiled step alone.  The attributes are made when they are read.
@@ -44,7 +44,7 @@ cdef class Stepper:
     cdef double log_likelihood
 
     def _arm(self, tables, table, window, mass):
-        """See `fuzzykf.engine.stepper.Stepper`."""
+        """See `fuzzykf.engine.numpy.stepper.Stepper`."""
         cdef Kernel kernel = tables.kernel
         cdef cnp.ndarray w = doubles(window, "window", (kernel.k.w,))
         self._sync()

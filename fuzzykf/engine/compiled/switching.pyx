@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""Steps of the switching recursion; see `fuzzykf.engine.switching`, `switching_many` and `hmm`."""
+"""Steps of the switching recursion; see `fuzzykf.engine.numpy.switching`, `switching_many` and `hmm`."""
 
 from libc.string cimport memcpy
 

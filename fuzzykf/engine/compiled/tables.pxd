@@ -89,7 +89,7 @@ cdef const fk_engine *versions  # one per kind of processor
 
 
 cdef class Kernel:
-    """Tables of one step in the layout of the compiled core; see `fuzzykf.engine.switching.Kernel`."""
+    """Tables of one step in the layout of the compiled core; see `fuzzykf.engine.numpy.switching.Kernel`."""
 
     cdef fk_kernel k
     cdef Buffer memory

@@ -31,7 +31,7 @@ cdef void store(double *to, const double *source, int rows, int M) noexcept nogi
 
 
 cdef class Kernel:
-    """Tables of one step in the layout of the compiled core; see `fuzzykf.engine.switching.Kernel`."""
+    """Tables of one step in the layout of the compiled core; see `fuzzykf.engine.numpy.switching.Kernel`."""
 
     @property
     def shape(self):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.memberships.bounded import IntervalMembership
     from fuzzykf.possibility.memberships.derived import CutMembership
     from fuzzykf.possibility.norms import TNorm

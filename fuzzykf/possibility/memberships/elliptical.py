@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.norms import TNorm
 
 __all__ = ["CauchyMembership", "EllipticalMembership", "GaussianMembership", "ParabolicMembership"]

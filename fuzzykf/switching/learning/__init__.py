@@ -23,11 +23,11 @@ from fuzzykf.switching.learning.result import FitResult
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.base import FloatArray
-    from fuzzykf.switching.fuzzy_model import CGOFMSModel
-    from fuzzykf.switching.hard_model import CGOMSModel
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.dynamics.simulation import Simulation
     from fuzzykf.switching.learning.data import TrainingData
-    from fuzzykf.switching.simulation import Simulation
+    from fuzzykf.switching.models.fuzzy import CGOFMSModel
+    from fuzzykf.switching.models.hard import CGOMSModel
 
 __all__ = ["FitResult", "fit_fuzzy_model", "fit_hard_model"]
 

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.chain import stationary_distribution
-from fuzzykf.switching.integration import cell_masses
-from fuzzykf.switching.laws import FuzzyMarkovLaw
+from fuzzykf.switching.laws.chain import stationary_distribution
+from fuzzykf.switching.laws.integration import cell_masses
+from fuzzykf.switching.laws.law import FuzzyMarkovLaw
 from fuzzykf.switching.learning.law import fmc1_from_logits, fmc2_from_logits, softmax
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["ChainFamily", "FMC1Chain", "FMC2Chain", "FreeChain", "family_of"]
 
@@ -267,7 +267,7 @@ class FreeChain(ChainFamily):
 
         A law stands for a stationary chain; where this one began says little about it.
         """
-        from fuzzykf.switching.law_cells import CellLaw
+        from fuzzykf.switching.laws.cells import CellLaw
 
         try:
             stationary = stationary_distribution(self.transition)

@@ -21,7 +21,7 @@ from fuzzykf.switching.learning.regression import Cells
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.learning.chains import ChainFamily
     from fuzzykf.switching.learning.data import TrainingData
     from fuzzykf.switching.learning.gaussians import GaussianEstimate

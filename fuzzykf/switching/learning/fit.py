@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.chain import stationary_distribution
-from fuzzykf.switching.fuzzy_model import CGOFMSModel
-from fuzzykf.switching.hard_model import CGOMSModel
+from fuzzykf.switching.laws.chain import stationary_distribution
 from fuzzykf.switching.learning.chains import ChainFamily, FreeChain, family_of
 from fuzzykf.switching.learning.em import Estimate, Posterior, pair_shares, run_em
 from fuzzykf.switching.learning.gaussians import (
@@ -34,11 +32,13 @@ from fuzzykf.switching.learning.notes import (
 from fuzzykf.switching.learning.regression import Cells, merged
 from fuzzykf.switching.learning.starts import classes, guesses, soften, spread
 from fuzzykf.switching.learning.vine import VineEstimate
+from fuzzykf.switching.models.fuzzy import CGOFMSModel
+from fuzzykf.switching.models.hard import CGOMSModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.learning.data import TrainingData
 
 __all__ = ["Fitted", "Options", "fit_fuzzy", "fit_hard"]

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from fuzzykf.switching.forms import GaussianForm, RegressionForm
+from fuzzykf.switching.dynamics.forms import GaussianForm, RegressionForm
 from fuzzykf.switching.learning.regression import Cells, Regression, fit_regression, join, prior_cells
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.learning.data import Scale, TrainingData
 
 __all__ = ["GaussianEstimate", "RegressionEstimate", "pair_cells", "positions", "transition_vectors"]

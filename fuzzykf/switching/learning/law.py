@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.laws import FuzzyMarkovLaw
+from fuzzykf.switching.laws.law import FuzzyMarkovLaw
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["count_transitions", "fit_law", "fmc1_from_logits", "fmc2_from_logits"]
 

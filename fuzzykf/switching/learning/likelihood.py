@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.switching import LOG_ZERO
+from fuzzykf.engine.numpy.switching import LOG_ZERO
 from fuzzykf.gaussian import cholesky, log_density, logsumexp
-from fuzzykf.switching.tables import log_probability
+from fuzzykf.switching.dynamics.pairs import log_probability
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.dynamics.pairs import SwitchingSystem
     from fuzzykf.switching.learning.data import TrainingData
-    from fuzzykf.switching.tables import SwitchingSystem
 
 __all__ = ["emissions", "forward", "log_likelihood"]
 

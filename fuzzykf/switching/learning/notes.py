@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.switching.fuzzy_model import N_PROOF
 from fuzzykf.switching.learning.chains import FreeChain
 from fuzzykf.switching.learning.em import Estimate, Posterior, run_em
 from fuzzykf.switching.learning.vine import VineEstimate
+from fuzzykf.switching.models.fuzzy import N_PROOF
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.dynamics.pairs import SwitchingSystem
     from fuzzykf.switching.learning.data import TrainingData
     from fuzzykf.switching.learning.gaussians import GaussianEstimate
-    from fuzzykf.switching.tables import SwitchingSystem
 
 __all__ = [
     "active_constraint",

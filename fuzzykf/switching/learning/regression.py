@@ -9,7 +9,7 @@ one too.
     t = beta(b) p + e,   T(b) e ~ N(0, diag exp g(b)),
 
 with beta, g and the unit lower triangular T linear in b, as in
-`fuzzykf.switching.interpolation.LogCovariance`.
+`fuzzykf.switching.dynamics.interpolation.LogCovariance`.
 
 The likelihood alone is unbounded: a pair of regimes that occurs less often than it has
 coefficients can be fitted without error.  So a weak prior joins the data, as cells of
@@ -23,10 +23,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from fuzzykf.gaussian import symmetrize
-from fuzzykf.switching.interpolation import compose, decompose
+from fuzzykf.switching.dynamics.interpolation import compose, decompose
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = ["Cells", "Regression", "fit_regression", "join", "merged", "prior_cells"]
 

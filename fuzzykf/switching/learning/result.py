@@ -14,8 +14,8 @@ from fuzzykf.switching.learning.choice import bic
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.base import FloatArray
-    from fuzzykf.switching.simulation import Simulation
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.dynamics.simulation import Simulation
 
 __all__ = ["FitResult"]
 

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from fuzzykf.switching.forms import CovarianceForm
+from fuzzykf.switching.dynamics.forms import CovarianceForm
 from fuzzykf.switching.learning.gaussians import GaussianEstimate
 from fuzzykf.switching.learning.regression import Cells, join, prior_cells
 
 if TYPE_CHECKING:
-    from fuzzykf.base import FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.learning.data import Scale
 
 __all__ = ["VineEstimate", "vine_moments"]

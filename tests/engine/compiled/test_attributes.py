@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fuzzykf.engine import kalman
+from fuzzykf.engine.numpy import kalman
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
 from fuzzykf.kalman import KalmanFilter
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf.engine import backward, switching
+from fuzzykf.engine.numpy import backward, switching
 
 compiled = pytest.importorskip(
     "fuzzykf.engine.compiled.backward", reason="the compiled core has not been built"

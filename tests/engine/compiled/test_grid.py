@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from fuzzykf.engine import convolution, grid, kernels, moments, raster
+from fuzzykf.engine.numpy import convolution, grid, kernels, moments, raster
 
 core = pytest.importorskip("fuzzykf.engine.compiled", reason="the compiled core has not been built")
 

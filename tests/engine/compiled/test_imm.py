@@ -7,7 +7,7 @@ import copy
 import numpy as np
 import pytest
 
-from fuzzykf.engine import imm
+from fuzzykf.engine.numpy import imm
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError
 from fuzzykf.kalman import IMMEstimator, KalmanFilter
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fuzzykf.engine import kalman, kalman_series
+from fuzzykf.engine.numpy import kalman, kalman_series
 
 core = pytest.importorskip("fuzzykf.engine.compiled.kalman", reason="the compiled core has not been built")
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, engine
-from fuzzykf.engine import hmm, switching, switching_many
+from fuzzykf.engine.numpy import hmm, switching, switching_many
 
 core = pytest.importorskip("fuzzykf.engine.compiled.switching", reason="the compiled core has not been built")
 packed = pytest.importorskip("fuzzykf.engine.compiled.tables")

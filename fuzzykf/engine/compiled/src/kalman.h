@@ -1,7 +1,7 @@
 /* Linear Kalman filters of up to FK_KALMAN_LARGEST states and observed components.
  *
  * Matrices are row by row without gaps.  Nothing here allocates, and the arithmetic is that of
- * fuzzykf.engine.kalman: full matrices, Joseph's form, symmetrised at the end.
+ * fuzzykf.engine.numpy.kalman: full matrices, Joseph's form, symmetrised at the end.
  */
 #ifndef FUZZYKF_KALMAN_H
 #define FUZZYKF_KALMAN_H

@@ -1,0 +1,225 @@
+"""Which model?  Candidates judged by the error of their filters on data that they have not seen.
+
+A larger likelihood need not mean a better filter: in the exact switching models observations
+never correct the state, so errors of the state equation go on unseen.  So `compare_models`
+judges by what a filter is for, beside simple rivals, with the uncertainty that dependent
+errors leave.
+"""
+
+from __future__ import annotations
+
+import re
+from contextlib import nullcontext
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from fuzzykf.comparison.candidates import Candidate, LearningPart
+from fuzzykf.comparison.linear import learn_imm, learn_kalman
+from fuzzykf.comparison.methods import KNOTS
+from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN
+from fuzzykf.comparison.regression import learn_regression
+from fuzzykf.comparison.rolling import Fold, Round, summarise
+from fuzzykf.comparison.switching import LAWS, learn_fuzzy, learn_hard
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.preprocessing import DailyProfile, as_columns, as_times
+from fuzzykf.progress import progress_bar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.comparison.candidates import Learned
+    from fuzzykf.comparison.rolling import ModelComparison
+
+__all__ = ["CANDIDATES", "compare_models"]
+
+#: The candidates of `compare_models`, unless others are named.
+CANDIDATES = ("hard1", "hard2", "hard3", *LAWS, "imm", "kalman", "regression", "piecewise")
+
+
+def compare_models(
+    x: ArrayLike,
+    y: ArrayLike,
+    rng: np.random.Generator,
+    *,
+    candidates: Sequence[str | Candidate] = CANDIDATES,
+    n_folds: int = 5,
+    first: float = 0.5,
+    window: Literal["expanding", "sliding"] = "expanding",
+    profile: bool = False,
+    time: Any = None,
+    workday: ArrayLike | None = None,
+    n_nodes: int = 5,
+    max_iter: int = 200,
+    tolerance: float = 1e-5,
+    n_resamples: int = 2000,
+    progress: bool = False,
+) -> ModelComparison:
+    """Compare models of a state by the error of their filters on later, held-out data.
+
+    The rows after the first part are cut into ``n_folds`` stretches.  Before each of them all
+    candidates learn anew, on earlier rows alone; then they restore its states from its
+    observations (and a few before, to be under way).  All errors together, a state each, make
+    the score.
+
+    Parameters
+    ----------
+    x, y : array_like, shapes (n, m) and (n, q), or (n,)
+        States and observations, in the order of time; NaN where missing.
+    rng : numpy.random.Generator
+        For the bootstrap.
+    candidates : sequence of str or Candidate
+        "hard1", "hard2", "hard3", ...: `CGOMSModel` of so many regimes; "fmc1", "fmc2",
+        "free": `CGOFMSModel` with a law of this family; "imm": `IMMEstimator` on a linear
+        model in each regime of "hard2"; "kalman": `KalmanFilter` on the best single linear
+        model; "regression" and "piecewise": linear and piecewise-linear regression on the
+        observation and earlier ones.  Your own: a `fuzzykf.comparison.Candidate`.
+    n_folds : int
+        Stretches that are held out, one after the other.
+    first : float
+        Share of the rows that the first fold learns on.
+    window : {"expanding", "sliding"}
+        Learn on all earlier rows, or on as many of the latest as the first fold has: better
+        where the system itself changes.
+    profile : bool
+        Take its daily profile from x, learned anew in each fold (see `DailyProfile`).
+    time, workday : array_like, shape (n,), optional
+        For the profile; by default the index of x, and Mondays to Fridays.
+    n_nodes, max_iter, tolerance
+        As in `CGOFMSModel.fit`.
+    n_resamples : int
+        Resamples of the bootstrap.
+    progress : bool
+        Show a progress bar (needs rich).
+
+    Returns
+    -------
+    ModelComparison
+        With ``.verdict()``, ``.to_dataframe()``, ``.best``, ``.failures``, ...
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        If shapes do not agree, a name is unknown, or there are too few rows.
+    FuzzykfError
+        If no candidate could be learned.
+
+    Notes
+    -----
+    Intervals come from a circular block bootstrap of the squared errors, with the same blocks for
+    all candidates.  They tell how much an error would vary over other stretches of this kind,
+    and know nothing of what no fold has seen.  The best of many candidates looks a little better
+    than it is: judge the winner on data that were kept out of the comparison altogether.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import compare_models
+    >>> rng = np.random.default_rng(0)
+    >>> y = rng.normal(size=600)
+    >>> x = np.abs(y) + 0.1 * rng.normal(size=600)
+    >>> found = compare_models(x, y, rng, candidates=["kalman", "regression", "piecewise"])
+    >>> found.best, found.is_certain
+    ('piecewise', True)
+    """
+    states, observations = as_columns("x", x), as_columns("y", y)
+    n = len(states)
+    if len(observations) != n:
+        raise ShapeError(f"y: got {len(observations)} rows, expected {n}, as many as x has")
+    methods = _methods(candidates)
+    folds = _folds(n, n_folds, first, window)
+    moments = as_times(time, x, n) if profile else None
+    days = None if workday is None else np.asarray(workday)
+    if days is not None and days.shape != (n,):
+        raise ShapeError(f"workday: got shape {days.shape}, expected ({n},)")
+    if n_resamples < 100:
+        raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
+    scale = np.ones(1) if states.shape[1] == 1 else np.nanstd(states[: folds[0].split], axis=0)
+
+    pieces = n_folds * sum(method.pieces for method in methods) + 1
+    rounds: list[Round] = []
+    with progress_bar(pieces) if progress else nullcontext(lambda _: None) as tell:
+        for number, fold in enumerate(folds, 1):
+            target = states[fold.begin : fold.end]
+            if moments is not None:
+                target = _without_profile(target, moments, days, fold)
+            part = LearningPart(
+                x=target[: fold.split - fold.begin],
+                y=observations[fold.begin : fold.split],
+                n_nodes=n_nodes,
+                max_iter=max_iter,
+                tolerance=tolerance,
+                progress=partial(_tell_fold, tell, number, n_folds),
+            )
+            held_out = observations[fold.split : fold.end]
+            rounds.append(Round(part, target[fold.split - fold.begin :], held_out, scale, methods))
+        tell("bootstrap")
+        return summarise(methods, folds, rounds, n_resamples, rng)
+
+
+# --------------------------------------------------------------------------- arguments
+
+
+def _methods(candidates: Sequence[str | Candidate]) -> list[Candidate]:
+    methods = [_candidate(c) if isinstance(c, str) else c for c in candidates]
+    names = [method.name for method in methods]
+    if not names or len(set(names)) < len(names):
+        raise ParameterError(f"candidates: got {names}, expected one at least and each name once")
+    return methods
+
+
+def _candidate(name: str) -> Candidate:
+    """Return a candidate by its name."""
+    learn: Callable[[LearningPart], Learned]
+    if hard := re.fullmatch(r"hard([1-9]\d*)", name):
+        learn = partial(learn_hard, n_switches=int(hard[1]))
+    elif name in LAWS:
+        learn = partial(learn_fuzzy, law=name)
+    elif name == "imm":
+        learn = learn_imm
+    elif name == "kalman":
+        learn = learn_kalman
+    elif name in ("regression", "piecewise"):
+        learn = partial(learn_regression, n_knots=KNOTS if name == "piecewise" else 0)
+    else:
+        raise ParameterError(f"candidates: got {name!r}, expected names of {', '.join(CANDIDATES)}")
+    return Candidate(name, learn)
+
+
+def _folds(n: int, n_folds: int, first: float, window: str) -> tuple[Fold, ...]:
+    if n_folds < 1:
+        raise ParameterError(f"n_folds: got {n_folds}, expected at least 1")
+    if not 0.0 < first < 1.0:
+        raise ParameterError(f"first: got {first:g}, expected a share between 0 and 1")
+    if window not in ("expanding", "sliding"):
+        raise ParameterError(f"window: got {window!r}, expected 'expanding' or 'sliding'")
+    start = round(first * n)
+    if start < MIN_TRAIN or n - start < max(MIN_TEST, n_folds):
+        raise ParameterError(
+            f"first: {first:g} of {n} rows are {start} to learn on at first and {n - start} to hold out, "
+            f"expected at least {MIN_TRAIN} and {max(MIN_TEST, n_folds)}"
+        )
+    bounds = np.linspace(start, n, n_folds + 1).round().astype(int).tolist()
+    return tuple(
+        Fold(begin=0 if window == "expanding" else split - start, split=split, end=end)
+        for split, end in pairwise(bounds)
+    )
+
+
+def _without_profile(target: FloatArray, time: Any, workday: Any, fold: Fold) -> FloatArray:
+    """Take the daily profile of the rows to learn on from all rows of a fold."""
+    split = fold.split - fold.begin
+    moments = time[fold.begin : fold.end]
+    days = None if workday is None else workday[fold.begin : fold.end]
+    profile = DailyProfile().fit(target[:split], moments[:split], None if days is None else days[:split])
+    result: FloatArray = profile.transform(target, moments, days)
+    return result
+
+
+def _tell_fold(tell: Callable[[str], None], number: int, n_folds: int, name: str) -> None:
+    tell(f"fold {number} of {n_folds}: {name}")

@@ -1,0 +1,84 @@
+"""NumPy kernels that go back along a filtered series, or find the most likely path."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.engine.numpy.switching import log_pairs
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.engine.numpy.switching import Kernel
+
+__all__ = ["best_path", "smooth_back"]
+
+#: Steps whose pair weights are held at once.
+_CHUNK = 512
+
+
+def smooth_back(kernel: Kernel, log_p: FloatArray, U: FloatArray, after: FloatArray) -> FloatArray:
+    """Carry the smoothed probabilities of the nodes back through n steps with the same tables.
+
+    gamma_t = o_t gamma_{t+1} with o_ij = p(r_t = i | r_{t+1} = j, y_1..t+1), (14).
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Without negative weights.
+    log_p : ndarray, shape (n, M)
+        Filtered log-probabilities at the start of each step.
+    U : ndarray, shape (n, 1 + w + q)
+        Rows (1, w, y').
+    after : ndarray, shape (M,)
+        Smoothed probabilities after the last step.
+
+    Returns
+    -------
+    ndarray, shape (n, M)
+        Smoothed probabilities at the start of each step.
+    """
+    M1, M2 = kernel.shape[:2]
+    gamma = np.empty((len(U), M1))
+    for stop in range(len(U), 0, -_CHUNK):
+        start = max(0, stop - _CHUNK)
+        log_w = log_pairs(kernel, U[start:stop]).reshape(-1, M1, M2) + log_p[start:stop, :, None]
+        w = np.exp(log_w - log_w.max(axis=1, keepdims=True))
+        w /= w.sum(axis=1, keepdims=True)
+        for t in range(stop - 1, start - 1, -1):
+            after = w[t - start] @ after
+            gamma[t] = after = after / after.sum()  # one, but for rounding, which would add up
+    return gamma
+
+
+def best_path(kernel: Kernel, score: FloatArray, U: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Viterbi's recursion through n steps with the same tables.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Without negative weights.
+    score : ndarray, shape (M,)
+        Log-density of the best path to each node, up to a constant.
+    U : ndarray, shape (n, 1 + w + q)
+
+    Returns
+    -------
+    score : ndarray, shape (M,)
+        The same after the last step; its maximum is zero.
+    pointers : ndarray, shape (n, M)
+        The node before, on the best path to each node.
+    """
+    M1, M2 = kernel.shape[:2]
+    pointers = np.empty((len(U), M2), dtype=np.int64)
+    columns = np.arange(M2)
+    for start in range(0, len(U), _CHUNK):
+        for t, pairs in enumerate(log_pairs(kernel, U[start : start + _CHUNK]), start):
+            total = score[:, None] + pairs.reshape(M1, M2)
+            pointers[t] = total.argmax(axis=0)
+            score = total[pointers[t], columns]
+            score = score - score.max()
+    return score, pointers

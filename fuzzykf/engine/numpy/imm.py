@@ -1,0 +1,282 @@
+"""Kernels of banks of linear filters that switch: IMM and GPB2.
+
+``K`` is the number of modes; index i is the mode at the previous time, j the one
+now.  ``xs`` (..., K, n) and ``Ps`` (..., K, n, n) hold the modes' moments.  All
+mode weights are logarithms.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.engine.numpy import kalman
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import FloatArray
+
+__all__ = ["correct_bank", "filter_bank", "filter_many", "log_mixing", "merge", "mix", "move_bank", "weigh"]
+
+
+def log_mixing(log_mu: FloatArray, log_M: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Joint law of the modes before and now, what it says about now, and the mixing weights.
+
+    Parameters
+    ----------
+    log_mu : ndarray, shape (..., K)
+        Logs of the probabilities of the modes before.
+    log_M : ndarray, shape (K, K)
+        Logs of the transition probabilities, from row i to column j.
+
+    Returns
+    -------
+    log_joint : ndarray, shape (..., K, K)
+        log P(i, j).
+    log_cbar : ndarray, shape (..., K)
+        log P(j).
+    omega : ndarray, shape (..., K, K)
+        P(i | j).  A mode that cannot be reached keeps to itself.
+    """
+    log_joint: FloatArray = log_mu[..., :, None] + log_M
+    log_cbar: FloatArray = np.logaddexp.reduce(log_joint, axis=-2)
+    if -np.inf not in log_cbar.ravel().tolist():
+        return log_joint, log_cbar, np.exp(log_joint - log_cbar[..., None, :])
+    lost = np.isneginf(log_cbar)[..., None, :]
+    omega = np.exp(log_joint - np.where(lost, 0.0, log_cbar[..., None, :]))
+    return log_joint, log_cbar, np.where(lost, np.eye(len(log_M)), omega)
+
+
+def weigh(log_prior: FloatArray, log_likelihood: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Bayes' rule along the last axis: log posterior weights, and the log of their normaliser.
+
+    The weights are NaN where no hypothesis has a positive density.
+    """
+    log_joint = log_prior + log_likelihood
+    total: FloatArray = np.logaddexp.reduce(log_joint, axis=-1)
+    return log_joint - total[..., None], total
+
+
+def merge(weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of mixtures along the last axis of modes, by central moments.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (..., K)
+    xs, Ps : ndarray, shapes (..., K, n) and (..., K, n, n)
+
+    Returns
+    -------
+    x, P : ndarray, shapes (..., n) and (..., n, n)
+    """
+    if weights.ndim == 1:
+        mean = weights.dot(xs)
+        deviation = xs - mean
+        within = weights.dot(Ps.reshape(len(Ps), -1)).reshape(Ps.shape[1:])
+        return mean, within + (deviation.T * weights).dot(deviation)
+    row = weights[..., None, :]
+    x = row @ xs
+    deviation = xs - x
+    P = (row @ Ps.reshape(*Ps.shape[:-2], -1)).reshape(*Ps.shape[:-3], *Ps.shape[-2:])
+    P = P + (deviation.mT * row) @ deviation
+    return x[..., 0, :], P
+
+
+def mix(omega: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Moments with which each mode j starts the interaction: mixtures over i with weights omega[i, j]."""
+    if omega.ndim == 2:
+        means = omega.T.dot(xs)
+        deviation = xs - means[:, None, :]
+        within = omega.T.dot(Ps.reshape(len(Ps), -1)).reshape(Ps.shape)
+        return means, within + (deviation.mT * omega.T[:, None, :]) @ deviation
+    weights = omega.mT
+    x = weights @ xs
+    deviation = xs[..., None, :, :] - x[..., :, None, :]
+    P = (weights @ Ps.reshape(*Ps.shape[:-2], -1)).reshape(Ps.shape)
+    spread = (deviation.mT * weights[..., None, :]) @ deviation
+    return x, P + spread
+
+
+def move_bank(
+    xs: FloatArray, Ps: FloatArray, F: FloatArray, Q: FloatArray, alpha_sq: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
+    """Prediction of every mode with its own F and Q, (K, n, n)."""
+    return (F @ xs[..., None])[..., 0], kalman.predict_stack(Ps, F, Q, alpha_sq)
+
+
+def correct_bank(
+    xs: FloatArray,
+    Ps: FloatArray,
+    z: FloatArray,
+    H: FloatArray,
+    R: FloatArray,
+    seen: np.ndarray | None,
+) -> tuple[FloatArray, ...]:
+    """Update of every mode with its own H (K, m, n) and R (K, m, m).
+
+    Parameters
+    ----------
+    z : ndarray, shape (..., m)
+    seen : ndarray of bool, shape (..., m), or None
+        Which components were observed.
+
+    Returns
+    -------
+    y, S, SI, K, xs, Ps, log_likelihood
+    """
+    y = z - (H @ xs[..., None])[..., 0]
+    if seen is not None:
+        y = np.where(seen, y, 0.0)
+    S, SI, K, log_det = kalman.gain_stack(Ps, H, R, seen)
+    xs = xs + (K @ y[..., None])[..., 0]
+    Ps = kalman.correct_stack(Ps, K, H, R)
+    return y, S, SI, K, xs, Ps, kalman.log_normal_stack(y, SI, log_det, seen)
+
+
+def filter_bank(
+    xs: FloatArray,
+    Ps: FloatArray,
+    log_mu: FloatArray,
+    log_M: FloatArray,
+    zs: FloatArray,
+    model: dict[str, FloatArray],
+    out: dict[str, FloatArray],
+) -> dict[str, FloatArray] | None:
+    """Run one bank along one series, mixing before each prediction (IMM).
+
+    Parameters
+    ----------
+    xs, Ps, log_mu : ndarray, shapes (K, n), (K, n, n) and (K,)
+        Where the series starts.
+    log_M : ndarray, shape (K, K)
+    zs : ndarray, shape (steps, m)
+        NaN where missing.
+    model : dict of ndarray
+        ``F``, ``Q``, ``H``, ``R`` with a leading axis for the modes, and ``alpha_sq``.
+    out : dict of ndarray
+        Filled: ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``log_likelihood``, as far
+        as they are there, each of shape (steps, ...).
+
+    Returns
+    -------
+    dict of ndarray, or None
+        After the last step: ``xs``, ``Ps``, ``xs_prior``, ``Ps_prior``, ``log_mu``, the predicted
+        ``log_cbar`` and the log-likelihoods ``modes`` of the modes; of the latest step of which
+        something was observed, if there is one, ``y``, ``S``, ``SI``, ``K``.  None if some
+        observation was refused, because S is not positive definite or no mode gives it a density.
+    """
+    F, Q, H, R, alpha_sq = (model[name] for name in ("F", "Q", "H", "R", "alpha_sq"))
+    innovation: dict[str, FloatArray] = {}
+    state: dict[str, FloatArray] = {}
+    for t, z in enumerate(zs):
+        _, log_cbar, omega = log_mixing(log_mu, log_M)
+        xs, Ps = move_bank(*mix(omega, xs, Ps), F, Q, alpha_sq)
+        state = {"xs_prior": xs, "Ps_prior": Ps, "log_cbar": log_cbar}
+        _put(out, ("x_prior", "P_prior"), t, merge(np.exp(log_cbar), xs, Ps))
+        seen: np.ndarray = np.logical_not(np.isnan(z))
+        log_mu, total, modes = log_cbar, np.zeros(()), np.zeros(len(log_mu))
+        if seen.any():
+            try:
+                corrected = correct_bank(xs, Ps, z, H, R, None if seen.all() else seen)
+            except np.linalg.LinAlgError:
+                return None
+            y, S, SI, K, xs, Ps, modes = corrected
+            innovation = {"y": y, "S": S, "SI": SI, "K": K}
+            if not (log_cbar + modes).max() > -np.inf:
+                return None
+            log_mu, total = weigh(log_cbar, modes)
+        mu = np.exp(log_mu)
+        _put(out, ("x", "P"), t, merge(mu, xs, Ps))
+        _put(out, ("mu", "log_likelihood"), t, (mu, total))
+        state |= {"xs": xs, "Ps": Ps, "log_mu": log_mu, "modes": modes}
+    return state | innovation
+
+
+def _put(
+    out: dict[str, FloatArray], names: tuple[str, str], t: int, values: tuple[FloatArray, FloatArray]
+) -> None:
+    for name, value in zip(names, values, strict=True):
+        if name in out:
+            out[name][t] = value
+
+
+def filter_many(
+    xs: FloatArray,
+    Ps: FloatArray,
+    log_mu: FloatArray,
+    log_M: FloatArray,
+    zs: FloatArray,
+    model: dict[str, FloatArray],
+    every_pair: bool,
+    out: dict[str, FloatArray],
+) -> np.ndarray:
+    """Run one bank along many series at once.
+
+    Parameters
+    ----------
+    xs, Ps, log_mu : ndarray, shapes (K, n), (K, n, n) and (K,)
+        Where every series starts.
+    zs : ndarray, shape (series, steps, m)
+        NaN where missing.
+    model : dict of ndarray
+        ``F``, ``Q``, ``H``, ``R`` with a leading axis for the modes, and ``alpha_sq``.
+    every_pair : bool
+        Filter once per pair of modes and merge afterwards (GPB2), instead of mixing
+        before filtering once per mode (IMM).
+    out : dict of ndarray
+        Filled: ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``log_likelihood``, as far
+        as they are there, each of shape (series, steps, ...).
+
+    Returns
+    -------
+    ndarray of bool, shape (series,)
+        Where no mode gave some observation a positive density; the series is NaN from there on.
+    """
+    n_series, n_steps, _ = zs.shape
+    F, Q, H, R, alpha_sq = (model[name] for name in ("F", "Q", "H", "R", "alpha_sq"))
+    xs, Ps, log_mu = (np.broadcast_to(a, (n_series, *a.shape)) for a in (xs, Ps, log_mu))
+    all_seen: np.ndarray = np.asarray(~np.isnan(zs))
+    zs = np.where(all_seen, zs, 0.0)
+    axes = (slice(None), None, None) if every_pair else (slice(None), None)
+    for t in range(n_steps):
+        log_joint, log_cbar, omega = log_mixing(log_mu, log_M)
+        if every_pair:
+            xs, Ps = (np.repeat(a[:, :, None], len(log_M), axis=2) for a in (xs, Ps))
+        else:
+            xs, Ps = mix(omega, xs, Ps)
+        xs, Ps = move_bank(xs, Ps, F, Q, alpha_sq)
+        if "x_prior" in out or "P_prior" in out:
+            log_weights = log_joint.reshape(n_series, -1) if every_pair else log_cbar
+            _store(out, ("x_prior", "P_prior"), t, merge(np.exp(log_weights), *_modes(xs, Ps, n_series)))
+        seen = all_seen[:, t]
+        y_seen = None if seen.all() else seen[axes]
+        *_, xs, Ps, log_likelihood = correct_bank(xs, Ps, zs[:, t][axes], H, R, y_seen)
+        if every_pair:
+            log_pairs = log_joint + log_likelihood
+            within = np.logaddexp.reduce(log_pairs, axis=-2)
+            lost = within[:, None] == -np.inf
+            weights = np.exp(log_pairs - np.where(lost, 0.0, within[:, None]))
+            weights = np.where(lost, np.eye(len(log_M)), weights)
+            xs, Ps = merge(np.swapaxes(weights, 1, 2), np.swapaxes(xs, 1, 2), np.swapaxes(Ps, 1, 2))
+            log_mu, total = weigh(within, np.zeros_like(within))
+        else:
+            log_mu, total = weigh(log_cbar, log_likelihood)
+        mu = np.exp(log_mu)
+        if "x" in out or "P" in out:
+            _store(out, ("x", "P"), t, merge(mu, xs, Ps))
+        _store(out, ("mu", "log_likelihood"), t, (mu, total))
+    return np.asarray(np.isnan(log_mu).any(axis=-1))
+
+
+def _store(
+    out: dict[str, FloatArray], names: tuple[str, str], t: int, values: tuple[FloatArray, FloatArray]
+) -> None:
+    for name, value in zip(names, values, strict=True):
+        if name in out:
+            out[name][:, t] = value
+
+
+def _modes(xs: FloatArray, Ps: FloatArray, n_series: int) -> tuple[FloatArray, FloatArray]:
+    """Moments with all modes, or pairs of modes, along one axis."""
+    n = xs.shape[-1]
+    return xs.reshape(n_series, -1, n), Ps.reshape(n_series, -1, n, n)

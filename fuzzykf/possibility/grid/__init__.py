@@ -1,0 +1,1 @@
+"""Memberships on grids: warps, sup-convolutions, conditioning."""

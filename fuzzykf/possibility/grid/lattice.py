@@ -1,0 +1,206 @@
+"""A membership as costs on a regular lattice, and what can be read from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.engine.numpy.grid import sharpness, subgrid_minimum
+from fuzzykf.engine.selected import interpolate, live_cells, moments_about
+from fuzzykf.errors import ParameterError
+from fuzzykf.possibility.memberships import GridMembership
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.possibility.memberships import Membership
+    from fuzzykf.possibility.norms import TNorm
+
+__all__ = ["MOST_PARTS", "Lattice", "grid_points"]
+
+#: Nodes wanted per standard deviation of the sharpest direction, for integrals to 0.1 %.
+RESOLUTION = 0.7
+
+#: A step is cut into at most so many parts.
+MOST_PARTS = 6
+
+#: A node stands alone if the memberships beside it are below this.
+LONE = 0.1
+
+#: Costs beyond the best by more than this do not count in integrals.
+NEGLIGIBLE = 60.0
+
+#: Cells integrated at a time.
+SLAB = 1 << 12
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Costs on the nodes of a regular lattice; an immutable value.
+
+    Attributes
+    ----------
+    axes : tuple of ndarray
+        Equidistant coordinates; an axis of length one is a component known exactly.
+    cost : ndarray, shape (n_1, ..., n_d)
+        Costs in the scale of ``t_norm``; the least, between the nodes, is 0.
+    t_norm : TNorm
+    """
+
+    axes: tuple[FloatArray, ...]
+    cost: FloatArray
+    t_norm: TNorm
+
+    @classmethod
+    def of(cls, name: str, membership: Membership, axes: tuple[FloatArray, ...], t_norm: TNorm) -> Lattice:
+        """Sample a membership.
+
+        Raises
+        ------
+        ParameterError
+            If no node is possible; ``name`` says whose fault that is.
+        """
+        cost = membership.cost(grid_points(axes), t_norm)
+        if not (cost < t_norm.impossible).any():
+            raise ParameterError(
+                f"{name}: no node of the grid is possible; ask for more points, or for a domain that "
+                "holds the support"
+            )
+        return cls(axes, cost, t_norm)
+
+    @property
+    def free(self) -> list[int]:
+        """The axes of more than one node."""
+        return [k for k, axis in enumerate(self.axes) if axis.size > 1]
+
+    @property
+    def points(self) -> FloatArray:
+        """The nodes, shape (n_1, ..., n_d, d)."""
+        return grid_points(self.axes)
+
+    @property
+    def step(self) -> FloatArray:
+        """Distances of neighbouring nodes (d,), zero along axes of length one."""
+        return np.array([(axis[-1] - axis[0]) / max(axis.size - 1, 1) for axis in self.axes])
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """Costs (m,) at points (m, d), by interpolation; impossible outside the lattice."""
+        free = self.free
+        off = np.zeros(points.shape[0], dtype=bool)
+        for k, axis in enumerate(self.axes):
+            if axis.size == 1:
+                off |= np.abs(points[:, k] - axis[0]) > 1e-9 * max(abs(axis[0]), 1e-300)
+        if not free:
+            value = np.full(points.shape[0], float(self.cost.ravel()[0]))
+        else:
+            origin, step = np.array([self.axes[k][0] for k in free]), self.step[free]
+            shape = tuple(self.axes[k].size for k in free)
+            position = points if len(free) == len(self.axes) else points[:, free]
+            value = interpolate(self.cost.reshape(shape), (position - origin) / step, self.t_norm.scale)
+        value[off] = np.inf
+        return value
+
+    def bounds(self, limit: float) -> tuple[FloatArray, FloatArray]:
+        """Bounds (d,) of the states whose cost is at most ``limit``: the nodes beyond the last such nodes."""
+        live = self.live(limit)
+        lower, upper = np.empty(len(self.axes)), np.empty(len(self.axes))
+        for k, axis in enumerate(self.axes):
+            there = np.flatnonzero(live.any(axis=tuple(m for m in range(live.ndim) if m != k)))
+            lower[k], upper[k] = axis[max(there[0] - 1, 0)], axis[min(there[-1] + 1, axis.size - 1)]
+        return lower, upper
+
+    def live(self, limit: float) -> np.ndarray:
+        """Which nodes have a cost of at most ``limit`` and are not impossible."""
+        return (self.cost <= limit) & (self.cost < self.t_norm.impossible)
+
+    def memberships(self) -> FloatArray:
+        """Memberships of the nodes, divided by the largest."""
+        best = float(self.cost.min())
+        return self.t_norm.membership(self.t_norm.renormalise(self.cost, best))
+
+    def as_membership(self) -> GridMembership:
+        """Return the same as a membership, linear between the nodes."""
+        return GridMembership(self.axes, self.memberships())
+
+    @cached_property
+    def parts(self) -> int:
+        """Into how many parts a step has to be cut for sums over nodes to be integrals.
+
+        A ridge that runs obliquely may be thinner than the cells; its costs are known
+        between the nodes nevertheless.
+        """
+        return max(1, int(np.ceil(RESOLUTION * np.sqrt(max(sharpness(self.cost), 0.0)))))
+
+    @property
+    def is_lone(self) -> bool:
+        """Whether the likeliest node stands alone along some axis, and nothing is known around it."""
+        if sharpness(self.cost) > 0.0:
+            return False
+        best = [int(b) for b in np.unravel_index(int(np.argmin(self.cost)), self.cost.shape)]
+        values = self.t_norm.renormalise(self.cost, float(self.cost[tuple(best)]))
+        for k in self.free:
+            line = values[tuple(slice(None) if m == k else b for m, b in enumerate(best))]
+            beside = np.delete(line[max(best[k] - 1, 0) : best[k] + 2], min(best[k], 1))
+            if (self.t_norm.membership(beside) < LONE).all():
+                return True
+        return False
+
+    @cached_property
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Centroid (d,) and second central moments (d, d), by the trapezoidal rule."""
+        # About the likeliest node, which is within the spread of the mean: nothing cancels.
+        best = np.unravel_index(int(np.argmin(self.cost)), self.cost.shape)
+        center = np.array([axis[k] for axis, k in zip(self.axes, best, strict=True)])
+        if self.parts > 1:
+            shift, about = self._moments_within_cells(center)
+        else:
+            shift, about = moments_about(self.memberships(), self.axes, center)
+        return center + shift, about - np.outer(shift, shift)
+
+    def _moments_within_cells(self, center: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """First and second moments about a point, by the midpoint rule on parts of live cells."""
+        free, d = self.free, len(self.axes)
+        cost = self.cost.reshape([self.axes[k].size for k in free])
+        best = float(cost.min())
+        parts = min(self.parts, MOST_PARTS)
+        grid = (np.arange(parts) + 0.5) / parts
+        inner = grid_points((grid,) * len(free)).reshape(-1, len(free))
+        cells = live_cells(cost <= best + NEGLIGIBLE)
+        total, first, second = 0.0, np.zeros(d), np.zeros((d, d))
+        origin = np.array([axis[0] for axis in self.axes]) - center
+        for start in range(0, cells.shape[0], SLAB):
+            position = (cells[start : start + SLAB, None, :] + inner).reshape(-1, len(free))
+            value = interpolate(cost, position, self.t_norm.scale)
+            mass = self.t_norm.membership(self.t_norm.renormalise(value, best))
+            deviation = np.tile(origin, (position.shape[0], 1))
+            deviation[:, free] += position * self.step[free]
+            total += float(mass.sum())
+            first += mass @ deviation
+            second += (mass[:, None] * deviation).T @ deviation
+        return first / total, second / total
+
+    def peak(self) -> FloatArray:
+        """Return the point (d,) of largest membership, between the nodes."""
+        _, position = subgrid_minimum(self.cost)
+        return np.array([axis[0] for axis in self.axes]) + position * self.step
+
+    def mean_of_maximum(self) -> FloatArray:
+        """Mean (d,) of the nodes of largest membership."""
+        best = self.cost <= self.cost.min() + 1e-9
+        return np.asarray(self.points[best].mean(axis=0))
+
+    def resampled(self, axes: tuple[FloatArray, ...]) -> Lattice:
+        """Return the same membership on other axes."""
+        points = grid_points(axes)
+        cost = self.at(points.reshape(-1, len(axes))).reshape(points.shape[:-1])
+        return Lattice(axes, cost, self.t_norm)
+
+
+def grid_points(axes: tuple[FloatArray, ...]) -> FloatArray:
+    """All nodes (n_1, ..., n_d, d) of the lattice with these axes."""
+    points = np.empty((*(axis.size for axis in axes), len(axes)))
+    for k, axis in enumerate(axes):
+        points[..., k] = axis.reshape([-1 if m == k else 1 for m in range(len(axes))])
+    return points

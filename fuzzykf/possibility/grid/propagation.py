@@ -1,0 +1,302 @@
+"""Prediction on a lattice: warp the costs by the map, then convolve along the noisy axes.
+
+    mu'(x') = sup over (x, w) with x' = f(x) + w of T(mu(x), mu_W(w))
+
+The warp mu_f(y) = sup over x with f(x) = y of mu(x) is pulled back where the inverse is
+known and rasterised forward otherwise (`fuzzykf.possibility.grid.warp`).  What remains is one
+(min,+) convolution of costs per noisy axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.engine.selected import (
+    BRUTE_FORCE,
+    continue_tails,
+    convolve_bounded,
+    convolve_convex,
+    convolve_joint,
+    convolve_parabola,
+    convolve_table,
+    interpolate_lines,
+    is_convex,
+    refine,
+    totals,
+)
+from fuzzykf.possibility.grid.landing import landing
+from fuzzykf.possibility.grid.lattice import Lattice, grid_points
+from fuzzykf.possibility.grid.meeting import meeting
+from fuzzykf.possibility.grid.noise import Kernel
+from fuzzykf.possibility.grid.scalar import predict_scalar
+from fuzzykf.possibility.grid.warp import warp
+from fuzzykf.possibility.mapping import Mapping
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.possibility.grid.noise import Noise
+    from fuzzykf.possibility.memberships import Membership
+
+__all__ = ["Universe", "convolve_axis", "propagate"]
+
+#: Tables up to this many entries are filled for a scalar state and a function without an inverse.
+DIRECT = 1_000_000
+
+#: A log cost beyond the best by more than this cannot win under any kernel in use.
+OVERFLOW = 600.0
+
+
+@dataclass(frozen=True)
+class Universe:
+    """How large a lattice is and where it lies.
+
+    Attributes
+    ----------
+    points : tuple of int
+        Nodes per axis.
+    domain : ndarray, shape (d, 2), or None
+        A fixed box; None lets the lattice follow the live region.
+    limit : float
+        Without a domain, states of a higher cost are left out.
+    bounded : bool
+        Whether the states form a bounded set, so that the edges of the lattice are
+        those of their support.
+    """
+
+    points: tuple[int, ...]
+    domain: FloatArray | None
+    limit: float
+    bounded: bool
+
+    def axis(self, k: int, lower: float, upper: float) -> FloatArray:
+        """Return the axis over the given bounds, or over the domain if there is one."""
+        if self.domain is not None:
+            lower, upper = self.domain[k]
+        return np.linspace(lower, upper, self.points[k])
+
+    def is_small(self, k: int, span: float) -> bool:
+        """Whether a span is so small a part of the domain that an axis of its own pays."""
+        return self.domain is not None and span < 0.5 * float(self.domain[k, 1] - self.domain[k, 0])
+
+
+def propagate(source: Lattice, move: Mapping, noise: Noise, universe: Universe) -> tuple[Lattice, float]:
+    """Predict on a lattice.
+
+    Parameters
+    ----------
+    source : Lattice
+    move : Mapping
+        The map f.
+    noise : Noise
+        Added to f(x).
+    universe : Universe
+        Of the result.
+
+    Returns
+    -------
+    Lattice
+    float
+        The least cost (largest membership) that left the domain; infinite if none.
+
+    Raises
+    ------
+    SupportLostError
+        If nothing is left within the domain.
+    """
+    d = len(source.axes)
+    if noise.basis is not None:
+        # Move to coordinates in which the noise has axes, and back.
+        back = np.asarray(np.linalg.inv(noise.basis))
+        domain = universe.domain
+        if domain is not None:
+            corners = grid_points(tuple(domain)).reshape(-1, d) @ back.T
+            domain = np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1)
+        inner = Universe(universe.points, domain, universe.limit, universe.bounded)
+        lattice, _ = _propagate(source, move.then(back, noise.peak), noise.kernels, inner)
+        return _propagate(lattice, Mapping("basis", d, d, matrix=noise.basis), (None,) * d, universe)
+    moved = move.then(np.eye(d), noise.peak) if noise.peak.any() else move
+    if noise.joint is not None:
+        return _propagate_joint(source, moved, noise.joint, universe)
+    kernel, size = noise.kernels[0], source.axes[0].size
+    by_function = moved.matrix is None and not moved.is_invertible
+    if d == 1 and kernel is not None and by_function and 1 < size <= DIRECT // universe.points[0]:
+        return _propagate_scalar(source, moved, kernel, universe)
+    return _propagate(source, moved, noise.kernels, universe)
+
+
+def _propagate(
+    source: Lattice, move: Mapping, kernels: tuple[Kernel | None, ...], universe: Universe
+) -> tuple[Lattice, float]:
+    """Predict with one kernel (or none) per axis."""
+    image = warp(source, move, kernels, universe)
+    axes, cost = list(image.axes), image.cost
+    lost = image.lost
+    for k, kernel in enumerate(kernels):
+        if kernel is None or k in image.convolved:
+            continue
+        target = universe.axis(k, *image.reached[k])
+        if universe.domain is not None:
+            lost = min(lost, _spill(cost, k, axes[k], target, kernel))
+        elif not universe.bounded and axes[k].size > 1:
+            # The best sources of far targets may lie beyond what was kept.
+            axes[k], cost = _wider(axes[k], cost, k, universe.limit)
+        cost = convolve_axis(cost, k, axes[k], target, kernel)
+        axes[k] = target
+    return Lattice(tuple(axes), cost, source.t_norm), lost
+
+
+def _propagate_scalar(
+    source: Lattice, move: Mapping, kernel: Kernel, universe: Universe
+) -> tuple[Lattice, float]:
+    """Predict a scalar state through a function, from every source to every target."""
+    found = landing(source, move, (kernel,), universe)
+    axis, cost, target = source.axes[0], source.cost, universe.axis(0, *found.reached[0])
+    lost = found.lost
+    if universe.domain is not None:
+        if found.low[0] > target[-1] or found.high[0] < target[0]:
+            raise found.nothing_left(universe)
+        lost = min(lost, _spill(cost, 0, found.image[:, 0], target, kernel))
+    elif not universe.bounded:
+        axis, cost = _wider(axis, cost, 0, universe.limit)
+    cost = predict_scalar(axis, cost, move, target, kernel)
+    if not (cost < source.t_norm.impossible).any():
+        raise found.nothing_left(universe)
+    return Lattice((target,), cost, source.t_norm), lost
+
+
+def _wider(axis: FloatArray, cost: FloatArray, k: int, limit: float) -> tuple[FloatArray, FloatArray]:
+    """Continue the tails along one axis by an eighth on either side."""
+    more = axis.size // 8
+    step = (axis[-1] - axis[0]) / (axis.size - 1)
+    wide = np.linspace(axis[0] - more * step, axis[-1] + more * step, axis.size + 2 * more)
+    padding = [(more, more) if m == k else (0, 0) for m in range(cost.ndim)]
+    return wide, continue_tails(np.pad(cost, padding, constant_values=np.inf), limit)
+
+
+def _spill(cost: FloatArray, k: int, axis: FloatArray, target: FloatArray, kernel: Kernel) -> float:
+    """Least cost that the noise carries just beyond the ends of the target axis."""
+    others = tuple(m for m in range(cost.ndim) if m != k)
+    margin = cost.min(axis=others)
+    step = target[1] - target[0]
+    beyond = np.array([target[0] - step, target[-1] + step])
+    table = kernel.cost(beyond[:, None] - axis)
+    total = kernel.t_norm.combine(np.broadcast_to(margin, table.shape), table)
+    least = float(total.min())
+    return least if least < kernel.t_norm.impossible else np.inf
+
+
+def convolve_axis(
+    cost: FloatArray, k: int, axis: FloatArray, target: FloatArray, kernel: Kernel
+) -> FloatArray:
+    """Convolve costs along one axis with a scalar noise kernel.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (n_1, ..., n_d)
+    k : int
+        Which axis.
+    axis, target : ndarray
+        Coordinates along it, before (possibly a single one) and after.
+    kernel : Kernel
+
+    Returns
+    -------
+    ndarray
+        Of length ``target.size`` along axis ``k``.
+    """
+    t_norm = kernel.t_norm
+    lines = np.ascontiguousarray(np.moveaxis(cost, k, -1))
+    shape = lines.shape[:-1]
+    lines = lines.reshape(-1, axis.size)
+    if axis.size == 1:
+        out = t_norm.combine(lines, np.broadcast_to(kernel.cost(target - axis[0]), (1, target.size)))
+    elif kernel.curvature is not None:
+        y0, dy, x0, dx = axis[0], axis[1] - axis[0], target[0], target[1] - target[0]
+        out = convolve_parabola(lines, y0, dy, x0, dx, target.size, kernel.curvature)
+    else:
+        out = _convolve_tabulated(lines, axis, target, kernel)
+    return np.ascontiguousarray(np.moveaxis(out.reshape(*shape, target.size), -1, k))
+
+
+def _convolve_tabulated(
+    lines: FloatArray, axis: FloatArray, target: FloatArray, kernel: Kernel
+) -> FloatArray:
+    """Convolve lines with a kernel of any other shape."""
+    t_norm = kernel.t_norm
+    combine: np.ufunc = np.add if t_norm.additive else np.maximum
+    offset = target[:, None] - axis
+    table = kernel.cost(offset)
+    table[table >= t_norm.impossible] = np.inf
+    if lines.shape[0] * table.size <= BRUTE_FORCE:
+        source = convolve_table(lines, table, combine)
+    elif kernel.reciprocal_scale is not None:
+        # Reciprocal memberships: the lower envelope of parabolas of different bends.
+        best = lines.min(axis=1, keepdims=True)
+        excess = lines - np.where(np.isfinite(best), best, 0.0)
+        reciprocal = np.where(excess < OVERFLOW, np.exp(np.minimum(excess, OVERFLOW)), np.inf)
+        source = convolve_bounded(reciprocal, 1.0 + (offset / kernel.reciprocal_scale) ** 2, np.multiply)
+    elif t_norm.additive and is_convex(table):
+        source = convolve_convex(lines, table)
+    else:
+        source = convolve_bounded(lines, table, combine)
+    step = axis[1] - axis[0]
+    if t_norm.additive:
+        near = [totals(lines, table, source, shift, combine) for shift in range(-2, 3)]
+        offset_used = target - axis[source]
+        smooth = np.ones(source.shape, dtype=bool)
+        for kink in kernel.kinks:
+            smooth &= np.abs(offset_used - kink) >= step
+        out = np.where(smooth, refine(*near), near[2])
+    else:
+        out = meeting(lines, axis, target, kernel, source)
+    # Sources between the nodes: the likeliest noise, and the ends of a noise that stops short.
+    for end in (0.0, kernel.lower, kernel.upper):
+        extra = kernel.cost(np.array([end]))[0] if np.isfinite(end) else np.inf
+        if extra < t_norm.impossible:
+            between = interpolate_lines(lines, (target - end - axis[0]) / step, t_norm.scale)
+            out = np.minimum(out, t_norm.combine(between, np.full(1, extra)))
+    return out
+
+
+def _propagate_joint(
+    source: Lattice, move: Mapping, joint: Membership, universe: Universe
+) -> tuple[Lattice, float]:
+    """Predict with a noise that has no axes: offset by offset on the lattice of the result."""
+    d, t_norm = len(source.axes), source.t_norm
+    combine: np.ufunc = np.add if t_norm.additive else np.maximum
+    # Kernels of the components alone tell how far the noise reaches.
+    shadows = tuple(Kernel(joint.project([k]), t_norm) for k in range(d))
+    image = warp(source, move, shadows, universe, in_place=True)
+    axes = tuple(universe.axis(k, *image.reached[k]) for k in range(d))
+    if any(axis.size == 1 for axis in image.axes):
+        cost = _gather(Lattice(image.axes, image.cost, t_norm), axes, joint, combine)
+        return Lattice(axes, cost, t_norm), image.lost
+    step = [axis[1] - axis[0] for axis in axes]
+    count, limit = [], universe.limit
+    for k, shadow in enumerate(shadows):
+        below, above = shadow.reach(np.array([max(float(t_norm.membership(limit)), np.finfo(float).tiny)]))
+        half = max(-float(below[0]), float(above[0])) / step[k]
+        count.append(int(min(np.ceil(half), axes[k].size)))
+    offsets = np.stack(
+        np.meshgrid(*(h * np.arange(-n, n + 1) for h, n in zip(step, count, strict=True)), indexing="ij"),
+        axis=-1,
+    )
+    kernel = joint.cost(offsets + joint.peak, t_norm)
+    kernel[(kernel >= t_norm.impossible) | (kernel > limit)] = np.inf
+    cost = convolve_joint(image.cost, kernel, tuple(count), combine)
+    return Lattice(axes, cost, t_norm), image.lost
+
+
+def _gather(
+    source: Lattice, axes: tuple[FloatArray, ...], joint: Membership, combine: np.ufunc
+) -> FloatArray:
+    """Costs of the new nodes from all old ones, which need not lie on the same lattice."""
+    points = grid_points(axes)
+    cost = np.full(points.shape[:-1], np.inf)
+    live = source.live(np.inf)
+    for start, value in zip(source.points[live], source.cost[live], strict=True):
+        np.minimum(cost, combine(joint.cost(points - start + joint.peak, source.t_norm), value), out=cost)
+    return cost

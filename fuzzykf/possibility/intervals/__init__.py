@@ -1,0 +1,1 @@
+"""Sets of possible states: intervals and boxes."""

@@ -1,0 +1,217 @@
+"""Which representation an estimator uses: decided once, from what it was given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.possibility.grid.noise import as_noise
+from fuzzykf.possibility.grid.propagation import Universe
+from fuzzykf.possibility.memberships import (
+    CauchyMembership,
+    EllipticalMembership,
+    GaussianMembership,
+    IntervalMembership,
+    JointMembership,
+    Membership,
+    ParabolicMembership,
+    SingletonMembership,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.possibility.norms import TNorm
+
+__all__ = ["FAMILIES", "Choice", "Representation", "as_box", "as_quadratic", "choose", "universe_of"]
+
+Representation: TypeAlias = Literal["gaussian", "cauchy", "parabolic", "interval", "grid"]
+
+#: Memberships of the closed families.
+FAMILIES: dict[str, type[EllipticalMembership]] = {
+    "gaussian": GaussianMembership,
+    "cauchy": CauchyMembership,
+    "parabolic": ParabolicMembership,
+}
+
+#: Nodes per axis unless given, by number of state dimensions.
+POINTS = {1: 401, 2: 101, 3: 41}
+
+#: Default floor of a moving grid: six standard deviations of a Gaussian, or, with an uncut
+#: Cauchy membership, ten times its scale.
+FLOOR, HEAVY_FLOOR = float(np.exp(-18.0)), 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What `choose` decided.
+
+    Attributes
+    ----------
+    representation : str
+    state, process_noise, measurement_noise : Membership
+        Defaults filled in.
+    """
+
+    representation: Representation
+    state: Membership
+    process_noise: Membership
+    measurement_noise: Membership
+
+
+def choose(
+    dim_x: int,
+    dim_z: int,
+    t_norm: TNorm,
+    *,
+    state: Any,
+    process_noise: Any,
+    measurement_noise: Any,
+    nonlinear: bool,
+    enclosed: bool,
+    grid: bool,
+) -> Choice:
+    """Choose the representation (the rule stands in `FuzzyRelationEstimator`).
+
+    Parameters
+    ----------
+    dim_x, dim_z : int
+    t_norm : TNorm
+    state, process_noise, measurement_noise : Membership, sequence or None
+        As given by the user.
+    nonlinear : bool
+        Whether fx or hx was given.
+    enclosed : bool
+        Whether intervals can be mapped: all functions given are scalar, or have an
+        interval extension.
+    grid : bool
+        Whether a grid was asked for.
+
+    Raises
+    ------
+    ParameterError
+        If a membership is missing, or of the wrong dimension.
+    """
+    given = [
+        None if value is None else as_noise(name, value, dim, t_norm)
+        for name, value, dim in (
+            ("state", state, dim_x),
+            ("process_noise", process_noise, dim_x),
+            ("measurement_noise", measurement_noise, dim_z),
+        )
+    ]
+    there = [membership for membership in given if membership is not None]
+    crisp = all(as_box(membership) is not None for membership in there)
+    family = t_norm.family
+    linear = not (grid or nonlinear)
+    complete = given[0] is not None and given[2] is not None
+    closed = family and all(as_quadratic(membership, family) is not None for membership in there)
+    if linear and family and closed and not (crisp and complete):
+        unit = FAMILIES[family]
+        filled = [
+            unit(np.zeros(dim), np.eye(dim)) if membership is None else membership
+            for membership, dim in zip(given, (dim_x, dim_x, dim_z), strict=True)
+        ]
+        return Choice(family, *filled)
+    start, noise, error = given
+    if start is None or error is None:
+        name = "state" if start is None else "measurement_noise"
+        raise ParameterError(f"{name}: got None, expected a membership (only linear models have a default)")
+    if noise is None:
+        noise = SingletonMembership(np.zeros(dim_x))
+    if crisp and not grid and (enclosed or not nonlinear):
+        boxes = [as_box(membership) for membership in (start, noise, error)]
+        return Choice("interval", *(box for box in boxes if box is not None))
+    return Choice("grid", start, noise, error)
+
+
+def as_box(membership: Membership) -> IntervalMembership | None:
+    """Return a crisp membership as a box; None if it is not crisp."""
+    if isinstance(membership, IntervalMembership):
+        return membership
+    if isinstance(membership, JointMembership):
+        boxes = [
+            component for component in membership.components if isinstance(component, IntervalMembership)
+        ]
+        if len(boxes) == membership.dim:
+            lower, upper = membership.support()
+            return IntervalMembership(lower, upper)
+    return None
+
+
+def as_quadratic(membership: Membership, family: str) -> tuple[FloatArray, FloatArray] | None:
+    """Center and matrix of a membership of a closed family; None if it is none.
+
+    A point belongs to every family, with a zero matrix.
+    """
+    if isinstance(membership, EllipticalMembership) and membership.family == family:
+        return membership.center, membership.matrix
+    if isinstance(membership, JointMembership) and membership.t_norm.family == family:
+        parts = [as_quadratic(component, family) for component in membership.components]
+        found = [part for part in parts if part is not None]
+        if len(found) == len(parts):
+            return np.concatenate([c for c, _ in found]), np.diag([float(m[0, 0]) for _, m in found])
+    box = as_box(membership)
+    if box is not None and np.array_equal(box.lower, box.upper):
+        return box.lower, np.zeros((box.dim, box.dim))
+    return None
+
+
+def universe_of(
+    choice: Choice,
+    t_norm: TNorm,
+    points: int | Sequence[int] | None,
+    domain: Sequence[Sequence[float]] | None,
+    floor: float | None,
+) -> Universe:
+    """Check the size and place of the grid that a user asked for.
+
+    Raises
+    ------
+    ParameterError
+        More than three dimensions; fewer than five points; a domain without width or of
+        another dimension; a floor outside ]0, 1[; a measurement without noise.
+    """
+    d = choice.state.dim
+    if d > 3:
+        raise ParameterError(f"dim_x: got {d}, expected at most 3 where a grid is needed")
+    counts = np.array(POINTS[d] if points is None else points)
+    if counts.shape not in {(), (d,)} or counts.dtype.kind not in "iu" or (counts < 5).any():
+        raise ParameterError(f"points: got {points!r}, expected a whole number of at least 5, or {d} of them")
+    box = None
+    if domain is not None:
+        box = np.array(domain, dtype=np.float64)
+        box = box[None] if d == 1 and box.shape == (2,) else box
+        if box.shape != (d, 2) or not np.isfinite(box).all() or (box[:, 0] >= box[:, 1]).any():
+            raise ParameterError(
+                f"domain: got {domain!r}, expected one finite pair (lo, hi) with lo < hi for each of {d} "
+                "components"
+            )
+        peak = choice.state.peak
+        if ((peak < box[:, 0]) | (peak > box[:, 1])).any():
+            raise ParameterError(f"state: its peak {peak.tolist()} lies outside the domain {box.tolist()}")
+    if floor is None:
+        floor = HEAVY_FLOOR if _is_heavy(choice.state) or _is_heavy(choice.process_noise) else FLOOR
+    if not 0.0 < floor < 1.0:
+        raise ParameterError(f"floor: got {floor}, expected a number between 0 and 1")
+    lower, upper = choice.measurement_noise.support()
+    if (lower == upper).any():
+        k = int(np.argmax(lower == upper))
+        raise ParameterError(
+            f"measurement_noise: component {k} is a single point; on a grid it needs some width, since no "
+            "node explains a measurement exactly"
+        )
+    limit = float(t_norm.cost(floor))
+    bounded = choice.state.is_bounded and choice.process_noise.is_bounded
+    return Universe(tuple(int(n) for n in np.broadcast_to(counts, (d,))), box, limit, bounded)
+
+
+def _is_heavy(membership: Membership) -> bool:
+    """Whether the tails are those of an uncut Cauchy membership."""
+    if isinstance(membership, JointMembership):
+        return any(_is_heavy(component) for component in membership.components)
+    return isinstance(membership, CauchyMembership)

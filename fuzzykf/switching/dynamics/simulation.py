@@ -1,0 +1,99 @@
+"""Simulation of switching systems."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import semidefinite_root
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.dynamics.forms import GaussianForm
+    from fuzzykf.switching.laws.chain import SwitchChain
+
+__all__ = ["Simulation", "sample_classes", "simulate_path"]
+
+#: Pairs whose tables are held at once.
+_CHUNK = 4096
+
+
+class Simulation(NamedTuple):
+    """A simulated series.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n, m)
+        States.
+    y : ndarray, shape (n, q)
+        Observations.
+    r : ndarray, shape (n,)
+        Values of the switch.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    r: FloatArray
+
+
+def sample_classes(chain: SwitchChain, n: int, rng: np.random.Generator) -> FloatArray:
+    """Draw ``n`` nodes of a chain and return their values."""
+    if n < 0:
+        raise ParameterError(f"n: got {n}, expected a length of at least 0")
+    uniforms = rng.random(n)
+    cumulative = np.cumsum(chain.transition, axis=1)
+    below = np.cumsum(chain.initial)
+    path = np.empty(n, dtype=np.intp)
+    for k in range(n):
+        # the last sum may miss 1 by rounding
+        path[k] = min(int(np.searchsorted(below, uniforms[k] * below[-1], side="right")), len(chain) - 1)
+        below = cumulative[path[k]]
+    values: FloatArray = chain.nodes[path]
+    return values
+
+
+def simulate_path(
+    form: GaussianForm, r: FloatArray, shares: FloatArray, rng: np.random.Generator
+) -> Simulation:
+    """Draw states and observations along a path of the switch.
+
+    Parameters
+    ----------
+    form : GaussianForm
+    r : ndarray, shape (n,)
+        Values of the switch.
+    shares : ndarray, shape (n, K)
+        Their shares in the regimes.
+    rng : numpy.random.Generator
+    """
+    n, m, q = len(r), form.dim_x, form.dim_z
+    x, y = np.empty((n, m)), np.empty((n, q))
+    noise = rng.standard_normal((n, m + q))
+    if n:
+        mean, covariance = form.marginal(shares[:1])
+        first = mean[0] + semidefinite_root(covariance[0]) @ noise[0]
+        x[0], y[0] = first[:m], first[m:]
+
+    for start in range(0, n - 1, _CHUNK):
+        stop = min(start + _CHUNK, n - 1)
+        steps = form.pairs(shares[start:stop], shares[start + 1 : stop + 1], _describe_steps(r, start))
+        root_y, root_x = np.linalg.cholesky(steps.Qyy), semidefinite_root(steps.C)
+        shock_y = (root_y @ noise[start + 1 : stop + 1, m:, None])[..., 0] + steps.Ny
+        shock_x = (root_x @ noise[start + 1 : stop + 1, :m, None])[..., 0] + steps.c
+        for k in range(stop - start):
+            now = start + k
+            y[now + 1] = steps.Ayy[k] @ y[now] + shock_y[k]
+            x[now + 1] = steps.Axx[k] @ x[now] + steps.H[k] @ y[now] + steps.G[k] @ y[now + 1] + shock_x[k]
+    return Simulation(x, y, r)
+
+
+def _describe_steps(r: FloatArray, start: int) -> Callable[[tuple[int, ...]], str]:
+    def describe(index: tuple[int, ...]) -> str:
+        k = start + index[0]
+        return f"step {k}, r_n = {r[k]:.6g}, r_n+1 = {r[k + 1]:.6g}"
+
+    return describe

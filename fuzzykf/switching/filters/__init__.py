@@ -1,0 +1,1 @@
+"""The filters, as users meet them."""

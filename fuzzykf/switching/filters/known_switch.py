@@ -1,0 +1,315 @@
+"""The filter for a switch that is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.switching.filters.switching_filter import SwitchingFilter
+from fuzzykf.switching.inference.many import FIELDS
+from fuzzykf.switching.inference.series import Trajectory, index_of, run_series, summarise
+from fuzzykf.switching.models.fuzzy import CGOFMSModel
+from fuzzykf.switching.models.hard import CGOMSModel
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
+    from fuzzykf.switching.dynamics.placed import KnownPath
+    from fuzzykf.switching.state_space.converted import ConvertedPath
+
+__all__ = ["KnownSwitchFilter"]
+
+_GIVEN_ONCE = "r: got {} after {}; the switch is given once per observation"
+
+
+class KnownSwitchFilter(SwitchingFilter):
+    """Exact filter for a switch that is known: the best that any filter can do.
+
+    Parameters
+    ----------
+    model : CGOFMSModel or CGOMSModel
+
+    Notes
+    -----
+    The value of the switch goes with each observation: to `predict`, or to `update`.
+    Without it at `predict`, ``x_prior`` and ``P_prior`` are NaN.
+
+    See Also
+    --------
+    fuzzykf.switching.filters.switching_filter.SwitchingFilter : Verbs and attributes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import CGOFMSModel, FuzzyMarkovLaw, KnownSwitchFilter
+    >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])
+    >>> pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
+    >>> model = CGOFMSModel(
+    ...     FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
+    ...     [[0.0, 3.0], [0.0, 0.0]],
+    ...     np.broadcast_to(pair, (2, 2, 4, 4)),
+    ...     dim_x=1,
+    ... )
+    >>> truth = model.simulate(50, np.random.default_rng(0))
+    >>> KnownSwitchFilter(model).filter(truth.y, truth.r).x.shape
+    (50, 1)
+    """
+
+    def __init__(self, model: CGOFMSModel | CGOMSModel) -> None:
+        if not isinstance(model, (CGOFMSModel, CGOMSModel)):
+            raise ParameterError(f"model: got {type(model).__name__}, expected a CGOFMSModel or CGOMSModel")
+        self.model = model
+        super().__init__(model.along(np.empty(0)))
+
+    def _start(self) -> None:
+        super()._start()
+        self._r = np.nan  # value of the switch at the latest observation
+        self._r_next: float | None = None  # at the next one, once known
+        self._tables: PairTables | None = None  # of the step between them
+        self._told_at_predict = False
+
+    # ------------------------------------------------------------------ tables
+
+    def _initial_law(self) -> InitialLaw:
+        r = self._r if self._r_next is None else self._r_next
+        return self.model.along(np.array([r])).initial()
+
+    def _next_tables(self) -> PairTables:
+        if self._tables is None:
+            raise ParameterError("r: the value of the switch at the next observation is not known yet")
+        return self._tables
+
+    def _tables_between(self, n: int, before: float, after: float) -> PairTables | None:
+        """Prove the step from observation ``n`` - 1 to ``n``; nothing changes if it is refused."""
+        path = self.model.along(np.array([before, after]), start=n - 1) if n else None
+        return None if path is None else path.pair_tables(0)
+
+    def _prior_is_known(self) -> bool:
+        return self._told_at_predict
+
+    # ------------------------------------------------------------------ verbs
+
+    def predict(self, r: float | None = None) -> None:
+        """Move to the time of the next observation.
+
+        Parameters
+        ----------
+        r : float, optional
+            Value of the switch at that time; else it has to come with `update`.
+
+        Raises
+        ------
+        ParameterError
+            If ``r`` is not a value of the switch, or another one was given before.
+        NotPositiveDefiniteError
+            If the noise of the model is indefinite between the values.
+        """
+        value, n, now = None if r is None else self._checked(r), self._n, self._r
+        if self._predicted and n > 0:  # the observation at the value given before is missing
+            if self._r_next is None:
+                raise ParameterError("r: the value of the switch at the missing observation was never given")
+            n, now = n + 1, self._r_next
+        elif value is not None and self._r_next not in (None, value):
+            raise ParameterError(_GIVEN_ONCE.format(value, self._r_next))
+        tables = self._tables if value is None else self._tables_between(n, now, value)
+        super().predict()
+        if value is not None:
+            self._r_next, self._tables = value, tables
+        self._told_at_predict = self._r_next is not None
+
+    def update(self, z: ArrayLike | None, r: float | None = None) -> None:
+        """Take an observation into account.
+
+        Parameters
+        ----------
+        z : array_like
+            The observation.
+        r : float, optional
+            Value of the switch at its time, unless given to `predict`.
+
+        Raises
+        ------
+        ParameterError
+            If ``r`` was given to `predict` as well, or to neither.
+        """
+        if r is None and self._r_next is None:
+            raise ParameterError(
+                "r: missing; the value of the switch has to be given to predict or to update (use an "
+                "OFSRFilter or a CGOMSMFilter if it is not known)"
+            )
+        before = self._r_next, self._tables
+        if r is not None:
+            value = self._checked(r)
+            if self._r_next is not None:
+                raise ParameterError(_GIVEN_ONCE.format(value, self._r_next))
+            self._tables = self._tables_between(self._n, self._r, value)
+            self._r_next = value
+        try:
+            super().update(z)
+        except Exception:
+            self._r_next, self._tables = before
+            raise
+
+    def _take(self, y: FloatArray) -> None:
+        super()._take(y)
+        assert self._r_next is not None
+        self._r, self._r_next, self._tables = self._r_next, None, None
+
+    def step(self, z: ArrayLike | None, r: float | None = None) -> FloatArray:
+        """Predict, then update with ``z``, at the value ``r`` of the switch.
+
+        Parameters
+        ----------
+        z : array_like
+            The observation.
+        r : float
+            Value of the switch at its time.
+
+        Returns
+        -------
+        ndarray, shape (dim_x, 1)
+        """
+        if r is None:
+            raise ParameterError("r: missing; expected the value of the switch at this observation")
+        as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
+        self.predict(r)
+        self.update(z)
+        return self.x
+
+    def _checked(self, r: float) -> float:
+        value = _as_switches(r)
+        if value.size != 1:
+            raise ShapeError(f"r: got shape {value.shape}, expected one value of the switch")
+        self.model.class_weights(value.reshape(1))
+        return float(value.reshape(()))
+
+    def filter(  # type: ignore[override]
+        self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike, *, keep_nodes: bool = False
+    ) -> FilterResult:
+        """Filter a whole series with its switches, from the initial law on.
+
+        Parameters
+        ----------
+        zs : array_like
+            Shape (n, dim_z), or (n,) if ``dim_z`` is 1.
+        r : array_like, shape (n,)
+            Values of the switch.
+        keep_nodes : bool
+            As in `SwitchingFilter.filter`.
+
+        Returns
+        -------
+        FilterResult
+        """
+        ys, path = self._read(zs, r)
+        trajectory = run_series(path, ys)
+        self._adopt_path(trajectory, ys, path)
+        result = summarise(path.chain, trajectory, self.dim_x, keep_nodes=keep_nodes, index=index_of(zs))
+        return replace(result, nodes=None, switch=path.r, switch_mean=path.r)
+
+    def smooth(  # type: ignore[override]
+        self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike, *, keep_nodes: bool = False
+    ) -> FilterResult:
+        """Estimate every state of a series from all of it, and its switches.
+
+        Parameters
+        ----------
+        zs, r, keep_nodes
+            As in `filter`.
+
+        Returns
+        -------
+        FilterResult
+        """
+        from fuzzykf.switching.inference.smoother import smooth_series
+
+        ys, path = self._read(zs, r)
+        trajectory = run_series(path, ys)
+        self._adopt_path(trajectory, ys, path)
+        result = smooth_series(path, trajectory, ys, keep_nodes=keep_nodes, index=index_of(zs))
+        return replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
+
+    def filter_many(  # type: ignore[override]
+        self, zs: ArrayLike, keep: Iterable[str] = ("x", "P", "log_likelihood"), *, r: ArrayLike | None = None
+    ) -> FilterResult:
+        """Filter many series with their switches; the filter stays as it is.
+
+        Parameters
+        ----------
+        zs, keep
+            As in `SwitchingFilter.filter_many`.
+        r : array_like, shape (series, n)
+            Values of the switch.
+
+        Returns
+        -------
+        FilterResult
+        """
+        series = as_many(zs, self.dim_z)
+        names = check_keep(keep, FIELDS)
+        if r is None or np.shape(r) != series.shape[:2]:
+            got = "nothing" if r is None else f"shape {np.shape(r)}"
+            raise ShapeError(f"r: got {got}, expected the switches, shape {series.shape[:2]}")
+        results = [self.copy().filter(one, path) for one, path in zip(series, np.asarray(r), strict=True)]
+        return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
+
+    def forecast(self, steps: int) -> FilterResult:
+        """Refuse: a forecast needs the switches of the future.
+
+        Raises
+        ------
+        ParameterError
+            Always; call `predict` with the switch of each step, or use another filter.
+        """
+        raise ParameterError(
+            f"steps: got {steps}; the future of a known switch is not known: call predict(r) for each step, "
+            "or forecast with an OFSRFilter or a CGOMSMFilter"
+        )
+
+    def _read(
+        self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike
+    ) -> tuple[FloatArray, KnownPath | ConvertedPath]:
+        ys = as_observations(zs, self.dim_z)
+        switches = _as_switches(r).reshape(-1)
+        if switches.shape != (len(ys),):
+            raise ShapeError(f"r: got {switches.size} values, expected {len(ys)}, one per observation")
+        return ys, self.model.along(switches)
+
+    def _adopt_path(self, trajectory: Trajectory, ys: FloatArray, path: KnownPath | ConvertedPath) -> None:
+        self._adopt(trajectory, ys)
+        if len(ys):
+            self._r, self._told_at_predict = float(path.r[-1]), True
+
+    # ------------------------------------------------------------------ what users read
+
+    @property
+    def nodes(self) -> FloatArray:
+        """The known value of the switch, (1,); NaN before it is known."""
+        if self._predicted or self._n == 0:
+            return np.array([np.nan if self._r_next is None else self._r_next])
+        return np.array([self._r])
+
+    @property
+    def mu(self) -> FloatArray:
+        """Its probability, which is one."""
+        return np.ones(1)
+
+    @property
+    def switch(self) -> float:
+        """The known value of the switch."""
+        return float(self.nodes[0])
+
+
+def _as_switches(r: ArrayLike) -> FloatArray:
+    try:
+        return np.array(r, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"r: expected values of the switch, got {r!r}") from error

@@ -1,0 +1,204 @@
+"""The exact smoother, and the most likely path of the switch.
+
+(R, Y) is a Markov chain, and given (r_n, y_1..n) the state X_n is independent of
+later observations.  So only the probabilities of the nodes change:
+
+    p(r_n = i | y_1..N) = sum_j o_ij p(r_{n+1} = j | y_1..N),
+    o_ij = p(r_n = i | r_{n+1} = j, y_1..n+1),
+
+with the moments of X_n given the node as the filter left them, and no backward pass
+over X.  Where a part of the window was missing, X_n and r_n do depend on what came later
+through that part; `fuzzykf.switching.inference.gap_smoother` goes back through such steps.  That is
+exact for a single class and an approximation for several.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.engine import selected as engine
+from fuzzykf.gaussian import mixture_moments
+from fuzzykf.switching.inference import recursion
+from fuzzykf.switching.inference.gap_smoother import Moments, smooth_state, step_back
+from fuzzykf.switching.inference.missing import (
+    GapState,
+    collapse_weights,
+    observed_log_density,
+    open_gap,
+    pair_prediction,
+)
+from fuzzykf.switching.inference.series import summarise, windows_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.base import FilterResult
+    from fuzzykf.switching.dynamics.pairs import SwitchingSystem
+    from fuzzykf.switching.inference.recursion import NodeState
+    from fuzzykf.switching.inference.series import Trajectory
+
+__all__ = ["smooth_series"]
+
+
+def smooth_series(
+    system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray, *, keep_nodes: bool, index: Any
+) -> FilterResult:
+    """Smooth a series that has been filtered.
+
+    Parameters
+    ----------
+    system : SwitchingSystem
+    trajectory : Trajectory
+        What the filter knew, see `fuzzykf.switching.inference.series.run_series`.
+    ys : ndarray, shape (n, q)
+        NaN where missing.
+    """
+    n, m = len(ys), system.dim_x
+    gamma = recursion.node_probabilities(trajectory.states)
+    means, covariances = (np.array(a) for a in recursion.node_moments(trajectory.states, m))
+    backward = _Backward(system, trajectory, ys)
+    seen = np.flatnonzero(~np.isnan(ys).all(axis=1))
+    last = int(seen[-1]) if seen.size else 0  # nothing can be learned after the last observation
+    window = backward.window(last) if n else None  # smoothed moments of the window, per node
+    stop = last  # the steps from k = stop on are done
+    while stop > 0:
+        k = stop - 1
+        start = backward.plain_since(k)
+        if start < stop:
+            gamma[start:stop] = backward.smooth(start, stop, gamma[stop])
+            window, stop = None, start
+            continue
+        stop = k
+        if k not in trajectory.gaps and not np.isnan(ys[k + 1]).any():
+            gamma[k] = backward.weights(k) @ gamma[k + 1]
+            window = None
+            continue
+        filtered_window = backward.window(k + 1)
+        gamma[k], window = step_back(
+            system.pair_tables(k),
+            backward.state(k),
+            ys[k + 1],
+            filtered_window,
+            filtered_window if window is None else window,
+            gamma[k + 1],
+        )
+        gap = trajectory.gaps.get(k)
+        if gap is not None:
+            means[k], covariances[k] = smooth_state(gap, window, m)
+    chain = system.chain
+    filtered = summarise(chain, trajectory, m, keep_nodes=False, index=index)
+    x, P = mixture_moments(gamma, means, covariances)
+    return replace(
+        filtered,
+        x=x,
+        P=P,
+        x_prior=None,
+        P_prior=None,
+        mu=gamma,
+        switch=recursion.most_likely_switch(chain, gamma),
+        switch_mean=gamma @ chain.nodes,
+        switch_path=chain.nodes[backward.most_likely_path()],
+        node_x=means if keep_nodes else None,
+        node_P=covariances if keep_nodes else None,
+    )
+
+
+class _Backward:
+    """The steps of a filtered series, from its end.
+
+    A step is plain if its observations are complete, its tables those of all later steps, and
+    no weight negative; stretches of plain steps go through the engine at once.
+    """
+
+    def __init__(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> None:
+        self.system, self.trajectory, self.ys = system, trajectory, ys
+        self._windows = windows_of(ys, system.order)
+        steps = np.arange(max(0, len(ys) - 1))
+        plain = np.isnan(ys[1:]).sum(axis=1) == 0
+        plain[[k for k in trajectory.gaps if k < plain.size]] = False
+        if system.steady_from is None or system.chain.is_signed:
+            plain[:] = False
+        else:
+            plain[: system.steady_from] = False
+        #: where the stretch of plain steps up to k begins; k + 1 if k itself is not plain
+        self._since = np.maximum.accumulate(np.where(plain, 0, steps + 1)) if plain.size else steps
+        self._ends = np.append(np.flatnonzero(~plain), plain.size)
+
+    def plain_since(self, k: int) -> int:
+        """Where the stretch of plain steps up to ``k`` begins; k + 1 if k itself is not plain."""
+        return int(self._since[k])
+
+    def _rows(self, start: int, stop: int) -> FloatArray:
+        """Rows (1, w, y') of the plain steps start, ..., stop - 1."""
+        ones = np.ones((stop - start, 1))
+        return np.concatenate([ones, self._windows[start:stop], self.ys[start + 1 : stop + 1]], axis=1)
+
+    def smooth(self, start: int, stop: int, after: FloatArray) -> FloatArray:
+        """Smoothed probabilities at the plain steps start, ..., stop - 1, given those at ``stop``."""
+        kernel = self.system.pair_tables(start).kernel
+        log_p = self.trajectory.states.table[start:stop, 0]
+        return engine.smooth_back(kernel, log_p, self._rows(start, stop), after)
+
+    def state(self, k: int) -> GapState:
+        """Return the filtered state at k with the window as a part of it."""
+        state: NodeState | GapState = self.trajectory.gaps.get(k, self.trajectory.at(k))
+        width = min(k + 1, self.system.order) * self.system.dim_z
+        return open_gap(state, self._windows[k, :width], self.system.dim_x)
+
+    def window(self, k: int) -> Moments:
+        """Return the filtered moments of the window at k, given each node."""
+        m, gap = self.system.dim_x, self.state(k)
+        return Moments(gap.mean[:, m:], gap.covariance[:, m:, m:])
+
+    def _log_pairs(self, k: int) -> FloatArray:
+        """Log |P_ij| + log N(y_{k+1}; ...), (M, M); where a part is missing, given y_1..k."""
+        if k not in self.trajectory.gaps and not np.isnan(self.ys[k + 1]).any():
+            width = min(k + 1, self.system.order) * self.system.dim_z
+            window, y = self._windows[k : k + 1, :width], self.ys[k + 1 : k + 2]
+            pairs: FloatArray = recursion.log_pair_weights(self.system.pair_tables(k), window, y)[0]
+            return pairs
+        m, gap = self.system.dim_x, self.state(k)
+        prediction = pair_prediction(self.system.pair_tables(k), gap)
+        log_w = prediction.log_w + observed_log_density(prediction, self.ys[k + 1], m)
+        log_pairs: FloatArray = log_w - gap.log_p[:, None]
+        return log_pairs
+
+    def weights(self, k: int) -> FloatArray:
+        """o_ij of the step k, shape (M, M)."""
+        states = self.trajectory.states
+        log_w = self._log_pairs(k) + states.table[k, 0, :, None]
+        sign = np.ones_like(log_w)
+        if states.sign is not None:
+            sign = states.sign[k, :, None] * np.sign(self.system.pair_tables(k).transition)
+        o: FloatArray = collapse_weights(log_w, sign)[2]
+        return o
+
+    def most_likely_path(self) -> NDArray[np.int64]:
+        """Viterbi's algorithm on (R, Y): the nodes of the most probable path."""
+        n = len(self.ys)
+        if n == 0:
+            return np.empty(0, dtype=np.int64)
+        score = self.trajectory.states.table[0, 0]
+        pointers = np.empty((n - 1, score.size), dtype=np.int64)
+        k = 0
+        while k < n - 1:
+            stop = int(self._ends[np.searchsorted(self._ends, k)])
+            if stop > k:
+                kernel = self.system.pair_tables(k).kernel
+                score, pointers[k:stop] = engine.best_path(kernel, score, self._rows(k, stop))
+                k = stop
+                continue
+            total = score[:, None] + self._log_pairs(k)
+            pointers[k] = total.argmax(axis=0)
+            score = total.max(axis=0)
+            score = score - score.max()
+            k += 1
+        path = np.empty(n, dtype=np.int64)
+        path[-1] = int(score.argmax())
+        for k in range(n - 2, -1, -1):
+            path[k] = pointers[k, path[k + 1]]
+        return path

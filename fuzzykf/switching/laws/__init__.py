@@ -1,0 +1,1 @@
+"""Laws of the switch, and the Markov chains that stand for them."""

@@ -1,0 +1,197 @@
+"""A Markov chain of the switch on finitely many nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_array
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from fuzzykf.arrays import FloatArray
+
+__all__ = ["SwitchChain", "stationary_distribution"]
+
+#: Rows of probabilities have to sum to one within this.
+SUM_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SwitchChain:
+    """A stationary Markov chain on the nodes of a switch.
+
+    For such a chain the filters are exact: what is approximate, if anything, is
+    the chain as an approximation of a fuzzy law.
+
+    Parameters
+    ----------
+    nodes : array_like, shape (M,)
+        Values of the switch, one per node.
+    weights : array_like, shape (M,)
+        Measure of each node: 1 for a regime of its own (an atom), the quadrature
+        weight in between; density is mass divided by weight.
+    initial : array_like, shape (M,)
+        Probability of each node at the first observation.
+    transition : array_like, shape (M, M)
+        ``transition[i, j]`` is the probability of going from node i to node j.  Rows
+        sum to one.  Product integration may give (small) negative entries.
+    class_weights : array_like, shape (M, K), optional
+        How much of each hard regime a node is; rows sum to one.  By default the nodes
+        lie between two regimes, with weights (1 - r, r).
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        If shapes do not agree or probabilities do not sum to one.
+
+    Examples
+    --------
+    >>> chain = SwitchChain([0.0, 1.0], [1.0, 1.0], [0.5, 0.5], [[0.9, 0.1], [0.1, 0.9]])
+    >>> len(chain)
+    2
+    """
+
+    nodes: FloatArray
+    weights: FloatArray
+    initial: FloatArray
+    transition: FloatArray
+    class_weights: FloatArray
+
+    def __init__(
+        self,
+        nodes: ArrayLike,
+        weights: ArrayLike,
+        initial: ArrayLike,
+        transition: ArrayLike,
+        class_weights: ArrayLike | None = None,
+    ) -> None:
+        values = as_array("nodes", nodes, (None,))
+        M = values.size
+        if M == 0:
+            raise ShapeError("nodes: got none, expected at least one")
+        table = as_array("transition", transition, (M, M))
+        measure = as_array("weights", weights, (M,))
+        if (measure <= 0.0).any():
+            raise ParameterError(f"weights: got {measure.min():.6g}, expected positive numbers")
+        start = as_array("initial", initial, (M,))
+        check_probabilities("initial", start)
+        excess = np.abs(table.sum(axis=1) - 1.0)
+        if (excess > SUM_TOLERANCE).any():
+            row = int(np.argmax(excess))
+            raise ParameterError(f"transition: row {row} sums to {table[row].sum():.9g}, expected 1")
+        if class_weights is None:
+            if (values < 0.0).any() or (values > 1.0).any():
+                raise ParameterError("nodes: expected values in [0, 1] where no class_weights are given")
+            shares = np.stack([1.0 - values, values], axis=1)
+        else:
+            shares = as_array("class_weights", class_weights, (M, None))
+            for k, row_shares in enumerate(shares):
+                check_probabilities(f"class_weights[{k}]", row_shares)
+        for name, array in (
+            ("nodes", values),
+            ("weights", measure),
+            ("initial", start),
+            ("transition", table),
+            ("class_weights", shares),
+        ):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def from_classes(cls, transition: ArrayLike, initial: ArrayLike | None = None) -> SwitchChain:
+        """Make the chain of K hard regimes 0, 1, ..., K - 1.
+
+        Parameters
+        ----------
+        transition : array_like, shape (K, K)
+            Row-stochastic.
+        initial : array_like, shape (K,), optional
+            By default the stationary distribution.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If ``transition`` is empty, not square, or not row-stochastic.
+        """
+        table = as_array("transition", transition, (None, None))
+        if table.shape[0] == 0 or table.shape[0] != table.shape[1]:
+            raise ShapeError(f"transition: got shape {table.shape}, expected (K, K) with K of at least 1")
+        for row, probabilities in enumerate(table):
+            check_probabilities(f"transition[{row}]", probabilities)
+        K = table.shape[0]
+        start = stationary_distribution(table) if initial is None else as_array("initial", initial, (K,))
+        return cls(np.arange(K, dtype=np.float64), np.ones(K), start, table, np.eye(K))
+
+    def __len__(self) -> int:
+        """Return the number of nodes."""
+        return self.nodes.size
+
+    @cached_property
+    def atoms(self) -> NDArray[np.bool_]:
+        """Which nodes are hard regimes, as a boolean array of shape (M,)."""
+        hard: NDArray[np.bool_] = np.isclose(self.class_weights.max(axis=1), 1.0, rtol=0.0, atol=1e-15)
+        return hard
+
+    @cached_property
+    def reachable(self) -> NDArray[np.bool_]:
+        """Which nodes some path visits, as a boolean array of shape (M,)."""
+        there = self.initial > 0.0
+        while True:
+            more = there | (self.transition[there] != 0.0).any(axis=0)
+            if (more == there).all():
+                return there
+            there = more
+
+    @cached_property
+    def is_signed(self) -> bool:
+        """Whether some entries of the transition matrix are negative."""
+        return bool((self.transition < 0.0).any())
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+
+def check_probabilities(name: str, p: FloatArray) -> None:
+    """Raise a ParameterError unless the vector ``p`` is a probability distribution."""
+    if (p < 0.0).any() or (p > 1.0 + SUM_TOLERANCE).any():
+        worst = p[np.argmax(np.abs(p - 0.5))]
+        raise ParameterError(f"{name}: got {worst:.6g}, expected probabilities in [0, 1]")
+    if abs(p.sum() - 1.0) > SUM_TOLERANCE:
+        raise ParameterError(f"{name}: sums to {p.sum():.9g}, expected 1")
+
+
+def stationary_distribution(transition: FloatArray) -> FloatArray:
+    """Stationary distribution of a row-stochastic matrix.
+
+    Raises
+    ------
+    ParameterError
+        If the chain falls into several closed parts, so that the distribution is not
+        unique and an initial one has to be given.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> stationary_distribution(np.array([[0.9, 0.1], [0.3, 0.7]])).round(3)
+    array([0.75, 0.25])
+    """
+    K = transition.shape[0]
+    system = np.vstack([transition.T - np.eye(K), np.ones(K)])
+    if np.linalg.matrix_rank(system[:-1]) < K - 1:
+        raise ParameterError(
+            "initial: has to be given, since the transition matrix has several closed classes and no "
+            "unique stationary distribution"
+        )
+    solution = np.linalg.lstsq(system, np.append(np.zeros(K), 1.0), rcond=None)[0]
+    positive = np.where(solution > 1e-14, solution, 0.0)
+    distribution: FloatArray = positive / positive.sum()
+    return distribution

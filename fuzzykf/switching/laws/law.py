@@ -1,0 +1,399 @@
+"""Laws of a stationary fuzzy Markov chain (2020 paper, sections III and V-A).
+
+The switch R lives on [0, 1] with the measure nu = delta_0 + delta_1 + Lebesgue
+on ]0, 1[.  A law is a symmetric joint density p(r1, r2) of two consecutive
+values with respect to nu x nu: four masses at the corners, densities on the
+edges, a density inside.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.immutable import Immutable
+from fuzzykf.switching.laws.integration import Lines, cell_masses, integrate_line, invert_line
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.laws.chain import SwitchChain
+
+    Density: TypeAlias = Callable[..., ArrayLike]
+    Edges: TypeAlias = Density | float | Sequence[Density | float]
+
+__all__ = ["FuzzyMarkovLaw"]
+
+
+#: The hard values of the switch.
+_ENDS = np.array([0.0, 1.0])
+
+
+class FuzzyMarkovLaw(Immutable, ABC):
+    """Symmetric law of two consecutive values of a fuzzy switch.
+
+    Laws are made by `fmc1`, `fmc2` and `from_density`, and never change.
+
+    Attributes
+    ----------
+    corners : ndarray, shape (2, 2)
+        Masses at (0, 0), (0, 1), (1, 0) and (1, 1).
+
+    Notes
+    -----
+    Densities are taken with respect to the fuzzy measure: at the values 0 and 1
+    of the switch they are probabilities, in between they are densities.
+
+    References
+    ----------
+    Bouyahia, Derrode, Pieczynski, "Filtering in Gaussian linear systems with fuzzy
+    switches", IEEE Transactions on Fuzzy Systems 28 (2020), section V-A.
+
+    Examples
+    --------
+    >>> law = FuzzyMarkovLaw.fmc1(alpha=0.07, delta=0.05, eta=0.16)
+    >>> round(law.beta, 4), round(law.p_hard, 4)
+    (0.1583, 0.6667)
+    >>> law.discretize(5).transition.shape
+    (7, 7)
+    """
+
+    #: Name and parameters by which the law can be written to a file.
+    kind: str
+    corners: FloatArray
+
+    # ------------------------------------------------------------------ construction
+
+    @classmethod
+    def fmc1(cls, alpha: float, delta: float, eta: float) -> FuzzyMarkovLaw:
+        """Make the law FMC1, whose density is linear in the distance |r1 - r2|.
+
+        The density is ``alpha`` at (0, 0) and (1, 1), beta at (0, 1) and (1, 0), and
+        ``eta + (delta - eta) |r1 - r2|`` elsewhere, with beta from eq. (24).
+
+        Parameters
+        ----------
+        alpha : float
+            Mass of staying in the regime 0, and of staying in the regime 1.
+        delta, eta : float
+            Density at the largest and at the smallest distance; not negative.
+
+        Raises
+        ------
+        ParameterError
+            If beta or a density would be negative; the message names the bound.
+
+        Examples
+        --------
+        >>> FuzzyMarkovLaw.fmc1(0.5, 0.05, 0.16)
+        Traceback (most recent call last):
+            ...
+        fuzzykf.errors.ParameterError: alpha: got 0.5, expected a number in [0, 0.228333], \
+so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
+        """
+        from fuzzykf.switching.laws.families import FMC1
+
+        return FMC1(alpha, delta, eta)
+
+    @classmethod
+    def fmc2(cls, alpha: float, gamma: float, delta: float) -> FuzzyMarkovLaw:
+        """Make the law FMC2, whose density is constant on the band |r1 - r2| <= delta.
+
+        The density is ``alpha`` at (0, 0) and (1, 1), beta at (0, 1) and (1, 0),
+        ``gamma`` elsewhere on the band and zero off it, with beta from eq. (32).
+
+        Parameters
+        ----------
+        alpha : float
+            Mass of staying in the regime 0, and of staying in the regime 1.
+        gamma : float
+            Density on the band.
+        delta : float
+            Half width of the band: the largest gradual change of one step, in [0, 1/2[.
+
+        Raises
+        ------
+        ParameterError
+            If beta or a density would be negative; the message names the bound.
+
+        Examples
+        --------
+        >>> law = FuzzyMarkovLaw.fmc2(alpha=0.15, gamma=0.6, delta=0.2)
+        >>> round(law.beta, 6), round(law.p_hard, 6)
+        (0.002, 0.544)
+        """
+        from fuzzykf.switching.laws.families import FMC2
+
+        return FMC2(alpha, gamma, delta)
+
+    @classmethod
+    def from_density(
+        cls,
+        corners: ArrayLike,
+        edges: Edges,
+        interior: Density | float,
+        *,
+        kinks: Sequence[float] = (0.0,),
+    ) -> FuzzyMarkovLaw:
+        """Make a law from any symmetric density, part by part (Remark 4 of the paper).
+
+        Parameters
+        ----------
+        corners : array_like, shape (2, 2)
+            Masses at the corners, symmetric.
+        edges : callable, number, or pair of these
+            The density on the open edges.  A pair holds p(0, r) and p(1, r), each a
+            function of an array r in ]0, 1[, or a constant.  A single function of two
+            arguments is p(i, r) with i in {0, 1}; a single function of one argument, or
+            a number, is the density on both edges.
+        interior : callable or number
+            p(r1, r2) on the open square, symmetric; takes broadcastable arrays.
+        kinks : sequence of float
+            The lines r2 - r1 = kink on which the density has a kink or a jump; minus
+            each is added.  Integrals are exact in proportion to the smoothness between.
+
+        Raises
+        ------
+        ParameterError
+            If a part is negative or not symmetric, or if the total mass is not 1
+            (within 1e-3, the accuracy of the integral of a density with jumps on
+            lines that are not named).
+
+        Examples
+        --------
+        >>> law = FuzzyMarkovLaw.from_density(
+        ...     [[0.2, 0.05], [0.05, 0.2]], edges=0.1, interior=lambda r1, r2: 0.1 + 0.0 * r1 * r2
+        ... )
+        >>> round(law.p_hard, 6)
+        0.7
+        """
+        from fuzzykf.switching.laws.families import DensityLaw
+
+        return DensityLaw(corners, edges, interior, kinks)
+
+    # ------------------------------------------------------------------ the density, part by part
+
+    @abstractmethod
+    def _edge(self, corner: FloatArray, r: FloatArray) -> FloatArray:
+        """Return p(corner, r) for corner in {0, 1} and r in ]0, 1[."""
+
+    @abstractmethod
+    def _interior(self, r1: FloatArray, r2: FloatArray) -> FloatArray:
+        """Return p(r1, r2) for r1 and r2 in ]0, 1[."""
+
+    @property
+    @abstractmethod
+    def lines(self) -> Lines:
+        """Where the density is not smooth, and how finely to integrate in between."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> dict[str, float]:
+        """The parameters of the law by name."""
+
+    # ------------------------------------------------------------------ public densities
+
+    @property
+    def beta(self) -> float:
+        """Mass at (0, 1), and at (1, 0): a change of regime in one step."""
+        return float(self.corners[0, 1])
+
+    @property
+    def p_hard(self) -> float:
+        """Probability that the switch is 0 or 1 (eqs. 25 and 33)."""
+        return float(self.marginal_density(np.array([0.0, 1.0])).sum())
+
+    def joint_density(self, r1: ArrayLike, r2: ArrayLike) -> FloatArray:
+        """Return p(r1, r2) with respect to the product of the fuzzy measure with itself.
+
+        Parameters
+        ----------
+        r1, r2 : array_like
+            Values of the switch in [0, 1]; broadcast.
+
+        Returns
+        -------
+        ndarray
+            Of the broadcast shape.
+        """
+        a, b = np.broadcast_arrays(checked_switch("r1", r1), checked_switch("r2", r2))
+        hard_a, hard_b = (a == 0.0) | (a == 1.0), (b == 0.0) | (b == 1.0)
+        density = np.empty(a.shape)
+        both = hard_a & hard_b
+        density[both] = self.corners[a[both].astype(int), b[both].astype(int)]
+        for mask, corner, r in ((hard_a & ~hard_b, a, b), (hard_b & ~hard_a, b, a)):
+            density[mask] = self._edge(corner[mask], r[mask])
+        inside = ~hard_a & ~hard_b
+        density[inside] = self._interior(a[inside], b[inside])
+        return density
+
+    def marginal_density(self, r: ArrayLike) -> FloatArray:
+        """Return p(r) with respect to the fuzzy measure.
+
+        Parameters
+        ----------
+        r : array_like
+            Values of the switch in [0, 1].
+
+        Returns
+        -------
+        ndarray
+            Of the shape of ``r``: probabilities at 0 and 1, densities in between.
+        """
+        value = checked_switch("r", r)
+        flat = value.reshape(-1)
+        inner = integrate_line(self.joint_density, flat, 0.0, 1.0, self.lines)
+        ends = self.joint_density(flat[:, None], np.array([0.0, 1.0])).sum(axis=1)
+        density: FloatArray = (inner + ends).reshape(value.shape)
+        return density
+
+    def transition_density(self, r1: ArrayLike, r2: ArrayLike) -> FloatArray:
+        """Return p(r2 | r1) with respect to the fuzzy measure in r2.
+
+        Parameters
+        ----------
+        r1, r2 : array_like
+            The value of the switch before and after; broadcast.
+
+        Returns
+        -------
+        ndarray
+            NaN where ``r1`` has no mass and no density, so that nothing can follow it.
+        """
+        joint = self.joint_density(r1, r2)
+        marginal = np.broadcast_to(self.marginal_density(r1), joint.shape)
+        undefined = np.full(joint.shape, np.nan)
+        density: FloatArray = np.divide(joint, marginal, out=undefined, where=marginal > 0.0)
+        return density
+
+    def harden(self) -> FloatArray:
+        """Return the joint probabilities of the two hard regimes.
+
+        The law is integrated over the four quadrants of the square, cut at 1/2.
+
+        Returns
+        -------
+        ndarray, shape (2, 2)
+            Sums to one.
+
+        Examples
+        --------
+        >>> FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16).harden().round(4)
+        array([[0.2379, 0.2621],
+               [0.2621, 0.2379]])
+        """
+        masses = cell_masses(self, np.array([0.0, 0.5, 1.0]))
+        halves = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
+        joint: FloatArray = halves @ masses @ halves.T
+        return joint
+
+    # ------------------------------------------------------------------ derived objects
+
+    def discretize(self, n_nodes: int, rule: str = "cell") -> SwitchChain:
+        """Approximate the law by a Markov chain on finitely many nodes.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number F of nodes strictly between 0 and 1, in total.  The cost of a filter
+            step grows as (F + 2)^2.
+        rule : {"cell", "midpoint", "gauss", "product"}
+            How the density is integrated, see `fuzzykf.switching.laws.quadrature`.
+
+        Returns
+        -------
+        SwitchChain
+            A chain on F + 2 nodes, 0 and 1 included.
+
+        Raises
+        ------
+        ParameterError
+            If ``n_nodes`` is negative or too small for the rule.
+        """
+        from fuzzykf.switching.laws.quadrature import discretize
+
+        return discretize(self, n_nodes, rule)
+
+    def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """Draw a stationary chain of ``n`` values, exactly.
+
+        Parameters
+        ----------
+        n : int
+            Length.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Values in [0, 1]; those that are exactly 0 or 1 are hard.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> r = FuzzyMarkovLaw.fmc2(0.15, 0.6, 0.2).sample(5, np.random.default_rng(1))
+        >>> bool(((r >= 0) & (r <= 1)).all())
+        True
+        """
+        if n < 0:
+            raise ParameterError(f"n: got {n}, expected a length of at least 0")
+        uniforms = rng.random((n, 2))
+        chain = np.empty(n)
+        if n:
+            ends = self.marginal_density(np.array([0.0, 1.0]))
+            first, second = (float(u) for u in uniforms[0])
+            if first < ends.sum():
+                chain[0] = 0.0 if first < ends[0] else 1.0
+            else:
+                chain[0] = invert_line(self.marginal_density, second, self.lines.breaks)
+        for k in range(1, n):
+            chain[k] = self._draw_next(float(chain[k - 1]), *map(float, uniforms[k]))
+        return chain
+
+    def _draw_next(self, r: float, which: float, where: float) -> float:
+        """Map two uniform numbers to a value that follows ``r``."""
+        # the joint density without its checks, which cost more than it does
+        ends = self.corners[int(r)] if r in (0.0, 1.0) else self._edge(_ENDS, np.array([r, r]))
+        to_zero, to_one = ends.tolist()
+        inside = self._inner_mass(r)
+        which *= to_zero + to_one + inside
+        if which < to_zero:
+            return 0.0
+        if which < to_zero + to_one:
+            return 1.0
+        return self._draw_inside(r, where)
+
+    def _inner_mass(self, r: float) -> float:
+        return float(integrate_line(self.joint_density, np.array([r]), 0.0, 1.0, self.lines)[0])
+
+    def _draw_inside(self, r: float, u: float) -> float:
+        """Invert the distribution function of the values in ]0, 1[ that follow ``r``."""
+        cuts = np.concatenate([self.lines.breaks, np.clip(r + self.lines.kinks, 0.0, 1.0)])
+        return invert_line(lambda s: self.joint_density(r, s), u, np.unique(cuts))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the joint density as bars, as in Fig. 2; see `fuzzykf.plotting.plot_law`."""
+        from fuzzykf.plotting.laws import plot_law
+
+        return plot_law(self, ax)
+
+    # ------------------------------------------------------------------ value semantics
+
+    def __repr__(self) -> str:
+        arguments = ", ".join(f"{name}={value:.6g}" for name, value in self.parameters.items())
+        return f"FuzzyMarkovLaw.{self.kind}({arguments})"
+
+
+def checked_switch(name: str, r: ArrayLike) -> FloatArray:
+    value = np.asarray(r, dtype=np.float64)
+    if not ((value >= 0.0) & (value <= 1.0)).all():
+        bad = value[~((value >= 0.0) & (value <= 1.0))].reshape(-1)[0]
+        raise ParameterError(f"{name}: got {bad}, expected values of the switch in [0, 1]")
+    return value

@@ -1,0 +1,330 @@
+"""The fuzzy model of the 2020 paper: a Gaussian system whose switch moves on [0, 1].
+
+Models are immutable values, and valid: what is wrong with parameters is said when
+the model is built.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import check_covariance
+from fuzzykf.switching.dynamics.forms import CovarianceForm, GaussianForm, RegressionForm, TransitionForm
+from fuzzykf.switching.dynamics.placed import StationarySystem
+from fuzzykf.switching.laws.law import FuzzyMarkovLaw
+from fuzzykf.switching.models.base import SwitchingModel
+from fuzzykf.switching.models.hard import CGOMSModel
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.dynamics.simulation import Simulation
+    from fuzzykf.switching.learning import FitResult
+
+__all__ = ["CGOFMSModel"]
+
+#: The noise of a fuzzy model is proved at the hard values and at so many values between.
+N_PROOF = 16
+
+
+class CGOFMSModel(SwitchingModel):
+    """Conditionally Gaussian observed fuzzy Markov switching model.
+
+    A switch R moves on [0, 1] between two regimes, abruptly or gradually.  Given the
+    switch, (X, Y) is a Gaussian Markov chain in which Y alone is Markov too, so that X
+    can be filtered exactly.
+
+    Parameters
+    ----------
+    law : FuzzyMarkovLaw
+        Law of the switch.
+    means : array_like, shape (2, d)
+        Mean of Z = (X, Y) in either regime, d = dim_x + dim_z; linear in between.
+    covariances : array_like, shape (2, 2, 2d, 2d)
+        Covariance of (Z_n, Z_n+1) for each pair of regimes; rows X1, Y1, X2, Y2.
+    dim_x : int
+        Number of components of the state; the others are observed.
+    interpolation : {"covariance", "transition"}
+        What is bilinear between the regimes: the covariances, or the transition matrix
+        and the symmetric root of the noise covariance.
+    constraint : {"project", "check"}
+        The entries Cov(Y2, X1) are not free: "project" sets them, whatever is given;
+        "check" refuses covariances in which they are off.
+
+    Raises
+    ------
+    ShapeError, ParameterError, NotPositiveDefiniteError
+        If shapes, symmetry or the shared blocks are wrong, or if the noise covariance of
+        a pair of values of the switch is indefinite (which pair, which eigenvalue).  It
+        is proved at the hard values and on a grid of values in between; every filter
+        proves it again at its own nodes.
+
+    References
+    ----------
+    Bouyahia, Derrode, Pieczynski (2020), sections III and V, with the corrections of
+    the theory pages.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import CGOFMSModel, FuzzyMarkovLaw
+    >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])  # covariance of (X, Y), in both regimes
+    >>> pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
+    >>> model = CGOFMSModel(
+    ...     FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
+    ...     means=[[0.0, 3.0], [0.0, 0.0]],
+    ...     covariances=np.broadcast_to(pair, (2, 2, 4, 4)),
+    ...     dim_x=1,
+    ... )
+    >>> model.dim_x, model.dim_z
+    (1, 1)
+    >>> model.simulate(100, np.random.default_rng(0)).x.shape
+    (100, 1)
+    """
+
+    form: GaussianForm
+
+    def __init__(
+        self,
+        law: FuzzyMarkovLaw,
+        means: ArrayLike,
+        covariances: ArrayLike,
+        dim_x: int,
+        *,
+        interpolation: Literal["covariance", "transition"] = "covariance",
+        constraint: Literal["project", "check"] = "project",
+    ) -> None:
+        if interpolation not in ("covariance", "transition"):
+            raise ParameterError(
+                f"interpolation: got {interpolation!r}, expected 'covariance' or 'transition'"
+            )
+        form = CovarianceForm(means, covariances, dim_x, constraint)
+        self._build(law, form if interpolation == "covariance" else _transition_form(form))
+
+    @classmethod
+    def from_regressions(
+        cls,
+        law: FuzzyMarkovLaw,
+        *,
+        Ayy: ArrayLike,
+        Ny: ArrayLike,
+        Qyy: ArrayLike,
+        Axx: ArrayLike,
+        H: ArrayLike,
+        G: ArrayLike,
+        c: ArrayLike,
+        C: ArrayLike,
+        means: ArrayLike,
+        covariances: ArrayLike,
+    ) -> CGOFMSModel:
+        """Make a model from the regressions of each pair of regimes.
+
+        Per pair (i, j) of hard values of (r_n, r_n+1), and bilinear in between::
+
+            Y' = Ayy Y + Ny + N(0, Qyy)
+            X' = Axx X + H Y + G Y' + c + N(0, C)
+
+        Nothing is assumed stationary, and positive definiteness holds everywhere by
+        construction.  It is the form to learn in.
+
+        Parameters
+        ----------
+        law : FuzzyMarkovLaw
+        Ayy, Ny, Qyy : array_like, shapes (2, 2, q, q), (2, 2, q), (2, 2, q, q)
+        Axx, H, G, c, C : array_like, shapes (2, 2, m, m), (2, 2, m, q), (2, 2, m, q), \
+(2, 2, m), (2, 2, m, m)
+        means, covariances : array_like, shapes (2, d) and (2, d, d)
+            Law of the first (X, Y) in either regime.
+        """
+        form = RegressionForm(
+            Ayy=Ayy, Ny=Ny, Qyy=Qyy, Axx=Axx, H=H, G=G, c=c, C=C, means=means, covariances=covariances
+        )
+        return cls._from_form(law, form)
+
+    @classmethod
+    def _from_form(cls, law: FuzzyMarkovLaw, form: GaussianForm) -> Self:
+        model = cls.__new__(cls)
+        model._build(law, form)
+        return model
+
+    def _build(self, law: FuzzyMarkovLaw, form: GaussianForm) -> None:
+        if not isinstance(law, FuzzyMarkovLaw):
+            raise ParameterError(f"law: got {type(law).__name__}, expected a FuzzyMarkovLaw")
+        if form.n_classes != 2:
+            raise ParameterError(f"means: got {form.n_classes} regimes, expected 2 for a fuzzy switch")
+        self.law, self.form = law, form
+        self._prove_noise()
+
+    @classmethod
+    def fit(
+        cls,
+        x: ArrayLike | Sequence[ArrayLike],
+        y: ArrayLike | Sequence[ArrayLike],
+        r: ArrayLike | Sequence[ArrayLike] | None = None,
+        *,
+        law: Literal["fmc1", "fmc2", "free"] = "fmc1",
+        form: Literal["auto", "regression", "covariance"] = "auto",
+        n_nodes: int = 5,
+        n_starts: int = 4,
+        max_iter: int = 500,
+        tolerance: float = 1e-6,
+        rng: np.random.Generator | None = None,
+        progress: bool = False,
+    ) -> FitResult[CGOFMSModel]:
+        """Learn a model from data in which the state was measured as well.
+
+        Parameters
+        ----------
+        x, y : array_like, or list of these
+            States (n, m) and observations (n, q), or (n,); NaN where missing.  Several
+            series are given as lists.
+        r : array_like, shape (n,), or list of these, optional
+            Values of the switch in [0, 1].  If it is hidden, it is learned too.
+        law : {"fmc1", "fmc2", "free"}
+            Family of the law of the switch; "free" is any Markov chain on the nodes
+            (with a hidden switch only).
+        form : {"auto", "regression", "covariance"}
+            Form of the Gaussian part.  "regression" assumes nothing stationary;
+            "covariance" is that of the paper, with fewer parameters, for one state and one
+            observation.  "auto" learns in both, where both can be, and takes the one of
+            smaller BIC; a covariance form that positive definiteness bounds is not taken.
+        n_nodes : int
+            Nodes between 0 and 1 on which a hidden switch is learned; the cost of an
+            iteration grows as (n_nodes + 2)^2.
+        n_starts : int
+            Guesses of a hidden switch to begin from; the best ones go on to convergence.
+            More than 4 are drawn at random.
+        max_iter : int
+            Largest number of iterations.
+        tolerance : float
+            Gain in log-likelihood per observation and iteration at which to stop.
+        rng : numpy.random.Generator, optional
+            For more than 4 starts.
+        progress : bool
+            Show a progress bar (needs rich).
+
+        Returns
+        -------
+        FitResult
+            With ``.model``, ``.log_likelihood``, ``.trace``, ``.warnings``, ...
+
+        Raises
+        ------
+        ParameterError
+            If ``x`` is missing (the parameters of the state are not identifiable from y
+            alone), or a parameter or the data are inadmissible.
+
+        Notes
+        -----
+        With ``r``: complete-data maximum likelihood on all transitions, hard and fuzzy.
+        Without: expectation-maximisation on the nodes, where (R, Z) is a hidden Markov
+        chain and the likelihood is exact.  Data are standardised inside.  A larger
+        likelihood need not mean a smaller filter error: compare models on held-out data.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from fuzzykf import CGOFMSModel, FuzzyMarkovLaw
+        >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])
+        >>> pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
+        >>> truth = CGOFMSModel(
+        ...     FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
+        ...     [[0.0, 3.0], [0.0, 0.0]],
+        ...     np.broadcast_to(pair, (2, 2, 4, 4)),
+        ...     dim_x=1,
+        ... )
+        >>> data = truth.simulate(500, np.random.default_rng(0))
+        >>> fit = CGOFMSModel.fit(data.x, data.y, data.r)
+        >>> bool(abs(fit.model.law.p_hard - truth.law.p_hard) < 0.1)
+        True
+        """
+        from fuzzykf.switching.learning import fit_fuzzy_model
+
+        return fit_fuzzy_model(
+            x,
+            y,
+            r,
+            law=law,
+            form=form,
+            n_nodes=n_nodes,
+            n_starts=n_starts,
+            max_iter=max_iter,
+            tolerance=tolerance,
+            rng=rng,
+            progress=progress,
+        )
+
+    def _prove_noise(self) -> None:
+        r = np.concatenate([[0.0], (np.arange(N_PROOF) + 0.5) / N_PROOF, [1.0]])
+        u = self.class_weights(r)
+
+        def describe(index: tuple[int, ...]) -> str:
+            return f"pair r_n = {r[index[0]]:.6g}, r_n+1 = {r[index[1]]:.6g}"
+
+        self.form.pairs(u[:, None], u[None, :], describe, self.law.joint_density(r[:, None], r) > 0.0)
+        self.form.marginal(u[self.law.marginal_density(r) > 0.0])
+
+    def class_weights(self, r: ArrayLike) -> FloatArray:
+        """Return the shares of the two regimes in values of the switch: (..., 2)."""
+        value = np.asarray(r, dtype=np.float64)
+        if not ((value >= 0.0) & (value <= 1.0)).all():
+            raise ParameterError(f"r: got values from {value.min()} to {value.max()}, expected [0, 1]")
+        return np.stack([1.0 - value, value], axis=-1)
+
+    def on_nodes(self, n_nodes: int = 5, rule: str = "cell") -> StationarySystem:
+        """Place the model on the nodes of the discretised law.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Nodes strictly between 0 and 1; the cost of a step grows as (n_nodes + 2)^2.
+        rule : {"cell", "midpoint", "gauss", "product"}
+            See `FuzzyMarkovLaw.discretize`.
+        """
+        return StationarySystem(self.law.discretize(n_nodes, rule), self.form)
+
+    def harden(self) -> CGOMSModel:
+        """Return the model of abrupt switches that is nearest in law.
+
+        The law is integrated over the four quadrants; the Gaussian part of the hard
+        pairs stays as it is.
+        """
+        joint = self.law.harden()
+        initial = joint.sum(axis=1)
+        return CGOMSModel._from_form(joint / initial[:, None], self.form, initial / initial.sum())
+
+    def simulate(self, n: int, rng: np.random.Generator) -> Simulation:
+        """Draw a series of switches, states and observations.
+
+        Parameters
+        ----------
+        n : int
+            Number of steps.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        Simulation
+            ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,).
+        """
+        from fuzzykf.switching.dynamics.simulation import simulate_path
+
+        r = self.law.sample(n, rng)
+        return simulate_path(self.form, r, self.class_weights(r), rng)
+
+    def __repr__(self) -> str:
+        return f"CGOFMSModel({self.law!r}, dim_x={self.dim_x}, dim_z={self.dim_z}, form={self.form.kind!r})"
+
+
+def _transition_form(form: CovarianceForm) -> TransitionForm:
+    """Compute A and Q at the hard pairs; in between these are interpolated, not the covariances."""
+    u = np.eye(form.n_classes)
+    A, Q = form.transition(u[:, None], u[None, :])
+    check_covariance("covariances (noise of the hard pairs)", Q, Q.shape)
+    return TransitionForm(A, Q, form.means, form.stationary, form.dim_x)

@@ -1,0 +1,1 @@
+"""Switching state-space models, and their conversion to models that can be filtered exactly."""

@@ -1,0 +1,310 @@
+"""The system of a converted model (CMSHLM): tables made when they are asked for."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+
+import numpy as np
+
+from fuzzykf.errors import NotStableError, ParameterError
+from fuzzykf.gaussian import check_definite, is_whole, semidefinite_root
+from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables
+from fuzzykf.switching.dynamics.simulation import Simulation, sample_classes
+from fuzzykf.switching.laws.chain import SwitchChain
+from fuzzykf.switching.state_space import conversion
+from fuzzykf.switching.state_space.cglssm import CGLSSM
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.state_space.conversion import PairMoments, WindowLaw
+
+__all__ = ["Construction", "ConvertedPath", "ConvertedSystem", "Mode", "Noise"]
+
+Construction = Literal["gain", "markov_x", "clip"]
+Noise = Literal["pair", "averaged"]
+Mode = Literal["stationary", "time_varying"]
+
+#: Laws of the window are kept for every so many steps, and recomputed in between.
+_STRIDE = 64
+
+#: How many numbers the tables that are kept may hold, and how many tables they may be.
+_KEPT_NUMBERS, _KEPT_TABLES = 1 << 22, 256
+
+#: Standard deviations from here on are refused, while their squares still are finite.
+_LARGEST = 1e150
+
+#: Steps that are proved when a time-varying model is made; of a construction that may fail later, more.
+_PROVED_STEPS = 100
+
+
+class ConvertedSystem:
+    """A CGLSSM turned into a model that has an exact filter, on its regimes.
+
+    Parameters
+    ----------
+    cglssm : CGLSSM
+    construction : {"gain", "markov_x", "clip"}
+    noise : {"pair", "averaged"}
+    order : int
+        How many past observations a step conditions on.
+    mode : {"stationary", "time_varying"}
+
+    See Also
+    --------
+    fuzzykf.CGOMSModel.from_cglssm : What the parameters mean.
+
+    Notes
+    -----
+    The tables of step n follow from the law of (X_n, w_n) given each regime, which is
+    carried from step to step.  Of a time-varying model the latest tables are kept, and
+    the law at every 64th step, from which it can be resumed.
+    """
+
+    #: Name under which the system is written to a file.
+    kind = "cglssm"
+
+    def __init__(
+        self, cglssm: CGLSSM, construction: Construction, noise: Noise, order: int, mode: Mode
+    ) -> None:
+        for name, value, options in (
+            ("construction", construction, get_args(Construction)),
+            ("noise", noise, get_args(Noise)),
+            ("mode", mode, get_args(Mode)),
+        ):
+            if value not in options:
+                raise ParameterError(
+                    f"{name}: got {value!r}, expected one of {', '.join(map(repr, options))}"
+                )
+        if not is_whole(order) or order < 1:
+            raise ParameterError(f"order: got {order!r}, expected a whole number of at least 1")
+        if order > 1 and construction != "gain":
+            raise ParameterError(
+                f"order: got {order}, expected 1 with construction={construction!r}; longer windows of "
+                "observations go with construction='gain'"
+            )
+        if mode == "stationary":
+            cglssm.check_stationary()
+        self.cglssm, self.chain = cglssm, cglssm.chain
+        self.construction, self.noise, self.order, self.mode = construction, noise, int(order), mode
+        self.n_classes, self.dim_x, self.dim_z = cglssm.n_classes, cglssm.dim_x, cglssm.dim_z
+        self.steady_from: int | None = self.order - 1 if mode == "stationary" else None
+        self._laws = {0: self._first_law()}
+        self._moments: tuple[int, PairMoments] | None = None
+        size = self.n_classes**3 * (self.dim_x + self.order * self.dim_z) ** 2
+        kept = min(max(_KEPT_NUMBERS // size, 2), _KEPT_TABLES)
+        self._tables = lru_cache(maxsize=kept)(self._make_tables)
+        for n in range(self._steps_to_prove()):
+            self._tables(n)
+
+    def _steps_to_prove(self) -> int:
+        if self.steady_from is not None:
+            return self.order
+        if self.construction == "markov_x":
+            return _PROVED_STEPS
+        return self.order + self.n_classes  # by then the window is full and every regime was reached
+
+    # ------------------------------------------------------------------ laws
+
+    def _first_law(self) -> WindowLaw:
+        with np.errstate(divide="ignore"):
+            log_p = np.log(self.chain.initial)
+        _, B, _, D = self.cglssm.space
+        G = self.cglssm.initial_covariance
+        Gy = B @ G @ np.swapaxes(B, -1, -2) + conversion.square(D)
+        check_definite(
+            Gy,
+            lambda k: f"covariance of the first observation in the regime {k[0]}",
+            strict=True,
+            where=np.isfinite(log_p),
+        )
+        return conversion.first_window(log_p, semidefinite_root(G), B, D)
+
+    def law(self, n: int) -> WindowLaw:
+        """Return the law of the regime, the window and the state at observation ``n`` (0, 1, ...)."""
+        if self.steady_from is not None:
+            n = min(n, self.steady_from)
+        if n not in self._laws:
+            laws = dict(self._laws)
+            k = n
+            while k not in laws:
+                k -= 1
+            while k < n:
+                laws[k + 1] = self._next_law(k, laws[k])
+                k += 1
+            start = n - n % _STRIDE
+            self._laws = {k: v for k, v in laws.items() if k % _STRIDE == 0 or start < k < start + _STRIDE}
+            return laws[n]
+        return self._laws[n]
+
+    def _next_law(self, n: int, law: WindowLaw) -> WindowLaw:
+        kernel, log_next = conversion.backward_kernel(law.log_p, self.chain.transition)
+        moments = self._pair_moments(n, law)
+        length = min(n + 2, self.order) * self.dim_z
+        new = conversion.advance_window(law, moments, self.cglssm.A, kernel, log_next, length)
+        if not np.abs(new.factor).max() < _LARGEST:
+            raise NotStableError(
+                f"A: the covariance of the state has grown beyond {_LARGEST**2:g} at step {n + 1}"
+            )
+        return new
+
+    def possible(self, law: WindowLaw) -> np.ndarray:
+        """Tell which pairs of regimes can occur after a law, (K, K)."""
+        pairs: np.ndarray = np.isfinite(law.log_p)[:, None] & (self.chain.transition > 0.0)
+        return pairs
+
+    def _pair_moments(self, n: int, law: WindowLaw) -> PairMoments:
+        latest = self._moments
+        if latest is not None and latest[0] == n:
+            return latest[1]
+
+        def describe(pair: tuple[int, ...]) -> str:
+            return f"covariance of the observation after step {n}, {_regimes(pair)}"
+
+        moments = conversion.pair_moments(law, self.cglssm.space, describe, self.possible(law))
+        self._moments = n, moments
+        return moments
+
+    # ------------------------------------------------------------------ tables
+
+    def initial(self) -> InitialLaw:
+        """Return the law of the first regime and of (X_1, Y_1)."""
+        law, m = self.law(0), self.dim_x
+        factor = np.roll(law.factor, m, axis=-2)  # rows X, Y
+        mean = np.zeros(factor.shape[:-1])
+        return InitialLaw(self.chain.initial, mean, conversion.square(factor))
+
+    def pair_tables(self, n: int) -> PairTables:
+        """Return the tables of the step from observation ``n`` to ``n + 1``.
+
+        Raises
+        ------
+        NotPositiveDefiniteError
+            If the construction does not exist at this step of a time-varying model.
+        """
+        tables: PairTables = self._tables(n if self.steady_from is None else min(n, self.steady_from))
+        return tables
+
+    def _make_tables(self, n: int) -> PairTables:
+        return PairTables(self.chain.transition, self._pairs(n))
+
+    def _pairs(self, n: int) -> PairCoefficients:
+        law = self.law(n)
+        where = self.possible(law)
+        moments = self._pair_moments(n, law)
+
+        def describe(pair: tuple[int, ...]) -> str:
+            return f"construction={self.construction!r} at step {n}, {_regimes(pair)}"
+
+        def describe_average(regime: tuple[int, ...]) -> str:
+            return f"construction={self.construction!r} at step {n}, averaged for the regime {regime[0]}"
+
+        space = self.cglssm.space
+        if self.construction == "gain":
+            pairs = conversion.gain_coefficients(moments, space)
+        elif self.construction == "clip":
+            pairs = conversion.clip_coefficients(moments, space, describe, where)
+        else:
+            pairs = conversion.markov_x_coefficients(moments, space)
+        if self.noise == "averaged":
+            kernel, _ = conversion.backward_kernel(law.log_p, self.chain.transition)
+            return conversion.average_noise(pairs, moments, kernel, describe_average, where)
+        if self.construction == "markov_x":
+            return conversion.prove_noise(pairs, moments, describe, where)
+        return pairs
+
+    def along(self, r: FloatArray, start: int = 0) -> ConvertedPath:
+        """Return the system along known regimes ``r``, the first of them that of observation ``start``."""
+        return ConvertedPath(self, r, start)
+
+    def simulate(self, n: int, rng: np.random.Generator) -> Simulation:
+        """Draw a series of regimes, states and observations of the converted model.
+
+        Parameters
+        ----------
+        n : int
+            Number of observations.
+        rng : numpy.random.Generator
+        """
+        r = sample_classes(self.chain, n, rng)
+        m, q = self.dim_x, self.dim_z
+        x, y = np.empty((n, m)), np.empty((n, q))
+        noise = rng.standard_normal((n, q + m))
+        for k in range(n):
+            j = int(r[k])
+            if k == 0:
+                first = self.law(0).factor[j] @ noise[0]
+                y[0], x[0] = first[:q], first[q:]
+                continue
+            step = [value[int(r[k - 1]), j] for value in self.pair_tables(k - 1).pairs]
+            Axx, H, G, _, C, Ayy, _, Qyy = step
+            window = y[max(0, k - self.order) : k][::-1].reshape(-1)
+            y[k] = Ayy @ window + np.linalg.cholesky(Qyy) @ noise[k, :q]
+            x[k] = Axx @ x[k - 1] + H @ window + G @ y[k] + semidefinite_root(C) @ noise[k, q:]
+        return Simulation(x, y, r)
+
+    # ------------------------------------------------------------------ values
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the system is made from as plain values."""
+        options = {name: getattr(self, name) for name in ("construction", "noise", "order", "mode")}
+        return self.cglssm.to_dict() | options
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> ConvertedSystem:
+        """Make a system from what `to_dict` returned."""
+        parameters = dict(values)
+        options = {name: parameters.pop(name) for name in ("construction", "noise", "order", "mode")}
+        return cls(CGLSSM(**parameters), **options)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self).from_dict, (self.to_dict(),)
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+
+def _regimes(pair: tuple[int, ...]) -> str:
+    return f"regimes ({pair[0]}, {pair[1]})"
+
+
+class ConvertedPath:
+    """A converted model along known regimes: one node, one pair of regimes per step.
+
+    Parameters
+    ----------
+    system : ConvertedSystem
+    r : ndarray, shape (n,)
+        Regimes.
+    start : int
+        Index of the observation to which the first of them belongs.
+    """
+
+    steady_from: int | None = None
+
+    def __init__(self, system: ConvertedSystem, r: FloatArray, start: int = 0) -> None:
+        self.system, self.r, self.start = system, r, start
+        self.dim_x, self.dim_z, self.order = system.dim_x, system.dim_z, system.order
+        self.chain = SwitchChain([0.0], [1.0], [1.0], [[1.0]])
+
+    def initial(self) -> InitialLaw:
+        """Return the law of (X_1, Y_1) in the first regime."""
+        k, law = int(self.r[0]), self.system.initial()
+        if law.probability[k] == 0.0:
+            raise ParameterError(f"r: got regime {k} at first, which has probability zero in the model")
+        return InitialLaw(np.ones(1), law.mean[k, None], law.covariance[k, None])
+
+    def pair_tables(self, n: int) -> PairTables:
+        """Return the tables of the step from the ``n``-th regime of the path to the next."""
+        i, j, step = int(self.r[n]), int(self.r[n + 1]), self.start + n
+        if not self.system.possible(self.system.law(step))[i, j]:
+            raise ParameterError(
+                f"r: got the regimes ({i}, {j}) at observations {step} and {step + 1}, which have "
+                "probability zero in the model"
+            )
+        pairs = self.system.pair_tables(step).pairs
+        chosen = (value[i, j, None, None] for value in pairs)
+        return PairTables(np.ones((1, 1)), PairCoefficients(*chosen))

@@ -1,0 +1,125 @@
+"""One place chooses the engine; it says which one it chose, and why."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from fuzzykf import IMMEstimator, KalmanFilter, engine
+from fuzzykf.engine import selected
+
+NUMPY_HOMES = {
+    "pack": "fuzzykf.engine.numpy.switching",
+    "first_step": "fuzzykf.engine.numpy.switching",
+    "step": "fuzzykf.engine.numpy.switching",
+    "run": "fuzzykf.engine.numpy.switching",
+    "log_pairs": "fuzzykf.engine.numpy.switching",
+    "node_mean": "fuzzykf.engine.numpy.switching",
+    "step_many": "fuzzykf.engine.numpy.switching_many",
+    "forward_backward": "fuzzykf.engine.numpy.hmm",
+    "smooth_back": "fuzzykf.engine.numpy.backward",
+    "best_path": "fuzzykf.engine.numpy.backward",
+    "Kernel": "fuzzykf.engine.numpy.switching",
+    "Stepper": "fuzzykf.engine.numpy.stepper",
+    "convolve_parabola": "fuzzykf.engine.numpy.convolution",
+    "refine": "fuzzykf.engine.numpy.convolution",
+    "continue_tails": "fuzzykf.engine.numpy.grid",
+    "interpolate": "fuzzykf.engine.numpy.grid",
+    "interpolate_lines": "fuzzykf.engine.numpy.grid",
+    "least_outside": "fuzzykf.engine.numpy.grid",
+    "pull_back": "fuzzykf.engine.numpy.grid",
+    "convolve_bounded": "fuzzykf.engine.numpy.kernels",
+    "convolve_convex": "fuzzykf.engine.numpy.kernels",
+    "convolve_joint": "fuzzykf.engine.numpy.kernels",
+    "convolve_table": "fuzzykf.engine.numpy.kernels",
+    "is_convex": "fuzzykf.engine.numpy.kernels",
+    "totals": "fuzzykf.engine.numpy.kernels",
+    "moments_about": "fuzzykf.engine.numpy.moments",
+    "corrected": "fuzzykf.engine.numpy.raster",
+    "cover": "fuzzykf.engine.numpy.raster",
+    "flat_cells": "fuzzykf.engine.numpy.raster",
+    "live_cells": "fuzzykf.engine.numpy.raster",
+    "span": "fuzzykf.engine.numpy.raster",
+    "stranded": "fuzzykf.engine.numpy.raster",
+    "LinearStepper": "fuzzykf.engine.numpy.stepper",
+    "BankStepper": "fuzzykf.engine.numpy.stepper",
+    "predict_linear": "fuzzykf.engine.numpy.kalman",
+    "update_linear": "fuzzykf.engine.numpy.kalman",
+    "filter_linear": "fuzzykf.engine.numpy.kalman_series",
+    "filter_bank": "fuzzykf.engine.numpy.imm",
+}
+
+
+def in_a_new_process(code: str, wanted: str | None) -> subprocess.CompletedProcess[str]:
+    """Run code under a setting of FUZZYKF_ENGINE."""
+    environment = {name: value for name, value in os.environ.items() if name != "FUZZYKF_ENGINE"}
+    if wanted is not None:
+        environment["FUZZYKF_ENGINE"] = wanted
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+
+
+def built() -> bool:
+    """Whether the compiled core is there, whatever is selected."""
+    return in_a_new_process("import fuzzykf.engine.compiled", None).returncode == 0
+
+
+def test_what_is_selected_is_what_info_says() -> None:
+    # each function comes from the module of the engine that `info` names: none is handed on
+    name = engine.info().name
+    for function, home in NUMPY_HOMES.items():
+        module = getattr(selected, function).__module__
+        assert module.startswith("fuzzykf.engine.compiled.") if name == "compiled" else module == home
+
+
+def test_filters_inherit_the_selected_steppers() -> None:
+    for cls, stepper in ((KalmanFilter, selected.LinearStepper), (IMMEstimator, selected.BankStepper)):
+        assert cls.step is stepper.step
+
+
+def test_the_tests_run_on_the_engine_that_was_asked_for() -> None:
+    wanted = os.environ.get("FUZZYKF_ENGINE")
+    assert engine.info().name == (wanted or ("compiled" if built() else "numpy"))
+
+
+@pytest.mark.parametrize("wanted", ["numpy", "compiled"])
+def test_the_variable_decides(wanted) -> None:
+    code = "from fuzzykf import engine; print(*engine.info()[:2], sep='|')"
+    run = in_a_new_process(code, wanted)
+    if wanted == "compiled" and not built():
+        assert "FUZZYKF_ENGINE is set to 'compiled', but the compiled core" in run.stderr
+    else:
+        assert run.stdout.strip() == f"{wanted}|FUZZYKF_ENGINE is set to '{wanted}'"
+
+
+def test_numpy_does_not_load_the_compiled_core() -> None:
+    code = "import sys, fuzzykf.switching; print('fuzzykf.engine.compiled' in sys.modules)"
+    assert in_a_new_process(code, "numpy").stdout.strip() == "False"
+
+
+def test_a_missing_core_is_reported_not_hidden() -> None:
+    # without the variable: NumPy, and the reason; with it: an error
+    hide = "import sys; sys.modules['fuzzykf.engine.compiled'] = None; from fuzzykf import engine; "
+    run = in_a_new_process(hide + "print(*engine.info()[:2])", None)
+    assert run.stdout.startswith("numpy the compiled core cannot be imported")
+    run = in_a_new_process(hide + "engine.info()", "compiled")
+    assert "MissingDependencyError" in run.stderr
+
+
+def test_an_unknown_engine_is_an_error() -> None:
+    run = in_a_new_process("from fuzzykf import engine; engine.info()", "fortran")
+    assert "FUZZYKF_ENGINE: got 'fortran', expected 'numpy' or 'compiled'" in run.stderr
+
+
+def test_importing_the_engine_loads_numpy_and_nothing_heavier() -> None:
+    code = "import numpy, sys; before = set(sys.modules); from fuzzykf.engine import selected\n"
+    code += "print(*{m.partition('.')[0] for m in set(sys.modules) - before})"
+    loaded = set(in_a_new_process(code, None).stdout.split())
+    # Cython registers its own run-time types in modules without files
+    assert {name for name in loaded if not name.startswith(("_cython", "cython"))} <= {
+        "fuzzykf",
+        "numpy",
+        *sys.stdlib_module_names,
+    }

@@ -1,0 +1,115 @@
+"""Chains of the switch: what they accept, and stationary distributions."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+
+from fuzzykf import SwitchChain
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.switching.laws.chain import stationary_distribution
+
+P = [[0.9, 0.1], [0.3, 0.7]]
+
+
+def test_attributes():
+    chain = SwitchChain([0.0, 0.25, 1.0], [1.0, 0.5, 1.0], [0.2, 0.3, 0.5], np.full((3, 3), 1 / 3))
+    assert len(chain) == 3
+    np.testing.assert_allclose(chain.class_weights, [[1, 0], [0.75, 0.25], [0, 1]])
+    np.testing.assert_array_equal(chain.atoms, [True, False, True])
+    assert not chain.is_signed
+    assert copy.deepcopy(chain) is chain
+    assert copy.copy(chain) is chain
+    for name in ("nodes", "weights", "initial", "transition", "class_weights"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(chain, name)[0] = 0.5
+    with pytest.raises(AttributeError):
+        chain.nodes = np.zeros(3)
+
+
+def test_signed_transitions_are_admissible():
+    chain = SwitchChain([0.0, 1.0], [1.0, 1.0], [0.5, 0.5], [[1.01, -0.01], [0.5, 0.5]])
+    assert chain.is_signed
+
+
+def test_classes():
+    chain = SwitchChain.from_classes(P)
+    np.testing.assert_array_equal(chain.nodes, [0.0, 1.0])
+    np.testing.assert_array_equal(chain.class_weights, np.eye(2))
+    np.testing.assert_allclose(chain.initial, [0.75, 0.25])
+    chain = SwitchChain.from_classes(np.full((4, 4), 0.25), [0.4, 0.3, 0.2, 0.1])
+    np.testing.assert_array_equal(chain.nodes, [0, 1, 2, 3])
+    np.testing.assert_allclose(chain.initial, [0.4, 0.3, 0.2, 0.1])
+
+
+def test_reachable_nodes():
+    # 0 -> 1 -> 2 -> 1; 3 leads elsewhere, but nothing leads to it
+    P = [[0, 1, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0.5, 0, 0.5, 0]]
+    for initial, expected in (
+        ([1, 0, 0, 0], [1, 1, 1, 0]),
+        ([0, 0, 1, 0], [0, 1, 1, 0]),
+        ([0, 0, 0, 1], [1] * 4),
+    ):
+        np.testing.assert_array_equal(SwitchChain.from_classes(P, initial).reachable, expected)
+
+
+def test_stationary_distribution():
+    np.testing.assert_allclose(stationary_distribution(np.array(P)), [0.75, 0.25], rtol=1e-14)
+    rng = np.random.default_rng(0)
+    for K in (1, 3, 6):
+        T = rng.dirichlet(np.ones(K), K)
+        pi = stationary_distribution(T)
+        np.testing.assert_allclose(pi @ T, pi, atol=1e-14)
+        assert pi.sum() == pytest.approx(1.0)
+    # a periodic chain, and one with a transient regime
+    np.testing.assert_allclose(stationary_distribution(np.array([[0.0, 1.0], [1.0, 0.0]])), [0.5, 0.5])
+    transient = np.array([[0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.2, 0.2, 0.6]])
+    np.testing.assert_allclose(stationary_distribution(transient), [0.5, 0.5, 0.0], atol=1e-15)
+
+
+def test_several_closed_classes_need_an_initial_law():
+    with pytest.raises(ParameterError, match=r"initial: has to be given, .* several closed classes"):
+        SwitchChain.from_classes(np.eye(2))
+    np.testing.assert_allclose(SwitchChain.from_classes(np.eye(2), [0.3, 0.7]).initial, [0.3, 0.7])
+
+
+@pytest.mark.parametrize(
+    ("transition", "initial", "message"),
+    [
+        ([[0.9, 0.2], [0.3, 0.7]], None, r"transition\[0\]: sums to 1\.1, expected 1"),
+        ([[0.9, 0.1], [-0.3, 1.3]], None, r"transition\[1\]: got .*, expected probabilities in \[0, 1\]"),
+        ([[0.9, 0.1]], None, r"transition: got shape \(1, 2\), expected \(K, K\)"),
+        (np.empty((0, 0)), None, r"transition: got shape \(0, 0\), expected \(K, K\) with K of at least 1"),
+        ([[0.9, np.nan], [0.3, 0.7]], None, r"transition: entry \(0, 1\) is nan"),
+        ("abc", None, "transition: expected an array of numbers"),
+        (P, [0.5, 0.6], r"initial: sums to 1\.1, expected 1"),
+        (P, [1.0], r"initial: got shape \(1,\), expected \(2,\)"),
+        (P, [-0.1, 1.1], r"initial: got -?\d.*, expected probabilities in \[0, 1\]"),
+    ],
+)
+def test_bad_classes(transition, initial, message):
+    with pytest.raises(ParameterError, match=message):
+        SwitchChain.from_classes(transition, initial)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([], [], [], np.empty((0, 0))), "nodes: got none, expected at least one"),
+        (([0.0, 1.0], [1.0, 0.0], [0.5, 0.5], P), r"weights: got 0, expected positive numbers"),
+        (([0.0, 1.0], [1.0], [0.5, 0.5], P), r"weights: got shape \(1,\), expected \(2,\)"),
+        (([0.0, 2.0], [1.0, 1.0], [0.5, 0.5], P), r"nodes: expected values in \[0, 1\]"),
+        (([0.0, 1.0], [1.0, 1.0], [0.5, 0.5], [[0.9, 0.2], [0, 1]]), r"transition: row 0 sums to 1\.1"),
+        (([0.0, 1.0], [1.0, 1.0], [0.5, 0.6], P), r"initial: sums to 1\.1"),
+        (
+            ([0.0, 1.0], [1.0, 1.0], [0.5, 0.5], P, [[1.0, 0.1], [0.0, 1.0]]),
+            r"class_weights\[0\]: sums to 1\.1",
+        ),
+        (([0.0, 1.0], [1.0, 1.0], [0.5, 0.5], P, [[1.0]]), r"class_weights: got shape \(1, 1\)"),
+    ],
+)
+def test_bad_chains(arguments, message):
+    with pytest.raises((ParameterError, ShapeError), match=message):
+        SwitchChain(*arguments)
