@@ -19,7 +19,7 @@ import numpy as np
 
 from fuzzykf.arrays import FloatArray
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.results import FilterResult
+from fuzzykf.results import FIELDS, FilterResult, field_shapes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -34,6 +34,7 @@ __all__ = [
     "as_observation",
     "as_observations",
     "check_keep",
+    "index_of",
 ]
 
 # --------------------------------------------------------------------------- observations
@@ -186,6 +187,11 @@ def as_many(zs: Any, dim_z: int) -> FloatArray:
     return array
 
 
+def index_of(zs: Any) -> Any:
+    """Return the index of a pandas object, None for anything else."""
+    return getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None
+
+
 def check_keep(keep: Iterable[str], admissible: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names in ``keep`` after checking each of them."""
     names = (keep,) if isinstance(keep, str) else tuple(keep)
@@ -260,29 +266,20 @@ class Filter(ABC):
         Returns
         -------
         FilterResult
-            Fields ``x``, ``P``, ``x_prior``, ``P_prior`` and, from a probabilistic
-            filter, ``log_likelihood``; from a possibilistic one, ``possibility``,
-            ``lower`` and ``upper``.
+            All fields that the filter shows as attributes after a step: ``x``, ``P``,
+            ``x_prior``, ``P_prior`` and, from a probabilistic filter, ``log_likelihood``;
+            from a possibilistic one, ``possibility``, ``lower`` and ``upper``; and so on.
         """
         series = as_observations(zs, self.dim_z)
-        n, m = len(series), self.dim_x
-        shapes = {
-            "x": (n, m),
-            "x_prior": (n, m),
-            "P": (n, m, m),
-            "P_prior": (n, m, m),
-            "log_likelihood": (n,),
-            "possibility": (n,),
-            "lower": (n, m),
-            "upper": (n, m),
-        }
-        collected: dict[str, list[FloatArray]] = {name: [] for name in shapes if hasattr(self, name)}
-        for z in series:
+        names = [name for name, known in FIELDS.items() if known.streamed and hasattr(self, name)]
+        shapes = field_shapes(names, state=self.dim_x, node=np.size(getattr(self, "mu", ())))
+        collected = {name: np.empty((len(series), *shape)) for name, shape in shapes.items()}
+        for n, z in enumerate(series):
             self.step(z)
             for name, values in collected.items():
-                values.append(np.array(getattr(self, name), dtype=np.float64))
-        arrays = {name: np.array(values).reshape(shapes[name]) for name, values in collected.items()}
-        return FilterResult(**arrays, index=getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None)
+                values[n] = np.reshape(getattr(self, name), shapes[name])
+        nodes = getattr(self, "nodes", None) if "mu" in collected else None
+        return FilterResult(**collected, nodes=nodes, index=index_of(zs))
 
     def batch_filter(
         self, zs: Sequence[ArrayLike | None] | ArrayLike, *args: Any, **kwargs: Any

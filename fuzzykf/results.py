@@ -1,23 +1,83 @@
-"""What filters and smoothers return for whole series."""
+"""What comes out: results of filters and smoothers, of simulation, of learning.
+
+The fields of a `FilterResult` are listed once, here, with what each of them holds along which
+axes; whoever allocates, collects, stores, tabulates or describes fields reads that list.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar
+import dataclasses
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from fuzzykf.errors import MissingDependencyError, ParameterError
+from fuzzykf.gaussian import is_whole, mixture_quantile, normal_quantile
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
     import pandas as pd
     from matplotlib.axes import Axes
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["FilterResult"]
+__all__ = ["FIELDS", "FilterResult", "FitResult", "ResultField", "Simulation", "bic", "field_shapes"]
+
+M = TypeVar("M")
 
 
+# --------------------------------------------------------------------------- the list of fields
+
+
+class ResultField(NamedTuple):
+    """What a field of `FilterResult` holds.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Names of its axes, among "step", "state", "node" and "observation"; the second axis of
+        a covariance is "state_column" or "observation_column".
+    description : str
+        In one line, without a full stop.
+    spread : str or None
+        The field that holds its covariance.
+    streamed : bool
+        Whether a filter that has it shows it after each step as an attribute of the same name.
+    """
+
+    axes: tuple[str, ...]
+    description: str
+    spread: str | None = None
+    streamed: bool = True
+
+
+def _field(axes: str, description: str, *, spread: str | None = None, streamed: bool = True) -> Any:
+    known = ResultField(tuple(axes.split()), description, spread, streamed)
+    return field(default=None, metadata={"field": known})
+
+
+def _fields_of(cls: type[Any]) -> dict[str, ResultField]:
+    return {one.name: one.metadata["field"] for one in dataclasses.fields(cls) if "field" in one.metadata}
+
+
+def _documented(cls: type[M]) -> type[M]:
+    """Write the list of fields into the docstring of a class, in place of the word FIELDS."""
+    sizes = {"step": "n", "state": "dim_x", "observation": "dim_z", "node": "M"}
+    lines = []
+    for name, known in _fields_of(cls).items():
+        shape = ", ".join(sizes[axis.removesuffix("_column")] for axis in known.axes)
+        lines.append(f"    {name} : ndarray, shape ({shape}{',' if len(known.axes) == 1 else ''})\n")
+        lines.append(f"        {known.description[0].upper()}{known.description[1:]}.\n")
+    cls.__doc__ = (cls.__doc__ or "").replace("    FIELDS\n", "".join(lines))  # no docstring under -OO
+    return cls
+
+
+# --------------------------------------------------------------------------- filters and smoothers
+
+
+@_documented
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilterResult:
     """What a filter or smoother found along a whole series.
@@ -27,30 +87,7 @@ class FilterResult:
 
     Attributes
     ----------
-    x, P : ndarray, shapes (n, dim_x) and (n, dim_x, dim_x)
-        Mean and covariance of the state given the observations up to each step
-        (for a smoother: given all of them).
-    x_prior, P_prior : ndarray
-        The same before the observation of that step was seen.
-    log_likelihood : ndarray, shape (n,)
-        Logarithm of the density of each observation given the earlier ones.
-    mu : ndarray, shape (n, M)
-        Probability of each node (or class, or mode) of the switch.
-    nodes : ndarray, shape (M,)
-        The values of the switch that the columns of `mu` belong to.
-    switch, switch_mean : ndarray, shape (n,)
-        Estimate of the switch by the maximum of its posterior marginal, and its
-        posterior mean.
-    switch_path : ndarray, shape (n,)
-        The most likely path of the switch as a whole (smoothers).
-    z_prior, S : ndarray, shapes (n, dim_z) and (n, dim_z, dim_z)
-        Predicted observations and their covariances (forecasts).
-    node_x, node_P : ndarray, shapes (n, M, dim_x) and (n, M, dim_x, dim_x)
-        Mean and covariance of the state given each node, if asked for.
-    possibility : ndarray, shape (n,)
-        Possibility of each observation (possibilistic filters).
-    lower, upper : ndarray, shape (n, dim_x)
-        Bounds of the states that are possible at all (possibilistic filters).
+    FIELDS
     index : object or None
         The index of the pandas object that was filtered.
 
@@ -66,33 +103,52 @@ class FilterResult:
     """
 
     # "| Any" and not "| None": code that filters and reads x should not have to narrow it first
-    x: FloatArray | Any = None
-    P: FloatArray | Any = None
-    x_prior: FloatArray | Any = None
-    P_prior: FloatArray | Any = None
-    log_likelihood: FloatArray | Any = None
-    mu: FloatArray | Any = None
-    nodes: FloatArray | Any = None
-    switch: FloatArray | Any = None
-    switch_mean: FloatArray | Any = None
-    switch_path: FloatArray | Any = None
-    z_prior: FloatArray | Any = None
-    S: FloatArray | Any = None
-    node_x: FloatArray | Any = None
-    node_P: FloatArray | Any = None
-    possibility: FloatArray | Any = None
-    lower: FloatArray | Any = None
-    upper: FloatArray | Any = None
+    x: FloatArray | Any = _field(
+        "step state", "mean of the state given the observations so far (a smoother: all of them)", spread="P"
+    )
+    P: FloatArray | Any = _field("step state state_column", "covariance of the state given the same")
+    x_prior: FloatArray | Any = _field(
+        "step state", "mean of the state given the earlier observations", spread="P_prior"
+    )
+    P_prior: FloatArray | Any = _field("step state state_column", "covariance given the earlier observations")
+    lower: FloatArray | Any = _field("step state", "least state that is possible (possibilistic filters)")
+    upper: FloatArray | Any = _field("step state", "greatest state that is possible (possibilistic filters)")
+    mu: FloatArray | Any = _field("step node", "probability of each node (or class, or mode) of the switch")
+    nodes: FloatArray | Any = _field(
+        "node", "values of the switch that the columns of mu belong to", streamed=False
+    )
+    switch: FloatArray | Any = _field("step", "value of the switch of largest posterior marginal (MPM)")
+    switch_mean: FloatArray | Any = _field("step", "posterior mean of the switch")
+    switch_path: FloatArray | Any = _field(
+        "step", "most likely path of the switch as a whole (smoothers)", streamed=False
+    )
+    possibility: FloatArray | Any = _field(
+        "step", "possibility of the observation given the earlier ones (possibilistic filters)"
+    )
+    log_likelihood: FloatArray | Any = _field(
+        "step", "logarithm of the density of the observation given the earlier ones"
+    )
+    z_prior: FloatArray | Any = _field(
+        "step observation", "mean of the observation (forecasts)", spread="S", streamed=False
+    )
+    S: FloatArray | Any = _field(
+        "step observation observation_column", "covariance of the observation (forecasts)", streamed=False
+    )
+    node_x: FloatArray | Any = _field(
+        "step node state", "mean of the state given each node, if asked for", streamed=False
+    )
+    node_P: FloatArray | Any = _field(
+        "step node state state_column",
+        "covariance of the state given each node, if asked for",
+        streamed=False,
+    )
     index: Any = None
-
-    #: Fields whose leading axis is not time.
-    _static: ClassVar[frozenset[str]] = frozenset({"nodes", "index"})
 
     def __len__(self) -> int:
         """Return the length of the leading axis: steps, or series."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is not None and field.name not in self._static:
+        for name, known in FIELDS.items():
+            value = getattr(self, name)
+            if value is not None and known.axes[0] == "step":
                 return len(value)
         return 0
 
@@ -122,8 +178,6 @@ class FilterResult:
             raise ParameterError(f"level: got {level}, expected a number between 0 and 1")
         if self.x is None or self.P is None:
             raise ParameterError("interval: the result holds no x and P (see 'keep')")
-        from fuzzykf.gaussian import mixture_quantile, normal_quantile
-
         tail = 0.5 * (1.0 - level)
         if self.node_x is not None and self.node_P is not None and self.mu is not None:
             std = np.sqrt(np.diagonal(self.node_P, axis1=-2, axis2=-1))
@@ -156,10 +210,9 @@ class FilterResult:
     def to_dataframe(self, index: Any = None) -> pd.DataFrame:
         """Return the result of one series as a pandas DataFrame, one row per step.
 
-        Columns are ``x`` and ``x_std`` (``x0``, ``x0_std``, ... for several
-        components), the same for ``x_prior``, then ``lower``, ``upper``,
-        ``switch``, ``switch_mean``, ``possibility``, ``log_likelihood``, as far as
-        the result holds them.
+        There is a column for each field of one number a step, and ``x`` (``x0``, ``x1``, ... for
+        several components) for each field of one vector a step, followed by ``x_std`` where its
+        covariance is known; as far as the result holds them.
 
         Parameters
         ----------
@@ -179,30 +232,152 @@ class FilterResult:
         except ImportError as error:
             raise MissingDependencyError("to_dataframe needs pandas: pip install 'fuzzykf[cli]'") from error
         columns: dict[str, FloatArray] = {}
-        for name in ("x", "x_prior"):
-            mean = getattr(self, name)
-            covariance = getattr(self, name.replace("x", "P"))
-            if mean is None:
+        for name, known in FIELDS.items():
+            value = getattr(self, name)
+            if value is None or known.axes not in (("step",), ("step", "state"), ("step", "observation")):
                 continue
-            if mean.ndim != 2:
+            if value.ndim != len(known.axes):
                 raise ParameterError(
-                    f"to_dataframe: the result holds many series (x has shape {mean.shape}); select one"
+                    f"to_dataframe: the result holds many series ({name} has shape {value.shape}); select one"
                 )
-            columns.update(_component_columns(name, mean))
+            columns |= _columns(name, value)
+            covariance = None if known.spread is None else getattr(self, known.spread)
             if covariance is not None:
                 std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-                columns.update(_component_columns(name, std, "_std"))
-        for name in ("lower", "upper"):
-            bound = getattr(self, name)
-            if bound is not None:
-                columns.update(_component_columns(name, bound))
-        for name in ("switch", "switch_mean", "possibility", "log_likelihood"):
-            value = getattr(self, name)
-            if value is not None:
-                columns[name] = value
+                columns |= _columns(name, std, "_std")
         return pd.DataFrame(columns, index=self.index if index is None else index)
 
 
-def _component_columns(name: str, values: FloatArray, suffix: str = "") -> dict[str, FloatArray]:
+#: The fields of `FilterResult` that hold arrays, in its order.
+FIELDS = _fields_of(FilterResult)
+
+
+def field_shapes(names: Iterable[str], **sizes: int) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of fields at one step.
+
+    Parameters
+    ----------
+    names : iterable of str
+    **sizes : int
+        Sizes of the axes that occur: ``state``, ``node``, ``observation``.
+
+    Examples
+    --------
+    >>> field_shapes(("x", "P", "log_likelihood"), state=2)
+    {'x': (2,), 'P': (2, 2), 'log_likelihood': ()}
+    """
+    return {
+        name: tuple(sizes[axis.removesuffix("_column")] for axis in FIELDS[name].axes if axis != "step")
+        for name in names
+    }
+
+
+def _columns(name: str, values: FloatArray, suffix: str = "") -> dict[str, FloatArray]:
+    if values.ndim == 1:
+        return {f"{name}{suffix}": values}
     m = values.shape[1]
     return {f"{name}{'' if m == 1 else k}{suffix}": values[:, k] for k in range(m)}
+
+
+# --------------------------------------------------------------------------- simulation
+
+
+class Simulation(NamedTuple):
+    """A simulated series.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n, m)
+        States.
+    y : ndarray, shape (n, q)
+        Observations.
+    r : ndarray, shape (n,)
+        Values of the switch.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    r: FloatArray
+
+
+# --------------------------------------------------------------------------- learning
+
+
+def bic(n_parameters: int, n_observations: int, log_likelihood: float) -> float:
+    """Schwarz's information criterion, k log n - 2 log L; smaller is better."""
+    return float(np.log(n_observations)) * n_parameters - 2.0 * log_likelihood
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult(Generic[M]):
+    """A learned model and how it was found.
+
+    Attributes
+    ----------
+    model : CGOFMSModel or CGOMSModel
+        In the units of the data.
+    log_likelihood : float
+        Log-density of the training data (x, y) under the model, in their units.
+    n_parameters : int
+        Free parameters.
+    n_observations : int
+        Times at which x and y were both measured.
+    trace : ndarray
+        What the iterations raise: the log-likelihood of each stretch of data given its first
+        (x, y), in standard units, plus the logarithm of a weak prior.
+    converged : bool
+    warnings : tuple of str
+        What the data cannot support.
+    switch_mean : ndarray or pandas Series, shape (n,)
+        Posterior mean of the switch along the training data (the switch itself, if it was
+        given); NaN where x or y is missing.  Several series follow one another.
+    bic_of_forms : dict
+        BIC of each form of the Gaussian part that was learned; with ``form="auto"`` the
+        model has the one of the least.
+    """
+
+    model: M
+    log_likelihood: float
+    n_parameters: int
+    n_observations: int
+    trace: FloatArray = field(repr=False)
+    converged: bool
+    warnings: tuple[str, ...] = ()
+    switch_mean: Any = field(default=None, repr=False)
+    bic_of_forms: dict[str, float] = field(default_factory=dict)
+    refit: Callable[[Simulation], FitResult[M]] | None = field(default=None, repr=False)
+
+    @property
+    def aic(self) -> float:
+        """Akaike's information criterion, 2 k - 2 log L; smaller is better."""
+        return 2.0 * self.n_parameters - 2.0 * self.log_likelihood
+
+    @property
+    def bic(self) -> float:
+        """Schwarz's information criterion, k log n - 2 log L; smaller is better."""
+        return bic(self.n_parameters, self.n_observations, self.log_likelihood)
+
+    def bootstrap(self, n_replicates: int, rng: np.random.Generator) -> list[FitResult[M]]:
+        """Simulate from the model and learn again, to see how well parameters are known.
+
+        Parameters
+        ----------
+        n_replicates : int
+            Number of simulated series, each as long as the training data together.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        list of FitResult
+            Learned in the same way.  The spread of a parameter over their models estimates its
+            standard error.  Where the switch is hidden, each search begins at the simulated one,
+            so that the regimes keep their names.
+        """
+        if not is_whole(n_replicates) or n_replicates < 1:
+            raise ParameterError(f"n_replicates: got {n_replicates!r}, expected a whole number of at least 1")
+        if not isinstance(rng, np.random.Generator):
+            raise ParameterError(f"rng: got {type(rng).__name__}, expected a numpy.random.Generator")
+        if self.refit is None:
+            raise ParameterError("bootstrap: this result was not made by a fit")
+        model: Any = self.model
+        return [self.refit(model.simulate(self.n_observations, rng)) for _ in range(int(n_replicates))]

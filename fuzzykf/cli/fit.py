@@ -16,7 +16,7 @@ from fuzzykf.cli.output import check_file, progress_bar, report_errors
 from fuzzykf.errors import ParameterError
 
 if TYPE_CHECKING:
-    from fuzzykf.switching.learning import FitResult
+    from fuzzykf.results import FitResult
 
 __all__ = ["EXAMPLE", "command"]
 

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.results import FitResult
     from fuzzykf.switching import CGOFMSModel, CGOMSModel
-    from fuzzykf.switching.learning import FitResult
 
 __all__ = ["WARM_UP", "Candidate", "Estimates", "Learned", "LearningPart"]
 

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import LearningPart
+    from fuzzykf.results import FitResult
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
-    from fuzzykf.switching.learning import FitResult
 
 __all__ = ["LAWS", "LearnedSwitching", "growth_notes", "learn_chosen_law", "learn_fuzzy", "learn_hard"]
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import MissingDependencyError, ParameterError, ShapeError
+from fuzzykf.results import FIELDS
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping, Sequence
@@ -19,36 +20,10 @@ if TYPE_CHECKING:
 
 __all__ = ["DIMS", "check_names", "check_store", "describe"]
 
-_STATE, _SQUARE, _NODE = ("state",), ("state", "state_column"), ("node",)
+_STATE, _SQUARE = ("state",), ("state", "state_column")
 
-#: Dimensions of each field after those of the series and of time.
-DIMS: dict[str, tuple[str, ...]] = {
-    "x": _STATE,
-    "P": _SQUARE,
-    "x_prior": _STATE,
-    "P_prior": _SQUARE,
-    "mu": _NODE,
-    "switch": (),
-    "switch_mean": (),
-    "log_likelihood": (),
-    "possibility": (),
-    "lower": _STATE,
-    "upper": _STATE,
-}
-
-_LONG_NAMES = {
-    "x": "mean of the state given the observations so far",
-    "P": "covariance of the state given the observations so far",
-    "x_prior": "mean of the state given the earlier observations",
-    "P_prior": "covariance of the state given the earlier observations",
-    "mu": "probability of each value of the switch",
-    "switch": "most probable value of the switch",
-    "switch_mean": "mean of the switch",
-    "log_likelihood": "log-density of the observation given the earlier ones",
-    "possibility": "possibility of the observation given the earlier ones",
-    "lower": "least possible state",
-    "upper": "greatest possible state",
-}
+#: Dimensions of each field of a filtered series after those of the series and of time.
+DIMS = {name: known.axes[1:] for name, known in FIELDS.items() if known.streamed}
 
 
 def check_names(
@@ -100,7 +75,7 @@ def describe(
     """Add coordinates and attributes to the results of a filter on ``ds[observations]``."""
     for name, variable in result.data_vars.items():
         dims = DIMS[str(name)]
-        variable.attrs = {"long_name": _LONG_NAMES[str(name)]}
+        variable.attrs = {"long_name": FIELDS[str(name)].description}
         if units is not None and dims in (_STATE, _SQUARE):
             variable.attrs["units"] = units if dims == _STATE else f"({units})^2"
     if "node" in result.dims and probe.nodes is not None and np.isfinite(probe.nodes).all():

@@ -1,7 +1,7 @@
 """Exact filters for Gaussian systems whose regime switches abruptly or gradually."""
 
+from fuzzykf.results import Simulation
 from fuzzykf.switching.dynamics.placed import StationarySystem
-from fuzzykf.switching.dynamics.simulation import Simulation
 from fuzzykf.switching.filters.exact import CGOMSMFilter, OFSRFilter
 from fuzzykf.switching.filters.known_switch import KnownSwitchFilter
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter

@@ -8,6 +8,7 @@ import numpy as np
 
 from fuzzykf.base import Filter
 from fuzzykf.errors import FuzzykfError
+from fuzzykf.results import FIELDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -22,7 +23,7 @@ class FilterCheckError(FuzzykfError, AssertionError):
 
 
 #: What is compared when two filters, or a filter and a result, should agree.
-FIELDS = ("x", "P", "x_prior", "P_prior", "log_likelihood", "mu", "possibility")
+COMPARED = tuple(name for name, known in FIELDS.items() if known.streamed)
 
 #: The checks by their names, in the order in which they run.
 CHECKS: dict[str, Callable[[Case], None]] = {}
@@ -134,9 +135,15 @@ class Case:
         """Copy what users read of a filter."""
         return {
             name: np.array(getattr(f, name), dtype=np.float64)
-            for name in FIELDS
+            for name in COMPARED
             if hasattr(f, name) and getattr(f, name) is not None
         }
+
+    def require_finite(self, f: Any, when: str) -> None:
+        """Fail where something that users read is not finite; bounds of the possible may be infinite."""
+        for name, value in self.state(f).items():
+            if np.isnan(value).any() or not (name in ("lower", "upper") or np.isfinite(value).all()):
+                self.fail(f"{name} is {value.tolist()} {when}, expected finite numbers")
 
     def compare(self, got: dict[str, FloatArray], expected: dict[str, FloatArray], what: str) -> None:
         """Fail unless both hold the same."""
@@ -168,4 +175,4 @@ class Case:
 
     def fields(self, result: Any) -> dict[str, FloatArray]:
         """Return what a result holds of the fields that are compared."""
-        return {name: getattr(result, name) for name in FIELDS if getattr(result, name) is not None}
+        return {name: getattr(result, name) for name in COMPARED if getattr(result, name) is not None}

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fuzzykf.testing import basics, capabilities  # noqa: F401 - they register their checks
 from fuzzykf.testing.case import CHECKS, Case, FilterCheckError
 
 if TYPE_CHECKING:

@@ -222,7 +222,7 @@ def test_coordinates_stay_and_those_of_the_nodes_come(ds, fuzzy_model) -> None:
     assert result.x.attrs["units"] == "kW"
     assert result.P.attrs["units"] == "(kW)^2"
     assert "units" not in result.mu.attrs
-    assert result.mu.attrs["long_name"] == "probability of each value of the switch"
+    assert result.mu.attrs["long_name"] == "probability of each node (or class, or mode) of the switch"
 
 
 def test_the_attributes_say_how_it_was_made_and_bring_the_model_back(ds, fuzzy_model, tmp_path) -> None:

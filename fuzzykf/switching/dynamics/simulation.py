@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import semidefinite_root
+from fuzzykf.results import Simulation
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,28 +17,10 @@ if TYPE_CHECKING:
     from fuzzykf.switching.dynamics.forms import GaussianForm
     from fuzzykf.switching.laws.chain import SwitchChain
 
-__all__ = ["Simulation", "sample_classes", "simulate_path"]
+__all__ = ["sample_classes", "simulate_path"]
 
 #: Pairs whose tables are held at once.
 _CHUNK = 4096
-
-
-class Simulation(NamedTuple):
-    """A simulated series.
-
-    Attributes
-    ----------
-    x : ndarray, shape (n, m)
-        States.
-    y : ndarray, shape (n, q)
-        Observations.
-    r : ndarray, shape (n,)
-        Values of the switch.
-    """
-
-    x: FloatArray
-    y: FloatArray
-    r: FloatArray
 
 
 def sample_classes(chain: SwitchChain, n: int, rng: np.random.Generator) -> FloatArray:

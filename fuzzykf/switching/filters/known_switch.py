@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep
+from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
-from fuzzykf.switching.inference.many import FIELDS
-from fuzzykf.switching.inference.series import Trajectory, index_of, run_series, summarise
+from fuzzykf.switching.inference.series import SHOWN, Trajectory, run_series, summarise
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 from fuzzykf.switching.models.hard import CGOMSModel
 
@@ -254,7 +253,7 @@ class KnownSwitchFilter(SwitchingFilter):
         FilterResult
         """
         series = as_many(zs, self.dim_z)
-        names = check_keep(keep, FIELDS)
+        names = check_keep(keep, SHOWN)
         if r is None or np.shape(r) != series.shape[:2]:
             got = "nothing" if r is None else f"shape {np.shape(r)}"
             raise ShapeError(f"r: got {got}, expected the switches, shape {series.shape[:2]}")

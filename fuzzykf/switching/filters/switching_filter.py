@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep
+from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep, index_of
 from fuzzykf.engine.selected import Stepper
 from fuzzykf.errors import ParameterError, SequenceError
+from fuzzykf.results import field_shapes
 from fuzzykf.switching.filters.readings import Readings
 from fuzzykf.switching.inference import many
 from fuzzykf.switching.inference.belief import Belief, Source, begin, proceed
 from fuzzykf.switching.inference.recursion import NodeState
-from fuzzykf.switching.inference.series import Trajectory, index_of, run_series, summarise
+from fuzzykf.switching.inference.series import SHOWN, Trajectory, run_series, summarise
 from fuzzykf.switching.inference.steady import filter_steady, is_steady
 
 if TYPE_CHECKING:
@@ -202,7 +203,7 @@ class SwitchingFilter(Stepper, Readings, Filter):
 
     def _filter_steady(self, ys: FloatArray, index: object) -> FilterResult:
         """Let the engine filter a complete series at once."""
-        shapes = many.field_shapes(self._system)
+        shapes = field_shapes(SHOWN, state=self.dim_x, node=len(self._system.chain))
         out = many.allocate((1, len(ys)), shapes)
         before, last = filter_steady(self._system, ys[None], out)
         self._start()
@@ -275,7 +276,7 @@ class SwitchingFilter(Stepper, Readings, Filter):
         """
         if threads < 1:
             raise ParameterError(f"threads: got {threads}, expected at least 1")
-        names = check_keep(keep, many.FIELDS)
+        names = check_keep(keep, SHOWN)
         series = as_many(zs, self.dim_z)
         out = many.filter_series(self._system, series, names, lambda one: self.copy().filter(one), threads)
         return FilterResult(**out, nodes=self.nodes if "mu" in out else None)

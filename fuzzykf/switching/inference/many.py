@@ -14,6 +14,7 @@ import numpy as np
 
 from fuzzykf.engine.selected import first_step, step_many
 from fuzzykf.gaussian import cholesky, mixture_moments
+from fuzzykf.results import field_shapes
 from fuzzykf.switching.dynamics.pairs import log_probability
 from fuzzykf.switching.inference import recursion
 from fuzzykf.switching.inference.recursion import NodeState
@@ -29,28 +30,10 @@ if TYPE_CHECKING:
     from fuzzykf.base import FilterResult
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
 
-__all__ = ["FIELDS", "filter_block", "filter_series"]
-
-#: What can be kept of every series.
-FIELDS = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood")
+__all__ = ["allocate", "filter_block", "filter_series"]
 
 #: Numbers that the pairs of a block of series may hold.
 BLOCK = 1 << 16
-
-
-def field_shapes(system: SwitchingSystem) -> dict[str, tuple[int, ...]]:
-    """Shape of each field at one step."""
-    m, M = system.dim_x, len(system.chain)
-    return {
-        "x": (m,),
-        "P": (m, m),
-        "x_prior": (m,),
-        "P_prior": (m, m),
-        "mu": (M,),
-        "switch": (),
-        "switch_mean": (),
-        "log_likelihood": (),
-    }
 
 
 def allocate(lead: tuple[int, int], shapes: dict[str, tuple[int, ...]]) -> dict[str, FloatArray]:
@@ -71,8 +54,8 @@ def filter_series(
     threads: int = 1,
 ) -> dict[str, FloatArray]:
     """Filter series (s, n, q): complete ones side by side, the others by ``alone``."""
-    shapes = field_shapes(system)
-    out = {name: np.empty((*series.shape[:2], *shapes[name])) for name in names}
+    shapes = field_shapes(names, state=system.dim_x, node=len(system.chain))
+    out = {name: np.empty((*series.shape[:2], *shape)) for name, shape in shapes.items()}
     single = np.full(len(series), system.chain.is_signed) | np.isnan(series).any(axis=(1, 2))
     if is_steady(system, series):
         filter_complete(system, series, ~single, out, threads)
@@ -119,7 +102,7 @@ def filter_block(system: SwitchingSystem, ys: FloatArray, out: dict[str, FloatAr
         Its chain has no negative weights.
     ys : ndarray, shape (s, n, q)
     out : dict of str to ndarray, shape (s, n, ...)
-        Filled in; see `FIELDS`.
+        Filled in: fields of `FilterResult` that `SwitchingFilter` shows.
     """
     s, n, q = ys.shape
     m, order = system.dim_x, system.order

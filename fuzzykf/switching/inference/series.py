@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
     from fuzzykf.switching.laws.chain import SwitchChain
 
-__all__ = ["Trajectory", "index_of", "run_series", "summarise", "windows_of"]
+__all__ = ["SHOWN", "Trajectory", "run_series", "summarise", "windows_of"]
+
+#: What a switching filter shows of every observation of a series.
+SHOWN = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood")
 
 #: Observations whose prior moments are computed at once, and how many numbers they may take.
 _CHUNK, _NUMBERS = 512, 1 << 20
@@ -173,8 +176,3 @@ def summarise(
         node_P=covariances if keep_nodes else None,
         index=index,
     )
-
-
-def index_of(zs: Any) -> Any:
-    """Return the index of a pandas object, None for anything else."""
-    return getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None

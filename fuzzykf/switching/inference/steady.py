@@ -90,7 +90,7 @@ def filter_steady(
     system : SwitchingSystem
     ys : ndarray, shape (s, n, q)
     out : dict of str to ndarray, shape (s, n, ...)
-        Filled in; see `fuzzykf.switching.inference.many.FIELDS`.
+        Filled in: fields of `FilterResult` that `SwitchingFilter` shows.
     threads : int
         How many threads to share the series among; results do not depend on it.
 

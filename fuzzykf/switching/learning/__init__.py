@@ -15,16 +15,16 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import is_whole
-from fuzzykf.switching.learning.choice import bic, forms_to_try, learn_forms
+from fuzzykf.results import FitResult, bic
+from fuzzykf.switching.learning.choice import forms_to_try, learn_forms
 from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.fit import Fitted, Options, fit_fuzzy, fit_hard
-from fuzzykf.switching.learning.result import FitResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.dynamics.simulation import Simulation
+    from fuzzykf.results import Simulation
     from fuzzykf.switching.learning.data import TrainingData
     from fuzzykf.switching.models.fuzzy import CGOFMSModel
     from fuzzykf.switching.models.hard import CGOMSModel

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import FuzzykfError
+from fuzzykf.results import bic
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from fuzzykf.switching.learning.data import TrainingData
     from fuzzykf.switching.learning.fit import Fitted
 
-__all__ = ["bic", "forms_to_try", "learn_forms"]
+__all__ = ["forms_to_try", "learn_forms"]
 
 
 def forms_to_try(form: str, data: TrainingData) -> tuple[str, ...]:
@@ -22,11 +23,6 @@ def forms_to_try(form: str, data: TrainingData) -> tuple[str, ...]:
     if form != "auto":
         return (form,)
     return ("regression", "covariance") if data.z.shape[1] == 2 else ("regression",)
-
-
-def bic(n_parameters: int, n_observations: int, log_likelihood: float) -> float:
-    """Schwarz's information criterion, k log n - 2 log L; smaller is better."""
-    return float(np.log(n_observations)) * n_parameters - 2.0 * log_likelihood
 
 
 def learn_forms(

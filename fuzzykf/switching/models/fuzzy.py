@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.dynamics.simulation import Simulation
-    from fuzzykf.switching.learning import FitResult
+    from fuzzykf.results import FitResult, Simulation
 
 __all__ = ["CGOFMSModel"]
 

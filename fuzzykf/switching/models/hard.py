@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.results import FitResult, Simulation
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
-    from fuzzykf.switching.dynamics.simulation import Simulation
-    from fuzzykf.switching.learning import FitResult
     from fuzzykf.switching.state_space.converted import Construction, Mode, Noise
 
 __all__ = ["CGOMSModel"]

@@ -8,7 +8,8 @@ import numpy as np
 
 from fuzzykf.errors import NotStableError, ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, check_covariance, semidefinite_root
-from fuzzykf.switching.dynamics.simulation import Simulation, sample_classes
+from fuzzykf.results import Simulation
+from fuzzykf.switching.dynamics.simulation import sample_classes
 from fuzzykf.switching.laws.chain import SUM_TOLERANCE, SwitchChain, stationary_distribution
 from fuzzykf.switching.state_space import conversion
 from fuzzykf.switching.state_space.conversion import StateSpace

@@ -9,8 +9,9 @@ import numpy as np
 
 from fuzzykf.errors import NotStableError, ParameterError
 from fuzzykf.gaussian import check_definite, is_whole, semidefinite_root
+from fuzzykf.results import Simulation
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables
-from fuzzykf.switching.dynamics.simulation import Simulation, sample_classes
+from fuzzykf.switching.dynamics.simulation import sample_classes
 from fuzzykf.switching.laws.chain import SwitchChain
 from fuzzykf.switching.state_space import conversion
 from fuzzykf.switching.state_space.cglssm import CGLSSM
