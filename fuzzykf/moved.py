@@ -70,7 +70,7 @@ MODULES = {
     "fuzzykf.switching.missing": "fuzzykf.switching.inference.missing",
     "fuzzykf.switching.model_base": "fuzzykf.switching.models.base",
     "fuzzykf.switching.quadrature": "fuzzykf.switching.laws.quadrature",
-    "fuzzykf.switching.readings": "fuzzykf.switching.filters.readings",
+    "fuzzykf.switching.readings": "fuzzykf.switching.filters.switching_filter",
     "fuzzykf.switching.recursion": "fuzzykf.switching.inference.recursion",
     "fuzzykf.switching.repair": "fuzzykf.switching.models.repair",
     "fuzzykf.switching.series": "fuzzykf.switching.inference.series",

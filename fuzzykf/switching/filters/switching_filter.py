@@ -9,12 +9,22 @@ import numpy as np
 from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep, index_of
 from fuzzykf.engine.selected import Stepper
 from fuzzykf.errors import ParameterError, SequenceError
+from fuzzykf.gaussian import mixture_moments
 from fuzzykf.results import field_shapes
-from fuzzykf.switching.filters.readings import Readings
-from fuzzykf.switching.inference import many
-from fuzzykf.switching.inference.belief import Belief, Source, begin, proceed
+from fuzzykf.switching.inference import many, recursion
+from fuzzykf.switching.inference.belief import (
+    Belief,
+    Source,
+    begin,
+    node_state,
+    predict_observation,
+    predict_state,
+    proceed,
+)
+from fuzzykf.switching.inference.forecast import forecast
 from fuzzykf.switching.inference.recursion import NodeState
 from fuzzykf.switching.inference.series import SHOWN, Trajectory, run_series, summarise
+from fuzzykf.switching.inference.smoother import smooth_series
 from fuzzykf.switching.inference.steady import filter_steady, is_steady
 
 if TYPE_CHECKING:
@@ -28,7 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["SwitchingFilter"]
 
 
-class SwitchingFilter(Stepper, Readings, Filter):
+class SwitchingFilter(Stepper, Filter):
     """Exact recursive filter of a switching system.
 
     `OFSRFilter` and `CGOMSMFilter` make the system from a model.  Use this class
@@ -239,8 +249,6 @@ class SwitchingFilter(Stepper, Readings, Filter):
             With ``x``, ``P``, ``mu``, ``nodes``, ``switch``, ``switch_mean``, the most
             likely ``switch_path``, and the ``log_likelihood`` of the filter.
         """
-        from fuzzykf.switching.inference.smoother import smooth_series
-
         ys = as_observations(zs, self.dim_z)
         trajectory = run_series(self._system, ys, priors=False)
         self._adopt(trajectory, ys)
@@ -298,6 +306,119 @@ class SwitchingFilter(Stepper, Readings, Filter):
             With ``x``, ``P``, ``z_prior``, ``S`` (mean and covariance of the
             observations), ``mu``, ``nodes``, ``switch`` and ``switch_mean``.
         """
-        from fuzzykf.switching.inference.forecast import forecast
+        return forecast(self._system, self._belief, self._n, steps)
 
-        return forecast(self, steps)
+    # ------------------------------------------------------------------ what users read
+
+    def _prior(self) -> tuple[FloatArray, FloatArray]:
+        """Moments of the state before the latest observation, or of the next one after predict."""
+        m = self.dim_x
+        if not self._prior_is_known():
+            return np.full(m, np.nan), np.full((m, m), np.nan)
+        source = self._source()
+        if source is None:
+            law = self._initial_law()
+            return mixture_moments(law.probability, law.mean[:, :m], law.covariance[:, :m, :m])
+        return predict_state(source.tables, source.belief)
+
+    def _source(self) -> Source | None:
+        """From what the latest observation was predicted, or the next one is after predict."""
+        if self._predicted and self._belief is not None:
+            return Source(self._belief, self._next_tables())
+        return self._before
+
+    def _prior_is_known(self) -> bool:
+        return True
+
+    @property
+    def x(self) -> FloatArray:
+        """Estimate of the state, (dim_x, 1)."""
+        if self._belief is None or self._predicted:
+            return self._prior()[0][:, None]
+        state = node_state(self._belief, self.dim_x)
+        return recursion.posterior_mean(state, self.dim_x)[:, None]
+
+    @property
+    def P(self) -> FloatArray:
+        """Covariance of the state, (dim_x, dim_x)."""
+        if self._belief is None or self._predicted:
+            return self._prior()[1]
+        return recursion.posterior_moments(node_state(self._belief, self.dim_x), self.dim_x)[1]
+
+    @property
+    def x_prior(self) -> FloatArray:
+        """Estimate before the latest observation, (dim_x, 1)."""
+        return self._prior()[0][:, None]
+
+    @property
+    def P_prior(self) -> FloatArray:
+        """Covariance before the latest observation, (dim_x, dim_x)."""
+        return self._prior()[1]
+
+    @property
+    def nodes(self) -> FloatArray:
+        """Values of the switch at the nodes, (M,)."""
+        return self._system.chain.nodes
+
+    @property
+    def mu(self) -> FloatArray:
+        """Probability of each node of the switch, (M,)."""
+        if self._belief is None:
+            return self._initial_law().probability.copy()
+        state = node_state(self._belief, self.dim_x)
+        if self._predicted:
+            return recursion.predict_probabilities(self._next_tables(), state)
+        return recursion.node_probabilities(state)
+
+    @property
+    def switch(self) -> float:
+        """Most likely value of the switch, by the MPM rule of the paper."""
+        return float(recursion.most_likely_switch(self._system.chain, self.mu))
+
+    @property
+    def switch_mean(self) -> float:
+        """Posterior mean of the switch."""
+        return float(self.mu @ self.nodes)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Log-density of the latest observation given the earlier ones."""
+        return self._log_likelihood
+
+    @property
+    def z(self) -> FloatArray:
+        """The latest observation, (dim_z, 1); NaN where it is missing, and before any."""
+        return self._z[:, None].copy()
+
+    def _innovation(self) -> tuple[FloatArray, FloatArray]:
+        q = self.dim_z
+        if self._belief is None:
+            return np.zeros(q), np.zeros((q, q))
+        law = self._initial_law() if self._before is None else None
+        mean, covariance = predict_observation(self._before, law, self.dim_x)
+        return self._z - mean, covariance
+
+    @property
+    def y(self) -> FloatArray:
+        """Innovation of the latest observation, (dim_z, 1); zero where it is missing."""
+        return np.nan_to_num(self._innovation()[0])[:, None]
+
+    @property
+    def S(self) -> FloatArray:
+        """Covariance of the innovation, (dim_z, dim_z): that of the predictive mixture."""
+        return self._innovation()[1]
+
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared, y' S^-1 y, of what was observed; 0 where nothing was."""
+        if self._belief is None:
+            return 0.0
+        y, S = self._innovation()
+        there = np.flatnonzero(~np.isnan(y))
+        part = y[there]
+        return float(part @ np.linalg.solve(S[there[:, None], there], part))
+
+    @property
+    def mahalanobis(self) -> float:
+        """Square root of `nis`, under filterpy's name."""
+        return float(np.sqrt(self.nis))
