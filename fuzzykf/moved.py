@@ -66,6 +66,7 @@ MODULES = {
     "fuzzykf.switching.known_switch": "fuzzykf.switching.filters.known_switch",
     "fuzzykf.switching.law_cells": "fuzzykf.switching.laws.cells",
     "fuzzykf.switching.law_families": "fuzzykf.switching.laws.families",
+    "fuzzykf.switching.learning.result": "fuzzykf.results",
     "fuzzykf.switching.many": "fuzzykf.switching.inference.many",
     "fuzzykf.switching.missing": "fuzzykf.switching.inference.missing",
     "fuzzykf.switching.model_base": "fuzzykf.switching.models.base",
@@ -100,7 +101,7 @@ class _OldPaths(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def exec_module(self, module: ModuleType) -> None:
         """Let a module of the old name answer with what stands in that of today."""
         new = MODULES[module.__name__]
-        _warn(module.__name__, new)
+        _warn(module.__name__, new, 2)
         today = importlib.import_module(new)
         vars(module).update(__doc__=today.__doc__, __getattr__=lambda name: getattr(today, name))
 
@@ -116,11 +117,11 @@ def lookup(module: str, name: str) -> object:
     new = NAMES.get(module, {}).get(name)
     if new is None:
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
-    _warn(f"{module}.{name}", f"{new}.{name}")
+    _warn(f"{module}.{name}", f"{new}.{name}", 3)  # who asked the module for the name
     value: object = getattr(importlib.import_module(new), name)
     setattr(sys.modules[module], name, value)  # so that it warns once
     return value
 
 
-def _warn(old: str, new: str) -> None:
-    warnings.warn(f"{old} has moved to {new}", DeprecationWarning, stacklevel=3)
+def _warn(old: str, new: str, level: int) -> None:
+    warnings.warn(f"{old} has moved to {new}", DeprecationWarning, stacklevel=level + 1)
