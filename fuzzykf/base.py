@@ -212,7 +212,7 @@ class Filter(ABC):
 
     A subclass implements `predict` and `update`, keeps its estimate in ``x``
     (dim_x, 1) and ``P`` (dim_x, dim_x), the estimate before the latest
-    observation in ``x_prior`` and ``P_prior``, and calls `_remember` at the
+    observation in ``x_prior`` and ``P_prior``, and calls `remember_origin` at the
     beginning of each verb that changes its state.  A probabilistic filter offers
     ``log_likelihood`` of the latest observation.  Everything else is inherited.
     `fuzzykf.testing.check_filter` checks that the contract is kept.
@@ -343,10 +343,16 @@ class Filter(ABC):
 
     # ------------------------------------------------------------------ reset
 
-    def _remember(self) -> None:
-        """Keep the state at the first verb since construction or the last `reset`."""
+    def remember_origin(self) -> None:
+        """Keep the state at the first verb since construction or the last `reset`, to which that returns.
+
+        Call it at the beginning of each verb that changes the state of a filter of your own.
+        """
         if "_origin" not in self.__dict__:
             self._origin: dict[str, Any] = copy.deepcopy(self.__dict__, {id(self): self})
+
+    def _remember(self) -> None:
+        self.remember_origin()  # under the name that filters of yesterday call
 
     def reset(self) -> None:
         """Return to the state at the first verb since construction or the last reset."""

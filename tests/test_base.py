@@ -202,11 +202,11 @@ class Mean(Filter):
         self.x_prior, self.P_prior = self.x, self.P
 
     def predict(self):
-        self._remember()
+        self.remember_origin()
         self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
 
     def update(self, z):
-        self._remember()
+        self.remember_origin()
         y = as_observation(z, 1)
         if y is not None:
             self.n += 1

@@ -1,12 +1,10 @@
 """Exact filters for Gaussian systems whose regime switches abruptly or gradually."""
 
 from fuzzykf.results import Simulation
+from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables, SwitchingSystem
 from fuzzykf.switching.dynamics.placed import StationarySystem
-from fuzzykf.switching.filters.exact import CGOMSMFilter, OFSRFilter
-from fuzzykf.switching.filters.known_switch import KnownSwitchFilter
-from fuzzykf.switching.filters.switching_filter import SwitchingFilter
-from fuzzykf.switching.laws.chain import SwitchChain
-from fuzzykf.switching.laws.law import FuzzyMarkovLaw
+from fuzzykf.switching.filters import CGOMSMFilter, KnownSwitchFilter, OFSRFilter, SwitchingFilter
+from fuzzykf.switching.laws import FuzzyMarkovLaw, SwitchChain
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 from fuzzykf.switching.models.hard import CGOMSModel
 from fuzzykf.switching.models.repair import shrink_covariances
@@ -18,11 +16,15 @@ __all__ = [
     "CGOMSMFilter",
     "CGOMSModel",
     "FuzzyMarkovLaw",
+    "InitialLaw",
     "KnownSwitchFilter",
     "OFSRFilter",
+    "PairCoefficients",
+    "PairTables",
     "Simulation",
     "StationarySystem",
     "SwitchChain",
     "SwitchingFilter",
+    "SwitchingSystem",
     "shrink_covariances",
 ]

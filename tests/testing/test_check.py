@@ -181,7 +181,7 @@ class Switching(Filter):
         self.x, self.P = np.array([[p]]), np.array([[p * (1 - p)]])
 
     def predict(self):
-        self._remember()
+        self.remember_origin()
         if self.n > 0:
             self.mu = self.mu @ self.T
         self.ready = True
@@ -189,7 +189,7 @@ class Switching(Filter):
         self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
 
     def update(self, z):
-        self._remember()
+        self.remember_origin()
         z = as_observation(z, 1)
         if not self.ready:
             raise SequenceError("update: a predict is missing")
@@ -482,7 +482,7 @@ class ImproperModes(Switching):
 
 class MovesBeforeTheFirst(Switching):
     def predict(self):
-        self._remember()
+        self.remember_origin()
         if self.n == 0:
             self.mu = self.mu @ self.T
         super().predict()
