@@ -26,11 +26,13 @@ def tests(session: nox.Session) -> None:
 
 @nox.session
 def lint(session: nox.Session) -> None:
-    """Check style and format of the source, and the form of the repository."""
+    """Check style and format of the source, the form of the repository, and its floors."""
     session.install("--group", "lint")
     session.run("ruff", "check", *session.posargs)
     session.run("ruff", "format", "--check")
     session.run("repo-review", ".")
+    session.run("lint-imports", "--no-cache")
+    session.run("python", "tests/architecture/import_circles.py")
 
 
 @nox.session
