@@ -65,7 +65,7 @@ MODULES = {
     "fuzzykf.switching.interpolation": "fuzzykf.switching.dynamics.interpolation",
     "fuzzykf.switching.known_switch": "fuzzykf.switching.filters.known_switch",
     "fuzzykf.switching.law_cells": "fuzzykf.switching.laws.cells",
-    "fuzzykf.switching.law_families": "fuzzykf.switching.laws.families",
+    "fuzzykf.switching.law_families": "fuzzykf.switching.laws",
     "fuzzykf.switching.learning.result": "fuzzykf.results",
     "fuzzykf.switching.many": "fuzzykf.switching.inference.many",
     "fuzzykf.switching.missing": "fuzzykf.switching.inference.missing",

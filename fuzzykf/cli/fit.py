@@ -14,6 +14,7 @@ from rich.text import Text
 from fuzzykf.cli.columns import Rows, read_rows
 from fuzzykf.cli.output import check_file, progress_bar, report_errors
 from fuzzykf.errors import ParameterError
+from fuzzykf.switching.laws.registry import learned_laws
 
 if TYPE_CHECKING:
     from fuzzykf.results import FitResult
@@ -23,12 +24,13 @@ __all__ = ["EXAMPLE", "command"]
 EXAMPLE = "Example: fuzzykf fit meters.csv --state demand --obs temperature --train 0.7 -o model.json"
 
 
-class Law(StrEnum):
-    """Family of the law of a fuzzy switch."""
+if TYPE_CHECKING:
 
-    FMC1 = "fmc1"
-    FMC2 = "fmc2"
-    FREE = "free"
+    class Law(StrEnum):
+        """Family of the law of a fuzzy switch."""
+
+else:
+    Law = StrEnum("Law", {name.upper(): name for name in learned_laws()})
 
 
 class Form(StrEnum):

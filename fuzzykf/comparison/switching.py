@@ -9,6 +9,7 @@ import numpy as np
 
 from fuzzykf.comparison.candidates import WARM_UP, Estimates, Learned
 from fuzzykf.errors import FuzzykfError
+from fuzzykf.switching.laws.registry import learned_laws
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["LAWS", "LearnedSwitching", "growth_notes", "learn_chosen_law", "learn_fuzzy", "learn_hard"]
 
 #: Families of laws of a fuzzy switch.
-LAWS = ("fmc1", "fmc2", "free")
+LAWS = learned_laws()
 
 #: Share of a learning part on which the laws are learned before they are judged on its rest.
 TRIAL_SHARE = 0.75

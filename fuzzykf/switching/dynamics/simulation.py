@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import semidefinite_root
 from fuzzykf.results import Simulation
 
@@ -25,18 +24,7 @@ _CHUNK = 4096
 
 def sample_classes(chain: SwitchChain, n: int, rng: np.random.Generator) -> FloatArray:
     """Draw ``n`` nodes of a chain and return their values."""
-    if n < 0:
-        raise ParameterError(f"n: got {n}, expected a length of at least 0")
-    uniforms = rng.random(n)
-    cumulative = np.cumsum(chain.transition, axis=1)
-    below = np.cumsum(chain.initial)
-    path = np.empty(n, dtype=np.intp)
-    for k in range(n):
-        # the last sum may miss 1 by rounding
-        path[k] = min(int(np.searchsorted(below, uniforms[k] * below[-1], side="right")), len(chain) - 1)
-        below = cumulative[path[k]]
-    values: FloatArray = chain.nodes[path]
-    return values
+    return chain.sample(n, rng)
 
 
 def simulate_path(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,6 +40,7 @@ class CellLaw(FuzzyMarkovLaw):
     """
 
     kind = "free"
+    learned = True
 
     def __init__(self, joint: ArrayLike) -> None:
         masses = as_array("joint", joint, (None, None))
@@ -56,6 +57,10 @@ class CellLaw(FuzzyMarkovLaw):
     def parameters(self) -> dict[str, float]:
         """No named parameters; see `masses`."""
         return {}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the masses as plain lists."""
+        return {"joint": self.masses.tolist()}
 
     @property
     def lines(self) -> Lines:

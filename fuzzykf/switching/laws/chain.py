@@ -153,6 +153,32 @@ class SwitchChain:
         """Whether some entries of the transition matrix are negative."""
         return bool((self.transition < 0.0).any())
 
+    def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """Draw ``n`` consecutive nodes.
+
+        Parameters
+        ----------
+        n : int
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Their values.
+        """
+        if n < 0:
+            raise ParameterError(f"n: got {n}, expected a length of at least 0")
+        uniforms = rng.random(n)
+        cumulative = np.cumsum(self.transition, axis=1)
+        below = np.cumsum(self.initial)
+        path = np.empty(n, dtype=np.intp)
+        for k in range(n):
+            # the last sum may miss 1 by rounding
+            path[k] = min(int(np.searchsorted(below, uniforms[k] * below[-1], side="right")), len(self) - 1)
+            below = cumulative[path[k]]
+        values: FloatArray = self.nodes[path]
+        return values
+
     def __copy__(self) -> Self:
         return self
 

@@ -8,14 +8,15 @@ edges, a density inside.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, TypeAlias
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.immutable import Immutable
+from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.integration import Lines, cell_masses, integrate_line, invert_line
+from fuzzykf.switching.laws.registry import LAWS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -36,7 +37,7 @@ __all__ = ["FuzzyMarkovLaw"]
 _ENDS = np.array([0.0, 1.0])
 
 
-class FuzzyMarkovLaw(Immutable, ABC):
+class FuzzyMarkovLaw(Law):
     """Symmetric law of two consecutive values of a fuzzy switch.
 
     Laws are made by `fmc1`, `fmc2` and `from_density`, and never change.
@@ -65,8 +66,6 @@ class FuzzyMarkovLaw(Immutable, ABC):
     (7, 7)
     """
 
-    #: Name and parameters by which the law can be written to a file.
-    kind: str
     corners: FloatArray
 
     # ------------------------------------------------------------------ construction
@@ -98,9 +97,7 @@ class FuzzyMarkovLaw(Immutable, ABC):
         fuzzykf.errors.ParameterError: alpha: got 0.5, expected a number in [0, 0.228333], \
 so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         """
-        from fuzzykf.switching.laws.families import FMC1
-
-        return FMC1(alpha, delta, eta)
+        return _make("fmc1", alpha, delta, eta)
 
     @classmethod
     def fmc2(cls, alpha: float, gamma: float, delta: float) -> FuzzyMarkovLaw:
@@ -129,9 +126,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         >>> round(law.beta, 6), round(law.p_hard, 6)
         (0.002, 0.544)
         """
-        from fuzzykf.switching.laws.families import FMC2
-
-        return FMC2(alpha, gamma, delta)
+        return _make("fmc2", alpha, gamma, delta)
 
     @classmethod
     def from_density(
@@ -174,9 +169,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         >>> round(law.p_hard, 6)
         0.7
         """
-        from fuzzykf.switching.laws.families import DensityLaw
-
-        return DensityLaw(corners, edges, interior, kinks)
+        return _make("from_density", corners, edges, interior, kinks)
 
     # ------------------------------------------------------------------ the density, part by part
 
@@ -192,11 +185,6 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
     @abstractmethod
     def lines(self) -> Lines:
         """Where the density is not smooth, and how finely to integrate in between."""
-
-    @property
-    @abstractmethod
-    def parameters(self) -> dict[str, float]:
-        """The parameters of the law by name."""
 
     # ------------------------------------------------------------------ public densities
 
@@ -321,7 +309,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
 
         return discretize(self, n_nodes, rule)
 
-    def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
+    def sample(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> FloatArray:
         """Draw a stationary chain of ``n`` values, exactly.
 
         Parameters
@@ -329,6 +317,8 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         n : int
             Length.
         rng : numpy.random.Generator
+        n_nodes : int, optional
+            Draw from the chain on so many nodes instead.
 
         Returns
         -------
@@ -342,6 +332,8 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         >>> bool(((r >= 0) & (r <= 1)).all())
         True
         """
+        if n_nodes is not None:
+            return self.discretize(n_nodes).sample(n, rng)
         if n < 0:
             raise ParameterError(f"n: got {n}, expected a length of at least 0")
         uniforms = rng.random((n, 2))
@@ -388,7 +380,13 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
 
     def __repr__(self) -> str:
         arguments = ", ".join(f"{name}={value:.6g}" for name, value in self.parameters.items())
-        return f"FuzzyMarkovLaw.{self.kind}({arguments})"
+        made_by = f"FuzzyMarkovLaw.{self.kind}" if hasattr(FuzzyMarkovLaw, self.kind) else type(self).__name__
+        return f"{made_by}({arguments})"
+
+
+def _make(kind: str, *arguments: Any) -> FuzzyMarkovLaw:
+    law: FuzzyMarkovLaw = LAWS[kind](*arguments)
+    return law
 
 
 def checked_switch(name: str, r: ArrayLike) -> FloatArray:

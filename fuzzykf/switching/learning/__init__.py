@@ -15,10 +15,13 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import is_whole
+from fuzzykf.registry import either
 from fuzzykf.results import FitResult, bic
+from fuzzykf.switching.laws.registry import learned_laws
 from fuzzykf.switching.learning.choice import forms_to_try, learn_forms
 from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.fit import Fitted, Options, fit_fuzzy, fit_hard
+from fuzzykf.switching.learning.law import known_switch_laws
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,10 +41,11 @@ def fit_fuzzy_model(
     x: Any, y: Any, r: Any, *, law: str, n_nodes: int, progress: bool, **options: Any
 ) -> FitResult[CGOFMSModel]:
     """See `CGOFMSModel.fit`."""
-    if law not in ("fmc1", "fmc2", "free"):
-        raise ParameterError(f"law: got {law!r}, expected 'fmc1', 'fmc2' or 'free'")
-    if law == "free" and r is not None:
-        raise ParameterError("law: got 'free', expected 'fmc1' or 'fmc2' (a free chain is learned without r)")
+    if law not in learned_laws():
+        raise ParameterError(f"law: got {law!r}, expected {either(learned_laws())}")
+    if r is not None and law not in known_switch_laws():
+        known = either(known_switch_laws())
+        raise ParameterError(f"law: got {law!r}, expected {known} (a free chain is learned without r)")
     n_nodes = _whole("n_nodes", n_nodes, 0)
     data = _prepared(x, y, r, options)
     return _learn(lambda d, o: fit_fuzzy(d, law, n_nodes, o), data, x, progress, options)

@@ -9,6 +9,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.laws.chain import stationary_distribution
+from fuzzykf.switching.laws.registry import LAWS
 from fuzzykf.switching.learning.chains import ChainFamily, FreeChain, family_of
 from fuzzykf.switching.learning.em import Estimate, Posterior, pair_shares, run_em
 from fuzzykf.switching.learning.gaussians import (
@@ -152,7 +153,8 @@ def fit_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Options) -> F
     system = model.on_nodes(n_nodes)
     value = log_likelihood(system, data)
     notes += instability(system)
-    return Fitted(model, value, estimate.n_parameters + 3, [value], True, notes, data.r, bool(bounds))
+    n_parameters = estimate.n_parameters + LAWS[law].n_free
+    return Fitted(model, value, n_parameters, [value], True, notes, data.r, bool(bounds))
 
 
 def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
@@ -188,7 +190,7 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
 
 def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Options) -> Fitted:
     kind = _estimator(options.form, data)
-    base = family_of(law, n_nodes, None)
+    base = family_of(law, n_nodes)
     shares = np.stack([1.0 - base.nodes, base.nodes], axis=1)
 
     if options.guess is not None:
@@ -202,7 +204,7 @@ def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Optio
     for guess in guessed:
         r = np.round(guess * GUESS_STEPS) / GUESS_STEPS if options.form == "covariance" else guess
         gaussian = _from_shares(kind, np.stack([1.0 - r, r], axis=1), data, fuzzy=True)
-        starts.append(Estimate(family_of(law, n_nodes, None), gaussian))
+        starts.append(Estimate(family_of(law, n_nodes), gaussian))
     estimate, posterior, trace, converged = _best(starts, shares, data, options, final=True)
     single = single_cells(posterior.gamma, shares, data.z)
     form = estimate.gaussian.form(single, data.scale)

@@ -2,50 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.laws.law import FuzzyMarkovLaw
+from fuzzykf.registry import either
+from fuzzykf.switching.laws.base import ParametricLaw
+from fuzzykf.switching.laws.registry import LAWS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["count_transitions", "fit_law", "fmc1_from_logits", "fmc2_from_logits"]
+__all__ = ["count_transitions", "fit_law", "known_switch_laws"]
 
 
-def softmax(logits: FloatArray) -> FloatArray:
-    """Map k numbers to k + 1 positive ones that sum to one; the first logit is zero."""
-    full = np.concatenate([[0.0], logits])
-    weights = np.exp(full - full.max())
-    shares: FloatArray = weights / weights.sum()
-    return shares
-
-
-def fmc1_from_logits(logits: FloatArray) -> FuzzyMarkovLaw:
-    """FMC1 from three free numbers: shares 2 alpha, 2 beta, 8 eta / 3 and 7 delta / 3 of the mass."""
-    a, _, e, d = softmax(logits)
-    return FuzzyMarkovLaw.fmc1(alpha=a / 2.0, delta=3.0 * d / 7.0, eta=3.0 * e / 8.0)
-
-
-def fmc2_from_logits(logits: FloatArray, delta: float) -> FuzzyMarkovLaw:
-    """FMC2 from two free numbers: shares 2 alpha, 2 beta and gamma delta (6 - delta) of the mass."""
-    a, _, band = softmax(logits)
-    area = delta * (6.0 - delta)
-    return FuzzyMarkovLaw.fmc2(alpha=a / 2.0, gamma=band / area if area else 0.0, delta=delta)
-
-
-def fit_law(kind: str, before: FloatArray, after: FloatArray) -> FuzzyMarkovLaw:
+def fit_law(kind: str, before: FloatArray, after: FloatArray) -> Any:
     """Estimate a law from transitions of a switch that is known, by maximum likelihood.
 
     All transitions are used, hard and fuzzy: the product of p(r_n+1 | r_n).
 
     Parameters
     ----------
-    kind : {"fmc1", "fmc2"}
+    kind : str
+        A family of laws with a few parameters, see `known_switch_laws`.
     before, after : ndarray, shape (n,)
         The switch before and after each transition.
 
@@ -54,33 +36,18 @@ def fit_law(kind: str, before: FloatArray, after: FloatArray) -> FuzzyMarkovLaw:
     ParameterError
         If the transitions cannot come from the law.
     """
-    if kind == "fmc1":
-        return _maximise(fmc1_from_logits, 3, before, after)
-    if kind != "fmc2":
-        raise ParameterError(f"law: got {kind!r}, expected 'fmc1' or 'fmc2'")
-    hard = np.isin(before, (0.0, 1.0)) & np.isin(after, (0.0, 1.0))
-    steps = np.abs(after - before)[~hard]
-    if steps.size == 0:
-        return fmc2_from_logits(_hard_logits(before, after), 0.0)
-    # the likelihood falls with delta, and is zero below the largest step
-    delta = float(steps.max())
-    if delta >= 0.5:
-        k = int(np.argmax(np.where(hard, 0.0, np.abs(after - before))))
-        raise ParameterError(
-            f"law: the switch moves from {before[k]:.6g} to {after[k]:.6g} in one step; FMC2 allows gradual "
-            "steps of less than 0.5 only (use 'fmc1')"
-        )
-    return _maximise(lambda logits: fmc2_from_logits(logits, delta), 2, before, after)
+    if kind not in known_switch_laws():
+        raise ParameterError(f"law: got {kind!r}, expected {either(known_switch_laws())}")
+    make, n_free = LAWS[kind].given(before, after)
+    return _maximise(make, n_free, before, after) if n_free else make(np.empty(0))
 
 
-def _hard_logits(before: FloatArray, after: FloatArray) -> FloatArray:
-    stay = float((before == after).mean())
-    return np.array([np.log(max(1.0 - stay, 1e-9) / max(stay, 1e-9)), -50.0])
+def known_switch_laws() -> list[str]:
+    """Return the kinds of laws that can be learned from a switch that is known."""
+    return [kind for kind, law in LAWS.items() if issubclass(law, ParametricLaw)]
 
 
-def _maximise(
-    make: Callable[[FloatArray], FuzzyMarkovLaw], n_free: int, before: FloatArray, after: FloatArray
-) -> FuzzyMarkovLaw:
+def _maximise(make: Callable[[FloatArray], Any], n_free: int, before: FloatArray, after: FloatArray) -> Any:
     from scipy.optimize import minimize
 
     pairs, counts = np.unique(np.stack([before, after]), axis=1, return_counts=True)

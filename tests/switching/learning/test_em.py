@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.learning.chains import FMC1Chain, FMC2Chain, FreeChain
+from fuzzykf.switching.learning.chains import FreeChain, family_of
 from fuzzykf.switching.learning.choice import forms_to_try, learn_forms
 from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.em import Estimate, extrapolated, pair_shares, run_em
@@ -59,7 +59,7 @@ def test_extrapolation_has_limits():
 def chains():
     joint = np.random.default_rng(0).uniform(0.1, 1.0, (5, 5))
     joint[1, 2] = 0.0
-    return [FMC1Chain(3), FMC2Chain(3), FreeChain(np.linspace(0, 1, 5), joint)]
+    return [family_of("fmc1", 3), family_of("fmc2", 3), FreeChain(np.linspace(0, 1, 5), joint)]
 
 
 @pytest.mark.parametrize("chain", chains(), ids=["fmc1", "fmc2", "free"])
@@ -111,12 +111,12 @@ def test_a_gaussian_part_is_its_vector(kind, data):
 
 @pytest.mark.parametrize("kind", [RegressionEstimate, VineEstimate])
 def test_acceleration_is_monotone_and_arrives_earlier(kind, data):
-    chain = FMC1Chain(3)
+    chain = family_of("fmc1", 3)
     shares = np.stack([1.0 - chain.nodes, chain.nodes], axis=1)
     gaussian = estimate(kind, data)
     found = {}
     for accelerate in (False, True):
-        start = Estimate(FMC1Chain(3), gaussian)
+        start = Estimate(family_of("fmc1", 3), gaussian)
         *_, trace, converged = run_em(
             start, shares, data, max_iter=400, tolerance=1e-6, accelerate=accelerate
         )
@@ -128,7 +128,7 @@ def test_acceleration_is_monotone_and_arrives_earlier(kind, data):
 
 
 def test_a_search_leaves_its_start_as_it_was(data):
-    chain = FMC1Chain(3)
+    chain = family_of("fmc1", 3)
     before = chain.logits.copy()
     shares = np.stack([1.0 - chain.nodes, chain.nodes], axis=1)
     run_em(Estimate(chain, estimate(RegressionEstimate, data)), shares, data, max_iter=2, tolerance=1e-6)

@@ -1,0 +1,136 @@
+"""What a law of the switch is to those who use it, whatever its family."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from fuzzykf.immutable import Immutable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from matplotlib.axes import Axes
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.laws.chain import SwitchChain
+
+__all__ = ["Law", "ParametricLaw"]
+
+
+class Law(Immutable, ABC):
+    """Law of a stationary Markov chain: how the switch moves.
+
+    A law never changes.  A new one is a file in this folder, and a line in
+    `fuzzykf.switching.laws.registry`.
+    """
+
+    #: Name of the family: in `LAWS`, in files, and where a law to be learned is named.
+    kind: ClassVar[str]
+    #: Whether laws of the family can be learned.
+    learned: ClassVar[bool] = False
+
+    @abstractmethod
+    def discretize(self, n_nodes: int, rule: str = "cell") -> SwitchChain:
+        """Approximate the law by a Markov chain on finitely many nodes."""
+
+    @abstractmethod
+    def sample(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> FloatArray:
+        """Draw a stationary chain of ``n`` values; on so many nodes, or exactly."""
+
+    @abstractmethod
+    def harden(self) -> FloatArray:
+        """Return the joint probabilities of two consecutive hard regimes, (K, K)."""
+
+    @property
+    @abstractmethod
+    def p_hard(self) -> float:
+        """Probability that the switch is in a hard regime."""
+
+    @abstractmethod
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the law."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> dict[str, Any]:
+        """The parameters of the law by name."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the arguments of the constructor as plain values, for a file."""
+        return self.parameters
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Self:
+        """Make a law from what `to_dict` returned."""
+        return cls(**values)
+
+
+class ParametricLaw(Law):
+    """A law given by a few numbers, which can be learned.
+
+    For the search these become free numbers, the logits: any vector of them is a law.
+    """
+
+    learned = True
+    #: How many logits there are.
+    n_free: ClassVar[int]
+
+    @classmethod
+    @abstractmethod
+    def start(cls) -> Self:
+        """Return the law from which a search begins."""
+
+    @abstractmethod
+    def logits(self) -> FloatArray:
+        """Return the logits of the law; finite, so at the bounds of the family those of a law nearby."""
+
+    @classmethod
+    @abstractmethod
+    def from_logits(cls, logits: FloatArray) -> Self:
+        """Make the law of these logits, (n_free,)."""
+
+    @classmethod
+    def on_cells(cls, n_nodes: int) -> Callable[[FloatArray], FloatArray]:
+        """Return the map from logits to joint probabilities of two consecutive nodes, (M, M).
+
+        It is called at each step of a search; a family that knows a quicker way overrides it.
+        """
+
+        def joint(logits: FloatArray) -> FloatArray:
+            chain = cls.from_logits(logits).discretize(n_nodes)
+            masses: FloatArray = chain.initial[:, None] * chain.transition
+            return masses
+
+        return joint
+
+    @classmethod
+    def elsewhere(cls, logits: FloatArray, n_nodes: int) -> list[FloatArray]:
+        """Return logits that a search on the nodes cannot reach from these, but may be better."""
+        return []
+
+    @classmethod
+    def given(
+        cls,
+        before: FloatArray,
+        after: FloatArray,
+    ) -> tuple[Callable[[FloatArray], Self], int]:
+        """Return what transitions of a known switch leave to be searched for.
+
+        Parameters
+        ----------
+        before, after : ndarray, shape (n,)
+            The switch before and after each transition.
+
+        Returns
+        -------
+        callable, int
+            A map to laws, and from how many free numbers; none, if the law is known.
+
+        Raises
+        ------
+        ParameterError
+            If the transitions cannot come from the family.
+        """
+        return cls.from_logits, cls.n_free
