@@ -2,6 +2,9 @@
 
 Numbers are written so that they are read back bit for bit.  Nothing is pickled:
 a file holds values, never code.
+
+What a file holds says so in its kind.  The class of a kind writes and reads the values
+(`Document`); here stands only where it is found (`MODELS`, `FILTERS`).
 """
 
 from __future__ import annotations
@@ -9,17 +12,21 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 
-from fuzzykf.errors import FileFormatError, FuzzykfError, ParameterError
+from fuzzykf.errors import FileFormatError, FuzzykfError
+from fuzzykf.registry import Registry
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
     from os import PathLike
 
 __all__ = [
+    "Document",
     "load_filter",
     "load_model",
     "read_document",
@@ -29,8 +36,31 @@ __all__ = [
     "write_text",
 ]
 
-#: Version of the files that this package writes, and the only one that it reads.
+#: Version of the files that this package writes.
 SCHEMA_VERSION = 1
+
+#: How a document of an older version becomes one of the next: functions of the whole document.
+UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+
+#: Kinds of documents that hold a model, and their classes.
+MODELS = Registry(
+    {
+        "CGOFMSModel": "fuzzykf.switching.models.fuzzy:CGOFMSModel",
+        "CGOMSModel": "fuzzykf.switching.models.hard:CGOMSModel",
+        "CGLSSM": "fuzzykf.switching.state_space.cglssm:CGLSSM",
+    }
+)
+
+#: Kinds of documents that hold a filter, with its model and its state.
+FILTERS = Registry(
+    {
+        "OFSRFilter": "fuzzykf.switching.filters.exact:OFSRFilter",
+        "CGOMSMFilter": "fuzzykf.switching.filters.exact:CGOMSMFilter",
+    }
+)
+
+#: What damaged values may raise where they are put together.
+_DAMAGE = (KeyError, TypeError, IndexError, AttributeError, ValueError, FuzzykfError)
 
 M = TypeVar("M")
 
@@ -86,31 +116,91 @@ def read_document(path: str | PathLike[str], kinds: tuple[str, ...]) -> dict[str
         If the file is no JSON, not from fuzzykf, of another version or another kind.
     """
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        document: Any = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
     except ValueError as error:  # not UTF-8, not JSON, or NaN
         raise FileFormatError(f"{path}: damaged, or not a JSON file: {error}") from error
     if not isinstance(document, dict) or document.get("format") != "fuzzykf":
         raise FileFormatError(f"{path}: not a file written by fuzzykf")
     version = document.get("version")
-    if version != SCHEMA_VERSION:
+    readable = (*sorted(UPGRADES), SCHEMA_VERSION)
+    if version not in readable:
         raise FileFormatError(
-            f"{path}: has schema version {version!r}; this version of fuzzykf reads {SCHEMA_VERSION}"
+            f"{path}: has schema version {version!r}; this version of fuzzykf reads "
+            f"{' and '.join(map(str, readable))}"
         )
+    try:
+        for old in readable[readable.index(version) : -1]:
+            document = UPGRADES[old](document) | {"version": old + 1}
+    except _DAMAGE as error:
+        raise _damaged(path, error) from error
     if document.get("kind") not in kinds:
         raise FileFormatError(f"{path}: holds a {document.get('kind')!r}, expected {' or '.join(kinds)}")
-    return document
+    return dict(document)
 
 
 def _refuse_constant(name: str) -> Any:
     raise ValueError(f"{name} is no number of JSON")
 
 
-# --------------------------------------------------------------------------- models
+def _damaged(path: str | PathLike[str], error: Exception) -> FileFormatError:
+    return FileFormatError(f"{path}: damaged: {type(error).__name__}: {error}")
+
+
+# --------------------------------------------------------------------------- documents
+
+
+class Document(ABC):
+    """What can be written to a file of its own, and read again."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Return what it is made from as plain values."""
+
+    @classmethod
+    @abstractmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Make it from what `to_dict` returned; other keys are passed over."""
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write it to a JSON file, atomically; `load` gives it back bit for bit.
+
+        Parameters
+        ----------
+        path : path-like
+
+        Raises
+        ------
+        ParameterError
+            If the model holds functions (a law made by `FuzzyMarkovLaw.from_density`).
+        """
+        write_document(path, type(self).__name__, self.to_dict())
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read what `save` has written; a filter in the state it was in.
+
+        Raises
+        ------
+        FileFormatError
+            If the file is damaged, foreign, of another version, or holds something else.
+        """
+        loaded: Self = _load(path, {cls.__name__: cls})
+        return loaded
+
+
+def _load(path: str | PathLike[str], classes: Mapping[str, Any]) -> Any:
+    """Read a document of one of these classes, by their kinds."""
+    document = read_document(path, tuple(classes))
+    make = classes[document["kind"]]
+    try:
+        return make.from_dict(document)
+    except _DAMAGE as error:
+        raise _damaged(path, error) from error
 
 
 def save_model(model: Any, path: str | PathLike[str]) -> None:
-    """Write a model to a file; see `CGOFMSModel.save`."""
-    write_document(path, type(model).__name__, model_to_dict(model))
+    """Write a model to a file; see `Document.save`."""
+    model.save(path)
 
 
 def load_model(path: str | PathLike[str], cls: type[M] | None = None) -> M:
@@ -120,94 +210,58 @@ def load_model(path: str | PathLike[str], cls: type[M] | None = None) -> M:
     ----------
     path : path-like
     cls : type, optional
-        The model expected; by default either.
+        The model expected; by default any.
 
     Returns
     -------
-    CGOFMSModel or CGOMSModel
+    CGOFMSModel, CGOMSModel or CGLSSM
 
     Raises
     ------
     FileFormatError
         If the file is damaged, foreign, of another version, or holds something else.
     """
-    kinds = ("CGOFMSModel", "CGOMSModel") if cls is None else (cls.__name__,)
-    document = read_document(path, kinds)
-    model: M = _rebuild(path, lambda: model_from_dict(document["kind"], document))
+    model: M = _load(path, MODELS if cls is None else {cls.__name__: cls})
     return model
+
+
+def save_filter(filter_: Any, path: str | PathLike[str]) -> None:
+    """Write a switching filter, model and state, to a file; see `Document.save`."""
+    filter_.save(path)
+
+
+def load_filter(path: str | PathLike[str], cls: type[M] | None = None) -> M:
+    """Read a switching filter from a file; by default any, otherwise one of the class ``cls``."""
+    loaded: M = _load(path, FILTERS if cls is None else {cls.__name__: cls})
+    return loaded
 
 
 def model_to_dict(model: Any) -> dict[str, Any]:
     """Return the parameters of a model as plain values."""
-    form = {"kind": model.form.kind} | model.form.to_dict()
-    if hasattr(model, "law"):
-        if model.law.kind == "from_density":
-            raise ParameterError("law: a law given by functions cannot be written to a file")
-        law = {"kind": model.law.kind} | model.law.parameters
-        if model.law.kind == "free":
-            law["joint"] = model.law.masses.tolist()
-        return {"law": law, "form": form}
-    return {"transition": model.transition.tolist(), "initial": model.initial.tolist(), "form": form}
+    values: dict[str, Any] = model.to_dict()
+    return values
 
 
-def model_from_dict(kind: str, values: dict[str, Any]) -> Any:
-    """Build a model from what `model_to_dict` returned."""
-    from fuzzykf.switching.dynamics import forms
-    from fuzzykf.switching.laws.cells import CellLaw
-    from fuzzykf.switching.laws.law import FuzzyMarkovLaw
-    from fuzzykf.switching.models.fuzzy import CGOFMSModel
-    from fuzzykf.switching.models.hard import CGOMSModel
-    from fuzzykf.switching.state_space.converted import ConvertedSystem
-
-    parameters = dict(values["form"])
-    if parameters["kind"] == ConvertedSystem.kind:
-        del parameters["kind"]
-        return CGOMSModel._from_system(ConvertedSystem.from_dict(parameters))
-    known = {c.kind: c for c in (forms.CovarianceForm, forms.TransitionForm, forms.RegressionForm)}
-    make_form: Any = known[parameters.pop("kind")]
-    form = make_form(**parameters)
-    if kind == "CGOFMSModel":
-        law = dict(values["law"])
-        laws = {"fmc1": FuzzyMarkovLaw.fmc1, "fmc2": FuzzyMarkovLaw.fmc2, "free": CellLaw}
-        make_law: Any = laws[law.pop("kind")]
-        return CGOFMSModel._from_form(make_law(**law), form)
-    return CGOMSModel._from_form(values["transition"], form, values["initial"])
+# --------------------------------------------------------------------------- parts
 
 
-def _rebuild(path: str | PathLike[str], build: Any) -> Any:
-    try:
-        return build()
-    except (KeyError, TypeError, IndexError, AttributeError, ValueError, FuzzykfError) as error:
-        raise FileFormatError(f"{path}: damaged: {type(error).__name__}: {error}") from error
+def part_to_dict(part: Any) -> dict[str, Any]:
+    """Return a part of a document, a law for instance, as plain values with its kind."""
+    values: dict[str, Any] = {"kind": part.kind} | part.to_dict()
+    return values
 
 
-# --------------------------------------------------------------------------- filters
+def part_from_dict(values: Mapping[str, Any], classes: Mapping[str, Any]) -> Any:
+    """Build a part of a document from what `part_to_dict` returned.
 
-
-def save_filter(filter_: Any, path: str | PathLike[str]) -> None:
-    """Write a switching filter, model and state, to a file; see `OFSRFilter.save`."""
-    content = {
-        "model_kind": type(filter_.model).__name__,
-        "model": model_to_dict(filter_.model),
-        "options": filter_._options(),
-        "state": filter_._export_state(),
-    }
-    write_document(path, type(filter_).__name__, content)
-
-
-def load_filter(path: str | PathLike[str], cls: type[M]) -> M:
-    """Read a switching filter that `save_filter` has written."""
-    document = read_document(path, (cls.__name__,))
-
-    def build() -> Any:
-        model = model_from_dict(document["model_kind"], document["model"])
-        make: Any = cls
-        loaded = make(model, **document["options"])
-        loaded._import_state(document["state"])
-        return loaded
-
-    loaded: M = _rebuild(path, build)
-    return loaded
+    Parameters
+    ----------
+    values : mapping
+    classes : mapping
+        The classes that it may be of, by kind.
+    """
+    parameters = dict(values)
+    return classes[parameters.pop("kind")].from_dict(parameters)
 
 
 def encode(array: np.ndarray | None) -> Any:

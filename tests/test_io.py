@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, io
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, engine, io
 from fuzzykf.errors import FileFormatError, ParameterError
 
+DATA = Path(__file__).parent / "data"
 LAWS = [FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16), FuzzyMarkovLaw.fmc2(0.1, 0.8 / 1.71, 0.3)]
 
 
@@ -360,3 +364,143 @@ def test_an_old_file_is_replaced_and_readable(fuzzy_model, tmp_path):
     os.umask(umask)
     assert path.stat().st_mode & 0o777 == 0o666 & ~umask
     assert len(list(tmp_path.iterdir())) == 1
+
+
+# --------------------------------------------------------------------------- older versions
+
+
+def test_older_documents_are_brought_up_to_date(fuzzy_model, monkeypatch, tmp_path):
+    # two made-up versions before the first: one upgrade after the other, and the kind is asked last
+    path, document = save(fuzzy_model, tmp_path)
+    law, form = document.pop("law"), document.pop("form")
+    old = document | {"version": -1, "kind": "FuzzyModel", "chain": law, "gaussian": form}
+    path.write_text(json.dumps(old))
+    with pytest.raises(FileFormatError, match=r"has schema version -1; this version of fuzzykf reads 1$"):
+        CGOFMSModel.load(path)
+
+    def rename_parts(values):
+        return values | {"law": values["chain"], "form": values["gaussian"]}
+
+    upgrades = {-1: rename_parts, 0: lambda values: values | {"kind": "CGOFMSModel"}}
+    monkeypatch.setattr(io, "UPGRADES", upgrades)
+    model = io.load_model(path)
+    assert model.to_dict() == fuzzy_model.to_dict()
+    model.save(tmp_path / "again.json")
+    assert json.loads((tmp_path / "again.json").read_text())["version"] == 1
+    for damage in ({"version": 2}, {"version": "0"}, {"version": [0]}):
+        path.write_text(json.dumps(old | damage))
+        with pytest.raises(FileFormatError, match=r"this version of fuzzykf reads -1 and 0 and 1$"):
+            CGOFMSModel.load(path)
+    del old["chain"]
+    path.write_text(json.dumps(old))
+    with pytest.raises(FileFormatError, match=r"model\.json: damaged: KeyError: 'chain'"):
+        CGOFMSModel.load(path)
+
+
+FILES = DATA / "files" / "v1"
+EXPECTED = json.loads((FILES / "expected.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def written():
+    """The module that wrote the files of version 1, with the code of its time."""
+    spec = importlib.util.spec_from_file_location("write_files", DATA / "files" / "write_files.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def check_outputs(written, f, expected):
+    """Compare five more estimates: to the bit, if engine and machine round as those did."""
+    found = written.outputs(f, expected.get("predicted", False))
+    same = engine.info().name == "numpy" and written.arithmetic() == EXPECTED["arithmetic"]
+    for step, step_then in zip(found, expected["outputs"], strict=True):
+        for name, then in step_then.items():
+            if same:
+                assert step[name] == then, name
+            else:
+                np.testing.assert_allclose(floats(step[name]), floats(then), rtol=1e-12, atol=1e-13)
+
+
+def floats(numbers):
+    return np.vectorize(float.fromhex, otypes=[float])(numbers)
+
+
+@pytest.mark.parametrize("name", EXPECTED["models"])
+def test_models_of_version_1(name, written, tmp_path):
+    expected, path = EXPECTED["models"][name], FILES / f"{name}.json"
+    model = io.load_model(path)
+    assert written.parameters(model) == expected["parameters"]
+    f = OFSRFilter(model, 2) if isinstance(model, CGOFMSModel) else CGOMSMFilter(model)
+    check_outputs(written, f, expected)
+    assert type(model).load(path).to_dict() == model.to_dict()
+    model.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("name", EXPECTED["filters"])
+def test_filters_of_version_1(name, written, tmp_path):
+    path = FILES / f"{name}.json"
+    f = io.load_filter(path)
+    f.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+    assert type(f).load(path).to_dict() == f.to_dict()
+    check_outputs(written, f, EXPECTED["filters"][name])
+
+
+def test_files_of_every_kind_are_kept():
+    documents = [json.loads(path.read_text()) for path in FILES.glob("*.json") if path.stem != "expected"]
+    assert {d["kind"] for d in documents} == {"CGOFMSModel", "CGOMSModel", "OFSRFilter", "CGOMSMFilter"}
+    models = [d for d in documents if "form" in d]
+    assert {d["form"]["kind"] for d in models} == {"covariance", "transition", "regression", "cglssm"}
+    assert {d["law"]["kind"] for d in models if "law" in d} == {"fmc1", "fmc2", "free"}
+    states = [d["state"] for d in documents if "state" in d]
+    assert {s["belief"] and s["belief"]["kind"] for s in states} == {None, "complete", "gap"}
+
+
+# --------------------------------------------------------------------------- kinds
+
+
+@pytest.mark.parametrize("registry", [io.MODELS, io.FILTERS], ids=["models", "filters"])
+def test_kinds_name_their_classes(registry):
+    for kind, cls in registry.items():
+        assert cls.__name__ == kind
+        assert issubclass(cls, io.Document)
+    assert "unknown" not in registry
+    assert len(registry) == len(list(registry))
+
+
+def test_a_fresh_process_finds_the_class(fuzzy_model, tmp_path):
+    path = tmp_path / "model.json"
+    fuzzy_model.save(path)
+    code = """if True:
+        import sys
+        from fuzzykf import io
+        assert not [name for name in sys.modules if name.startswith("fuzzykf.switching")]
+        print(type(io.load_model(sys.argv[1])).__name__)
+    """
+    run = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=True)
+    assert run.stdout == "CGOFMSModel\n"
+
+
+def test_a_state_space_model_comes_back(tmp_path):
+    from fuzzykf import CGLSSM
+
+    matrices = {"A": [[[0.9]], [[1 / 3]]], "B": [[[1.0]], [[0.7]]], "C": [[[0.3]], [[1.0]]]}
+    system = CGLSSM([[0.9, 0.1], [0.3, 0.7]], **matrices, D=[[[0.5]], [[0.1]]])
+    system.save(tmp_path / "system.json")
+    for again in (CGLSSM.load(tmp_path / "system.json"), io.load_model(tmp_path / "system.json")):
+        assert type(again) is CGLSSM
+        assert again.to_dict() == system.to_dict()
+
+
+class Mine(CGOFMSModel):
+    """A user's own kind of model."""
+
+
+def test_subclasses_come_back(fuzzy_model, tmp_path):
+    path = tmp_path / "mine.json"
+    Mine._from_form(fuzzy_model.law, fuzzy_model.form).save(path)
+    assert type(Mine.load(path)) is Mine
+    with pytest.raises(FileFormatError, match="holds a 'Mine', expected CGOFMSModel or CGOMSModel or CGLSSM"):
+        io.load_model(path)

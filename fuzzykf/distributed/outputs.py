@@ -89,8 +89,7 @@ def describe(
 def _provenance(filter_: Filter, observations: Hashable) -> dict[str, str]:
     """Say how the results were made: text only, which any store can hold."""
     from fuzzykf import __version__
-    from fuzzykf.io import as_document, model_to_dict
-    from fuzzykf.switching import CGOFMSModel, CGOMSModel
+    from fuzzykf.io import Document, as_document
 
     options: dict[str, Any] = getattr(filter_, "_options", dict)()
     listed = ", ".join(f"{key}={value!r}" for key, value in options.items())
@@ -100,9 +99,9 @@ def _provenance(filter_: Filter, observations: Hashable) -> dict[str, str]:
         "fuzzykf_observations": str(observations),
     }
     model = getattr(filter_, "model", None)
-    if isinstance(model, CGOFMSModel | CGOMSModel):
+    if isinstance(model, Document):
         try:
-            document = as_document(type(model).__name__, model_to_dict(model))
+            document = as_document(type(model).__name__, model.to_dict())
         except ParameterError:  # a law given by functions cannot be written down
             return about
         about["fuzzykf_model"] = json.dumps(document, allow_nan=False)

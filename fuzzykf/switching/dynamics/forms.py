@@ -9,7 +9,7 @@ r_1, and the regressions of a step given (r_n, r_{n+1}).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import Describe
 
-__all__ = ["CovarianceForm", "GaussianForm", "RegressionForm", "TransitionForm"]
+__all__ = ["FORMS", "CovarianceForm", "GaussianForm", "RegressionForm", "TransitionForm"]
 
 
 def bilinear(values: FloatArray, u1: FloatArray, u2: FloatArray) -> FloatArray:
@@ -88,6 +88,11 @@ class GaussianForm(Immutable, ABC):
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """Return the parameters as plain lists, for a file."""
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Self:
+        """Make a form from what `to_dict` returned."""
+        return cls(**values)
 
 
 class _MeanAndCovariance(GaussianForm):
@@ -327,6 +332,12 @@ class RegressionForm(GaussianForm):
         """Return the parameters as plain lists."""
         parameters = {name: value.tolist() for name, value in self.table._asdict().items()}
         return parameters | {"means": self.means.tolist(), "covariances": self.covariances.tolist()}
+
+
+#: The forms by the kind under which they are written to a file.
+FORMS: dict[str, type[GaussianForm]] = {
+    form.kind: form for form in (CovarianceForm, TransitionForm, RegressionForm)
+}
 
 
 def _right_divide(B: FloatArray, S: FloatArray) -> FloatArray:

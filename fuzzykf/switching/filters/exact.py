@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from fuzzykf.errors import FileFormatError, ParameterError
-from fuzzykf.io import decode, encode
+from fuzzykf.io import MODELS, Document, decode, encode
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
-from fuzzykf.switching.inference.belief import Source, belief_from_dict, belief_to_dict, is_sound
+from fuzzykf.switching.inference.belief import Belief, Source, is_sound
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 from fuzzykf.switching.models.hard import CGOMSModel
 
 if TYPE_CHECKING:
-    from os import PathLike
+    from collections.abc import Mapping
 
 __all__ = ["CGOMSMFilter", "OFSRFilter"]
 
 
-class _SavedFilter(SwitchingFilter):
+class _SavedFilter(SwitchingFilter, Document):
     """A filter that knows its model and can be written to a file."""
 
     model: CGOFMSModel | CGOMSModel
@@ -28,48 +28,39 @@ class _SavedFilter(SwitchingFilter):
         """Arguments of the constructor beside the model."""
         return {}
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write model and state to a JSON file, atomically; `load` resumes bit for bit.
-
-        Parameters
-        ----------
-        path : path-like
-
-        Raises
-        ------
-        ParameterError
-            If the model holds functions (a law made by `FuzzyMarkovLaw.from_density`).
-        """
-        from fuzzykf.io import save_filter
-
-        save_filter(self, path)
+    def to_dict(self) -> dict[str, Any]:
+        """Return model, options and state as plain values."""
+        return {
+            "model_kind": type(self.model).__name__,
+            "model": self.model.to_dict(),
+            "options": self._options(),
+            "state": self._export_state(),
+        }
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> Self:
-        """Read a filter that `save` has written, in the state it was in.
-
-        Raises
-        ------
-        FileFormatError
-            If the file is damaged, foreign, of another version, or holds another filter.
-        """
-        from fuzzykf.io import load_filter
-
-        return load_filter(path, cls)
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Make a filter from what `to_dict` returned, in the state it was in."""
+        make: Any = cls
+        loaded: Self = make(MODELS[values["model_kind"]].from_dict(values["model"]), **values["options"])
+        loaded._import_state(values["state"])
+        return loaded
 
     def _export_state(self) -> dict[str, Any]:
         """Return the state as plain values that `_import_state` restores bit for bit."""
         return {
             "n": self._n,
             "predicted": self._predicted,
-            "belief": belief_to_dict(self._belief),
-            "before": belief_to_dict(None if self._before is None else self._before.belief),
+            "belief": None if self._belief is None else self._belief.to_dict(),
+            "before": None if self._before is None else self._before.belief.to_dict(),
             "z": encode(self._z),
             "log_likelihood": self._log_likelihood,
         }
 
     def _import_state(self, values: dict[str, Any]) -> None:
-        n, belief, before = values["n"], *(belief_from_dict(values[k]) for k in ("belief", "before"))
+        n, belief, before = (
+            values["n"],
+            *(None if values[k] is None else Belief.from_dict(values[k]) for k in ("belief", "before")),
+        )
         sizes = self.dim_x, self.dim_z, len(self._system.chain), self._system.order
         sound = all(is_sound(one, *sizes) for one in (belief, before) if one is not None)
         z, log_likelihood = decode(values["z"], 1), float(values["log_likelihood"])

@@ -27,8 +27,6 @@ __all__ = [
     "Belief",
     "Source",
     "begin",
-    "belief_from_dict",
-    "belief_to_dict",
     "node_state",
     "predict_observation",
     "predict_state",
@@ -45,6 +43,28 @@ class Belief:
 
     state: NodeState | GapState
     window: FloatArray  # (w,): the latest observations, newest first; NaN where missing
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the belief as plain values, bit for bit."""
+        kind = "gap" if isinstance(self.state, GapState) else "complete"
+        fields = {name: encode(value) for name, value in self.state._asdict().items()}
+        return {"kind": kind, "window": encode(self.window), "state": fields}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Belief:
+        """Make a belief from what `to_dict` returned."""
+        fields = values["state"]
+        sign, window = decode(fields["sign"], 1), decode(values["window"], 1)
+        if values["kind"] == "complete":
+            return cls(NodeState(decode(fields["table"], 2), sign, decode(fields.get("mass"), 1)), window)
+        gap = GapState(
+            log_p=decode(fields["log_p"], 1),
+            sign=sign,
+            mean=decode(fields["mean"], 2),
+            covariance=decode(fields["covariance"], 3),
+            known=np.array(fields["known"], dtype=bool),
+        )
+        return cls(gap, window)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,37 +148,6 @@ def predict_observation(
         return recursion.predict_observation(tables, state, source.belief.window)
     mean, covariance = missing.predicted_moments(tables, state)
     return mean[m:], covariance[m:, m:]
-
-
-# --------------------------------------------------------------------------- for files
-
-
-def belief_to_dict(belief: Belief | None) -> dict[str, Any] | None:
-    """Return a belief as plain values, bit for bit; None stays None."""
-    if belief is None:
-        return None
-    state = belief.state
-    kind = "gap" if isinstance(state, GapState) else "complete"
-    fields = {name: encode(value) for name, value in state._asdict().items()}
-    return {"kind": kind, "window": encode(belief.window), "state": fields}
-
-
-def belief_from_dict(values: dict[str, Any] | None) -> Belief | None:
-    """Build a belief from what `belief_to_dict` returned."""
-    if values is None:
-        return None
-    fields = values["state"]
-    sign, window = decode(fields["sign"], 1), decode(values["window"], 1)
-    if values["kind"] == "complete":
-        return Belief(NodeState(decode(fields["table"], 2), sign, decode(fields.get("mass"), 1)), window)
-    gap = GapState(
-        log_p=decode(fields["log_p"], 1),
-        sign=sign,
-        mean=decode(fields["mean"], 2),
-        covariance=decode(fields["covariance"], 3),
-        known=np.array(fields["known"], dtype=bool),
-    )
-    return Belief(gap, window)
 
 
 def is_sound(belief: Belief, m: int, q: int, M: int, order: int) -> bool:

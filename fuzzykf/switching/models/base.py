@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from fuzzykf.immutable import Immutable
+from fuzzykf.io import Document
 from fuzzykf.switching.dynamics.forms import GaussianForm
 from fuzzykf.switching.dynamics.placed import KnownPath
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["SwitchingModel"]
 
 
-class SwitchingModel(Immutable):
-    """What the fuzzy and the hard model share: a Gaussian form, and value semantics."""
+class SwitchingModel(Immutable, Document):
+    """What the fuzzy and the hard model share: a Gaussian form, files, and value semantics."""
 
     form: GaussianForm | ConvertedSystem
 
@@ -77,32 +76,3 @@ class SwitchingModel(Immutable):
 
         model: Any = self
         return plot_model(model, ax, **options)
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the model to a JSON file, atomically.
-
-        Parameters
-        ----------
-        path : path-like
-
-        Raises
-        ------
-        ParameterError
-            If the model holds functions (a law made by `FuzzyMarkovLaw.from_density`).
-        """
-        from fuzzykf.io import save_model
-
-        save_model(self, path)
-
-    @classmethod
-    def load(cls, path: str | PathLike[str]) -> Self:
-        """Read a model that `save` has written.
-
-        Raises
-        ------
-        FileFormatError
-            If the file is damaged, foreign, of another version, or holds another model.
-        """
-        from fuzzykf.io import load_model
-
-        return load_model(path, cls)

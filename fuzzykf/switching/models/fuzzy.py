@@ -6,20 +6,28 @@ the model is built.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import check_covariance
-from fuzzykf.switching.dynamics.forms import CovarianceForm, GaussianForm, RegressionForm, TransitionForm
+from fuzzykf.io import part_from_dict, part_to_dict
+from fuzzykf.switching.dynamics.forms import (
+    FORMS,
+    CovarianceForm,
+    GaussianForm,
+    RegressionForm,
+    TransitionForm,
+)
 from fuzzykf.switching.dynamics.placed import StationarySystem
 from fuzzykf.switching.laws.law import FuzzyMarkovLaw
+from fuzzykf.switching.laws.registry import LAWS
 from fuzzykf.switching.models.base import SwitchingModel
 from fuzzykf.switching.models.hard import CGOMSModel
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -167,7 +175,7 @@ class CGOFMSModel(SwitchingModel):
         y: ArrayLike | Sequence[ArrayLike],
         r: ArrayLike | Sequence[ArrayLike] | None = None,
         *,
-        law: Literal["fmc1", "fmc2", "free"] = "fmc1",
+        law: str = "fmc1",
         form: Literal["auto", "regression", "covariance"] = "auto",
         n_nodes: int = 5,
         n_starts: int = 4,
@@ -316,6 +324,16 @@ class CGOFMSModel(SwitchingModel):
 
         r = self.law.sample(n, rng)
         return simulate_path(self.form, r, self.class_weights(r), rng)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return law and Gaussian form as plain values."""
+        return {"law": part_to_dict(self.law), "form": part_to_dict(self.form)}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Make a model from what `to_dict` returned."""
+        form = part_from_dict(values["form"], FORMS)
+        return cls._from_form(part_from_dict(values["law"], LAWS), form)
 
     def __repr__(self) -> str:
         return f"CGOFMSModel({self.law!r}, dim_x={self.dim_x}, dim_z={self.dim_z}, form={self.form.kind!r})"

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.dynamics.forms import CovarianceForm, GaussianForm, RegressionForm, TransitionForm
+from fuzzykf.io import part_from_dict, part_to_dict
+from fuzzykf.switching.dynamics.forms import (
+    FORMS,
+    CovarianceForm,
+    GaussianForm,
+    RegressionForm,
+    TransitionForm,
+)
 from fuzzykf.switching.dynamics.placed import StationarySystem
 from fuzzykf.switching.laws.chain import SwitchChain
 from fuzzykf.switching.models.base import SwitchingModel
@@ -16,7 +23,7 @@ from fuzzykf.switching.state_space.closeness import error_ratio, warn_if_far
 from fuzzykf.switching.state_space.converted import ConvertedSystem
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -236,9 +243,7 @@ class CGOMSModel(SwitchingModel):
         return cls._from_system(system)
 
     @classmethod
-    def _from_form(
-        cls, transition: ArrayLike, form: GaussianForm, initial: ArrayLike | None = None
-    ) -> CGOMSModel:
+    def _from_form(cls, transition: ArrayLike, form: GaussianForm, initial: ArrayLike | None = None) -> Self:
         model = cls.__new__(cls)
         model._build(transition, form, initial)
         return model
@@ -253,7 +258,7 @@ class CGOMSModel(SwitchingModel):
         self._system: SwitchingSystem = StationarySystem(chain, form)
 
     @classmethod
-    def _from_system(cls, system: ConvertedSystem) -> CGOMSModel:
+    def _from_system(cls, system: ConvertedSystem) -> Self:
         model = cls.__new__(cls)
         model.form = model._system = system
         return model
@@ -391,6 +396,22 @@ class CGOMSModel(SwitchingModel):
                 "closeness: got a model that stands for itself, expected one made by CGOMSModel.from_cglssm"
             )
         return error_ratio(self.form, np.ones(self.dim_x) if weights is None else weights)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the chain and the Gaussian form as plain values."""
+        return {
+            "transition": self.transition.tolist(),
+            "initial": self.initial.tolist(),
+            "form": part_to_dict(self.form),
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Make a model from what `to_dict` returned."""
+        form = part_from_dict(values["form"], FORMS | {ConvertedSystem.kind: ConvertedSystem})
+        if isinstance(form, ConvertedSystem):
+            return cls._from_system(form)
+        return cls._from_form(values["transition"], form, values["initial"])
 
     def __repr__(self) -> str:
         return (

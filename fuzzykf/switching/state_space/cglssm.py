@@ -8,6 +8,7 @@ import numpy as np
 
 from fuzzykf.errors import NotStableError, ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, check_covariance, semidefinite_root
+from fuzzykf.io import Document
 from fuzzykf.results import Simulation
 from fuzzykf.switching.dynamics.simulation import sample_classes
 from fuzzykf.switching.laws.chain import SUM_TOLERANCE, SwitchChain, stationary_distribution
@@ -15,6 +16,8 @@ from fuzzykf.switching.state_space import conversion
 from fuzzykf.switching.state_space.conversion import StateSpace
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
@@ -22,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["CGLSSM"]
 
 
-class CGLSSM:
+class CGLSSM(Document):
     """Conditionally Gaussian linear state-space model: a linear system whose regime is a Markov chain.
 
     With j the regime of the new time,
@@ -270,6 +273,12 @@ class CGLSSM:
             "initial_probability": self.initial_probability.tolist(),
             "initial_covariance": self.initial_covariance.tolist(),
         }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Make a model from what `to_dict` returned."""
+        names = ("transition", *"ABCD", "initial_probability", "initial_covariance")
+        return cls(**{name: values[name] for name in names})
 
     def __copy__(self) -> Self:
         return self

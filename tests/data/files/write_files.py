@@ -64,7 +64,9 @@ def make_models():
     """Models by the name of their file."""
     paper = CGOFMSModel(LAWS["fmc1"], MEANS, covariances(), 1)
     data = paper.simulate(150, np.random.default_rng(0))
-    learned = CGOFMSModel.fit(data.x, data.y, law="free", form="regression", n_nodes=2, n_starts=1, max_iter=4)
+    learned = CGOFMSModel.fit(
+        data.x, data.y, law="free", form="regression", n_nodes=2, n_starts=1, max_iter=4
+    )
     A = 0.3 * np.broadcast_to([[1.0, 0.5, 0.2], [-0.4, 0.7, 1.0], [0.0, 0.0, 1.1]], (2, 2, 3, 3))
     rng = np.random.default_rng(3)
     moments = definite(rng, 2, 2, 3, 3), rng.normal(size=(2, 3)), definite(rng, 2, 3, 3)
@@ -81,7 +83,9 @@ def make_models():
             [[0.8, 0.2], [0.3, 0.7]], A, *moments, dim_x=2, initial=[1 / 3, 2 / 3]
         ),
         "hard_regression": CGOMSModel.from_regressions(
-            [[0.5, 0.5, 0], [0.1, 0.2, 0.7], [1 / 3, 1 / 3, 1 / 3]], **regressions(3, 1), initial=[0.1, 0.2, 0.7]
+            [[0.5, 0.5, 0], [0.1, 0.2, 0.7], [1 / 3, 1 / 3, 1 / 3]],
+            **regressions(3, 1),
+            initial=[0.1, 0.2, 0.7],
         ),
         "converted_gain": CGOMSModel.from_cglssm(**SPACE),
         "converted_order_3": CGOMSModel.from_cglssm(**SPACE, order=3),
@@ -134,6 +138,7 @@ def make_filters(models):
     return filters
 
 
+REGRESSIONS = ("Axx", "H", "G", "c", "C", "Ayy", "Ny", "Qyy")
 NEXT = [0.5, None, 2.0, -1.5, 0.25]
 
 
@@ -168,7 +173,11 @@ def parameters(model):
     names = {
         "covariance": ("means", "covariances"),
         "transition": ("A", "Q", "means", "stationary"),
-        "regression": ("means", "covariances", *(f"table.{f}" for f in "Axx H G c C Ayy Ny Qyy".split())),
+        "regression": (
+            "means",
+            "covariances",
+            *(f"table.{name}" for name in REGRESSIONS),
+        ),
         "cglssm": ("order", *(f"cglssm.{f}" for f in ("A", "B", "C", "D", "initial_covariance"))),
     }
     for name in names[model.form.kind]:
