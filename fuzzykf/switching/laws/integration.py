@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["Lines", "cell_masses", "gauss_nodes", "integrate_line", "invert_line"]
+__all__ = ["JointLaw", "Lines", "cell_masses", "gauss_nodes", "integrate_line", "invert_line"]
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,9 @@ class JointLaw(Protocol):
 
     def joint_density(self, r1: ArrayLike, r2: ArrayLike) -> FloatArray:
         """Return p(r1, r2)."""
+
+    def marginal_density(self, r: ArrayLike) -> FloatArray:
+        """Return p(r)."""
 
 
 @cache

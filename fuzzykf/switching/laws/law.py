@@ -16,6 +16,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.integration import Lines, cell_masses, integrate_line, invert_line
+from fuzzykf.switching.laws.quadrature import discretize
 from fuzzykf.switching.laws.registry import LAWS
 
 if TYPE_CHECKING:
@@ -305,8 +306,6 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         ParameterError
             If ``n_nodes`` is negative or too small for the rule.
         """
-        from fuzzykf.switching.laws.quadrature import discretize
-
         return discretize(self, n_nodes, rule)
 
     def sample(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> FloatArray:

@@ -27,7 +27,7 @@ from fuzzykf.switching.laws.integration import cell_masses, gauss_nodes
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.laws.law import FuzzyMarkovLaw
+    from fuzzykf.switching.laws.integration import JointLaw
 
 __all__ = ["RULES", "discretize", "panel_bounds"]
 
@@ -35,7 +35,7 @@ __all__ = ["RULES", "discretize", "panel_bounds"]
 RULES = ("cell", "midpoint", "gauss", "product")
 
 
-def discretize(law: FuzzyMarkovLaw, n_nodes: int, rule: str) -> SwitchChain:
+def discretize(law: JointLaw, n_nodes: int, rule: str) -> SwitchChain:
     """Approximate a law by a Markov chain; see `FuzzyMarkovLaw.discretize`."""
     if rule not in RULES:
         raise ParameterError(f"rule: got {rule!r}, expected one of {', '.join(map(repr, RULES))}")
@@ -79,7 +79,7 @@ def _rows(joint: FloatArray, initial: FloatArray) -> FloatArray:
     return normalised
 
 
-def panel_bounds(law: FuzzyMarkovLaw) -> FloatArray:
+def panel_bounds(law: JointLaw) -> FloatArray:
     """Return the points at which the filtered density of a law may fail to be smooth.
 
     These are 0 and 1 and everything the kinks of the density carry them to: for FMC2
@@ -100,7 +100,7 @@ def panel_bounds(law: FuzzyMarkovLaw) -> FloatArray:
     return bounds_kept
 
 
-def _product_chain(law: FuzzyMarkovLaw, F: int) -> SwitchChain:
+def _product_chain(law: JointLaw, F: int) -> SwitchChain:
     bounds = panel_bounds(law)
     lengths = np.diff(bounds)
     if lengths.size > F:
@@ -131,7 +131,7 @@ def _product_chain(law: FuzzyMarkovLaw, F: int) -> SwitchChain:
 
 
 def _interpolant_moments(
-    law: FuzzyMarkovLaw, nodes: FloatArray, left: float, length: float, local: FloatArray
+    law: JointLaw, nodes: FloatArray, left: float, length: float, local: FloatArray
 ) -> FloatArray:
     """Integrals of p(r, r_j) l_i(r) over a panel, for its Lagrange polynomials l_i and all nodes j."""
     n = local.size
