@@ -5,9 +5,35 @@ This is the one place that binds them; `fuzzykf.engine.info` says which they are
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from fuzzykf import engine
+
+# what exists in NumPy only
+from fuzzykf.engine.numpy.imm import correct_bank, log_mixing, move_bank
+from fuzzykf.engine.numpy.imm import filter_many as filter_bank_many
+from fuzzykf.engine.numpy.imm import merge as merge_modes
+from fuzzykf.engine.numpy.imm import mix as mix_modes
+from fuzzykf.engine.numpy.imm import weigh as weigh_modes
+from fuzzykf.engine.numpy.kalman import (
+    inverse,
+    inverse_seen,
+    log_normal,
+    predict_stack,
+    seen_components,
+    update_correlated,
+)
+from fuzzykf.engine.numpy.kalman import update as update_residual
+from fuzzykf.engine.numpy.kalman_series import filter_many as filter_linear_many
+from fuzzykf.engine.numpy.kalman_series import rts_gains
+from fuzzykf.engine.numpy.kalman_series import smooth as smooth_linear
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
 
 #: Whether the engine summarises whole series by itself (`Summary`, `filter_series`).  NumPy
 #: summarises a series after it has been filtered, in `fuzzykf.switching.inference.series`.
@@ -16,7 +42,36 @@ SUMMARISES = engine.info().name == "compiled"
 #: Convolutions of up to so many sums in all try every source: NumPy does that faster than anything else.
 BRUTE_FORCE = 0 if SUMMARISES else 4_000_000
 
+
+def _up_to(
+    largest: int, compiled: Callable[_P, _T], any_size: Callable[_P, _T], *where: int
+) -> Callable[_P, _T]:
+    """Return a compiled kernel that hands larger systems to its NumPy twin.
+
+    Parameters
+    ----------
+    largest : int
+        Most states, and most components of an observation, that the compiled one covers.
+    compiled, any_size : callable
+        The twins; their arguments are given by position.
+    where : int
+        Which arguments are arrays whose last axis is that of the states, or of the components.
+    """
+
+    @wraps(compiled)
+    def kernel(*arguments: _P.args, **named: _P.kwargs) -> _T:
+        given: Any = arguments
+        for k in where:
+            if given[k].shape[-1] > largest:
+                return any_size(*arguments, **named)
+        return compiled(*arguments, **named)
+
+    return kernel
+
+
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
+    from fuzzykf.engine.compiled import imm as compiled_imm
+    from fuzzykf.engine.compiled import kalman as compiled_kalman
     from fuzzykf.engine.compiled.backward import best_path, smooth_back
     from fuzzykf.engine.compiled.convolution import convolve_parabola, refine
     from fuzzykf.engine.compiled.grid import (
@@ -26,9 +81,8 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
         least_outside,
         pull_back,
     )
-    from fuzzykf.engine.compiled.imm import BankStepper, filter_bank
-    from fuzzykf.engine.compiled.kalman import LARGEST as LARGEST_LINEAR
-    from fuzzykf.engine.compiled.kalman import LinearStepper, filter_linear, predict_linear, update_linear
+    from fuzzykf.engine.compiled.imm import BankStepper
+    from fuzzykf.engine.compiled.kalman import LinearStepper
     from fuzzykf.engine.compiled.kernels import (
         convolve_bounded,
         convolve_convex,
@@ -51,6 +105,13 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
         step_many,
     )
     from fuzzykf.engine.compiled.tables import Kernel, Summary, pack
+    from fuzzykf.engine.numpy import imm, kalman, kalman_series
+
+    largest = compiled_kalman.LARGEST
+    predict_linear = _up_to(largest, compiled_kalman.predict_linear, kalman.predict_linear, 1)
+    update_linear = _up_to(largest, compiled_kalman.update_linear, kalman.update_linear, 1, 4)
+    filter_linear = _up_to(largest, compiled_kalman.filter_linear, kalman_series.filter_linear, 1, 2)
+    filter_bank = _up_to(largest, compiled_imm.filter_bank, imm.filter_bank, 1, 4)
 else:
     from fuzzykf.engine.numpy.backward import best_path, smooth_back
     from fuzzykf.engine.numpy.convolution import convolve_parabola, refine
@@ -79,11 +140,8 @@ else:
     from fuzzykf.engine.numpy.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.numpy.switching_many import step_many
 
-    LARGEST_LINEAR = 0  # NumPy has no bound
-
 __all__ = [
     "BRUTE_FORCE",
-    "LARGEST_LINEAR",
     "SUMMARISES",
     "BankStepper",
     "Kernel",
@@ -96,33 +154,50 @@ __all__ = [
     "convolve_joint",
     "convolve_parabola",
     "convolve_table",
+    "correct_bank",
     "corrected",
     "cover",
     "filter_bank",
+    "filter_bank_many",
     "filter_linear",
+    "filter_linear_many",
     "first_step",
     "flat_cells",
     "forward_backward",
     "interpolate",
     "interpolate_lines",
+    "inverse",
+    "inverse_seen",
     "is_convex",
     "least_outside",
     "live_cells",
+    "log_mixing",
+    "log_normal",
     "log_pairs",
+    "merge_modes",
+    "mix_modes",
     "moments_about",
+    "move_bank",
     "node_mean",
     "pack",
     "predict_linear",
+    "predict_stack",
     "pull_back",
     "refine",
+    "rts_gains",
     "run",
+    "seen_components",
     "smooth_back",
+    "smooth_linear",
     "span",
     "step",
     "step_many",
     "stranded",
     "totals",
+    "update_correlated",
     "update_linear",
+    "update_residual",
+    "weigh_modes",
 ]
 
 if SUMMARISES:

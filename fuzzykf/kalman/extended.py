@@ -2,38 +2,47 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import as_observation
-from fuzzykf.engine.numpy import kalman as engine
+from fuzzykf.base import as_many, as_observations, check_keep
+from fuzzykf.engine.selected import predict_stack
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_array
-from fuzzykf.kalman._arguments import (
-    as_covariance,
-    as_matrix,
-    as_square,
-    as_state,
-    as_vector,
-    control_term,
+from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square, as_state, as_vector, control_term
+from fuzzykf.kalman.gaussian_filter import GaussianFilter
+from fuzzykf.kalman.linearization import (
+    linearize_observation,
+    observation_functions,
+    transition_jacobian,
+    with_control,
 )
-from fuzzykf.kalman._extended_series import ExtendedSeries
-from fuzzykf.kalman._series import unchanged_on_error
-from fuzzykf.kalman.jacobian import central_jacobian
+from fuzzykf.kalman.series import (
+    FIELDS,
+    as_batch,
+    as_result,
+    collect,
+    field_shapes,
+    filter_each,
+    given_per_step,
+    per_step,
+    unchanged_on_error,
+)
+from fuzzykf.kalman.smoothing import smooth_result
+from fuzzykf.kalman.updates import condition, observed, zero_where_missing
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.base import FilterResult
 
 __all__ = ["ExtendedKalmanFilter"]
 
 
-class ExtendedKalmanFilter(ExtendedSeries):
+class ExtendedKalmanFilter(GaussianFilter):
     """Extended Kalman filter of x_k = f(x_{k-1}) + w_k, z_k = h(x_k) + v_k.
 
     It takes the place of ``filterpy.kalman.ExtendedKalmanFilter``, whose calls give
@@ -145,8 +154,8 @@ class ExtendedKalmanFilter(ExtendedSeries):
             F = as_matrix("F", self.F, (self.dim_x, self.dim_x))
             self.x = F.dot(x) + control_term(self.B, u, x)
         else:
-            arguments = fx_args if _is_no_control(u) else {"u": u, **fx_args}
-            self.x = as_vector("fx", self.fx(x.ravel(), **arguments), x.ravel()).reshape(x.shape)
+            moved = self.fx(x.ravel(), **with_control(fx_args, u))
+            self.x = as_vector("fx", moved, x.ravel()).reshape(x.shape)
 
     def predict(self, u: Any = 0, **fx_args: Any) -> None:
         """Move the estimate to the time of the next observation.
@@ -168,22 +177,16 @@ class ExtendedKalmanFilter(ExtendedSeries):
         u = 0 if u is None else u
         x, P = self._state()
         Q = as_square("Q", self.Q, self.dim_x)
-        F = None if self.fx is None else self._transition_jacobian(x.ravel(), u, fx_args)
+        F = None
+        if self.fx is not None:
+            F = transition_jacobian(self.fx, self.FJacobian, x.ravel(), with_control(fx_args, u))
         with unchanged_on_error(self):
             self.predict_x(u, **fx_args)
             if F is not None:
                 self.F = F
             F = as_matrix("F", self.F, (self.dim_x, self.dim_x))
             x = as_state(self.x, self.dim_x)
-            self._set_prior(x, engine.predict_stack(P, F, Q, 1.0))
-
-    def _transition_jacobian(self, x: FloatArray, u: Any, fx_args: Mapping[str, Any]) -> FloatArray:
-        fx, n = self.fx, self.dim_x
-        assert fx is not None
-        arguments = fx_args if _is_no_control(u) else {"u": u, **fx_args}
-        if self.FJacobian is None:
-            return central_jacobian(lambda at: as_vector("fx", fx(at, **arguments), x), x)
-        return as_array("FJacobian", self.FJacobian(x.copy(), **arguments), (n, n))
+            self._set_prior(x, predict_stack(P, F, Q, 1.0))
 
     # ------------------------------------------------------------------ update
 
@@ -241,48 +244,20 @@ class ExtendedKalmanFilter(ExtendedSeries):
         args = args if isinstance(args, tuple) else (args,)
         hx_args = hx_args if isinstance(hx_args, tuple) else (hx_args,)
         residual = self.residual if residual is None else residual
-        h, jacobian = self._functions(x.shape, HJacobian, Hx, args, hx_args, hx_kwargs)
-        predicted = np.asarray(h(x.ravel().copy()), dtype=np.float64)
+        own, given = (self.hx, self.HJacobian), (Hx, HJacobian)
+        functions = observation_functions(own, given, x.shape, args, hx_args, hx_kwargs)
+        predicted, H = linearize_observation(*functions, x, residual)
         m = predicted.size
-        predicted = as_vector("Hx", predicted, np.empty(m if x.ndim == 1 else (m, 1)))
-        if jacobian is None:
-            H = central_jacobian(lambda at: as_vector("Hx", h(at), np.empty(m)), x.ravel(), residual)
-        else:
-            H = as_matrix("HJacobian", jacobian(x.ravel().copy()), (m, self.dim_x))
         noise = as_square("R", self.R, m) if R is None else as_covariance("R", R, m)
-        value = as_observation(z, m)
+        value = observed(z, m, x)
         if value is None:
             self._skip(x, P, m)
             return
-        value = value.reshape(predicted.shape)
         # the residual function may be anything: it sees the prediction where z is missing
         y = as_vector("residual", residual(np.where(np.isnan(value), predicted, value), predicted), predicted)
-        self._correct(x, P, value, y, H, noise)
-
-    def _functions(
-        self,
-        shape: tuple[int, ...],
-        HJacobian: Callable[..., Any] | None,
-        Hx: Callable[..., Any] | None,
-        args: tuple[Any, ...],
-        hx_args: tuple[Any, ...],
-        hx_kwargs: Mapping[str, Any],
-    ) -> tuple[Callable[[FloatArray], Any], Callable[[FloatArray], Any] | None]:
-        """Return h and its Jacobian as functions of a flat x; None for an unknown Jacobian.
-
-        Functions given to `update` are handed x in the form of the filter, as filterpy does.
-        """
-        h, jacobian = self.hx if Hx is None else Hx, HJacobian
-        if h is None:
-            raise ParameterError("Hx: got None, expected a function, for the filter as hx or for this update")
-        h_shape = (-1,) if Hx is None else shape
-        jacobian_shape = shape
-        if jacobian is None and Hx is None:
-            jacobian, jacobian_shape = self.HJacobian, (-1,)
-        observe = partial(_apply, h, h_shape, hx_args, hx_kwargs)
-        if jacobian is None:
-            return observe, None
-        return observe, partial(_apply, jacobian, jacobian_shape, args, hx_kwargs)
+        y, seen = zero_where_missing(y, value)
+        x, P, S, SI, K = condition(x, P, y, H, noise, self._I, self.inv, seen)
+        self._set_innovation(x, P, value, y, S, SI, K)
 
     def predict_update(
         self,
@@ -307,16 +282,135 @@ class ExtendedKalmanFilter(ExtendedSeries):
             self.predict(u)
             self.update(z, HJacobian, Hx, args=args, hx_args=hx_args)
 
+    # ------------------------------------------------------------------ whole series
 
-def _is_no_control(u: Any) -> bool:
-    return u is None or (np.isscalar(u) and u == 0)
+    def filter(
+        self,
+        zs: Iterable[ArrayLike | None] | ArrayLike,
+        us: Sequence[Any] | None = None,
+        fx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+    ) -> FilterResult:
+        """Run predict and update along a series, from the current x and P on.
 
+        The filter ends at the last observation, so that `step` continues the series.
 
-def _apply(
-    function: Callable[..., Any],
-    shape: tuple[int, ...],
-    args: tuple[Any, ...],
-    kwargs: Mapping[str, Any],
-    x: FloatArray,
-) -> Any:
-    return function(x.reshape(shape), *args, **kwargs)
+        Parameters
+        ----------
+        zs : array_like
+            Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
+        us : sequence of n controls, optional
+            Given to `predict` one by one.
+        fx_args, hx_args : sequence of n dict, optional
+            Keyword arguments of each prediction and of each update.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, ``x_prior``, ``P_prior`` and ``log_likelihood``.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `predict` and `update`; the filter is then as it was before.
+        """
+        return as_result(self._collect(zs, us, fx_args, hx_args, field_shapes(self.dim_x)), zs)
+
+    def _collect(
+        self, zs: Any, us: Any, fx_args: Any, hx_args: Any, shapes: dict[str, tuple[int, ...]]
+    ) -> dict[str, FloatArray]:
+        series = as_observations(zs, self.dim_z)
+        n = len(series)
+        before, after = per_step("fx_args", fx_args, n), per_step("hx_args", hx_args, n)
+        moves = [dict(**control, **(before[k] or {})) for k, control in enumerate(given_per_step(n, us=us))]
+        self._remember()
+        return collect(self, series, shapes, moves, [after[k] or {} for k in range(n)])
+
+    def smooth(
+        self,
+        zs: Iterable[ArrayLike | None] | ArrayLike,
+        us: Sequence[Any] | None = None,
+        fx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+    ) -> FilterResult:
+        """Run `filter`, then the extended smoother of Rauch, Tung and Striebel backwards.
+
+        The smoother uses the Jacobians of the forward pass.
+
+        Parameters
+        ----------
+        zs, us, fx_args, hx_args
+            As in `filter`; the filter ends at the last observation.
+
+        Returns
+        -------
+        FilterResult
+            ``x`` and ``P`` given the whole series, and the ``log_likelihood`` of the filter.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `filter`.
+        """
+        d = self.dim_x
+        out = self._collect(zs, us, fx_args, hx_args, {**field_shapes(d), "F": (d, d)})
+        F = out.pop("F")
+        return smooth_result(as_result(out, zs), F, as_square("Q", self.Q, d))
+
+    def batch_filter(
+        self,
+        zs: Sequence[ArrayLike | None] | ArrayLike,
+        us: Sequence[Any] | None = None,
+        fx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+    ) -> tuple[FloatArray, ...]:
+        """Run `filter` and return filterpy's four arrays.
+
+        Parameters
+        ----------
+        zs, us, fx_args, hx_args
+            As in `filter`.
+
+        Returns
+        -------
+        means, covariances, means_p, covariances_p : ndarray
+            After the updates and after the predictions; means of shape (n, dim_x, 1), or
+            (n, dim_x) if x is flat.
+        """
+        x, _ = self._state()
+        return as_batch(self._collect(zs, us, fx_args, hx_args, field_shapes(self.dim_x)), x.ndim == 1)
+
+    def filter_many(
+        self,
+        zs: ArrayLike,
+        keep: Iterable[str] = ("x", "P", "log_likelihood"),
+        us: Sequence[Any] | None = None,
+        fx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+    ) -> FilterResult:
+        """Filter many series, each from the current x and P on.
+
+        The functions are called for one state at a time, so that this takes as long
+        as filtering the series one after another.  The filter itself does not change.
+
+        Parameters
+        ----------
+        zs : array_like, shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1
+            NaN where missing; pad series of unequal length with NaN.
+        keep : sequence of str
+            What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
+        us, fx_args, hx_args
+            As in `filter`; the same for every series.
+
+        Returns
+        -------
+        FilterResult
+            The fields in ``keep``, each with a leading axis for the series.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `filter`; or an unknown name in ``keep``.
+        """
+        names = check_keep(keep, FIELDS)
+        return filter_each(self, as_many(zs, self.dim_z), names, us=us, fx_args=fx_args, hx_args=hx_args)

@@ -10,19 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import as_observation
-from fuzzykf.engine.numpy import kalman as engine
+from fuzzykf.engine.selected import predict_linear, seen_components
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array
-from fuzzykf.kalman._arguments import (
-    SINGULAR,
-    SingularInnovationError,
-    as_covariance,
-    control_term,
-    observation_matrix,
-)
-from fuzzykf.kalman._moments import predict_linear, update_linear
-from fuzzykf.kalman._series import per_step
+from fuzzykf.kalman.arguments import as_covariance, control_term, observation_matrix
+from fuzzykf.kalman.series import per_step, run_batch
+from fuzzykf.kalman.updates import condition_linear, log_density, observed
+from fuzzykf.kalman.variants import update_with_gain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -161,19 +155,16 @@ def update(
     covariance, matrix = as_covariance("P", P, n), _observation(H, n)
     m = matrix.shape[0]
     noise = as_covariance("R", R, m)
-    value = as_observation(z, m)
+    value = observed(z, m, mean)
     if value is None:
         return (x, P, None, None, None, None) if return_all else (x, P)
-    value = value.reshape(-1, 1) if mean.ndim == 2 else value
-    try:
-        mean, covariance, y, S, _, K = update_linear(mean, covariance, value, matrix, noise)
-    except np.linalg.LinAlgError as error:
-        raise SingularInnovationError(SINGULAR) from error
+    mean, covariance, y, S, _, K = condition_linear(
+        mean, covariance, value, matrix, noise, np.eye(n), np.linalg.inv
+    )
     estimate = _like(mean, x), _like(covariance, P)
     if not return_all:
         return estimate
-    kept = ~np.isnan(value.ravel())
-    log_likelihood = engine.log_normal(y.ravel()[kept], S[np.ix_(kept, kept)])
+    log_likelihood = log_density(y, S, seen_components(value))
     return *estimate, y, K.ravel() if np.ndim(x) == 0 else K, _like(S, P), log_likelihood
 
 
@@ -213,12 +204,8 @@ def update_steadystate(x: ArrayLike, z: ArrayLike | None, K: ArrayLike, H: Array
     mean = _vector(x)
     matrix = _observation(H, mean.shape[0])
     gain = as_array("K", np.reshape(K, (1, 1)) if np.size(K) == 1 else K, (mean.shape[0], matrix.shape[0]))
-    value = as_observation(z, matrix.shape[0])
-    if value is None:
-        return x
-    y = (value.reshape(-1, 1) if mean.ndim == 2 else value) - matrix.dot(mean)
-    moved: FloatArray = mean + gain.dot(np.where(np.isnan(y), 0.0, y))
-    return _like(moved, x)
+    value = observed(z, matrix.shape[0], mean)
+    return x if value is None else _like(update_with_gain(mean, value, matrix, gain)[0], x)
 
 
 def batch_filter(
@@ -274,17 +261,15 @@ def batch_filter(
     covariance: Any = as_covariance("P", P, d)
     given = {"Fs": Fs, "Qs": Qs, "Hs": Hs, "Rs": Rs, "Bs": Bs, "us": us}
     F, Q, H, R, B, u = (per_step(name, values, n) for name, values in given.items())
-    shape = (n, *mean.shape)
-    means, means_p = np.empty(shape), np.empty(shape)
-    covariances, covariances_p = np.empty((n, d, d)), np.empty((n, d, d))
-    for k in range(n):
-        for verb in ("update", "predict") if update_first else ("predict", "update"):
-            if verb == "predict":
-                mean, covariance = predict(mean, covariance, F[k], Q[k], u[k], B[k])
-                means_p[k], covariances_p[k] = mean, covariance
-            else:
-                mean, covariance = update(mean, covariance, zs[k], R[k], H[k])
-                means[k], covariances[k] = mean, covariance
-        if saver is not None:
-            saver.save()
-    return means, covariances, means_p, covariances_p
+
+    def move(k: int) -> tuple[Any, Any]:
+        nonlocal mean, covariance
+        mean, covariance = predict(mean, covariance, F[k], Q[k], u[k], B[k])
+        return mean, covariance
+
+    def look(k: int) -> tuple[Any, Any]:
+        nonlocal mean, covariance
+        mean, covariance = update(mean, covariance, zs[k], R[k], H[k])
+        return mean, covariance
+
+    return run_batch(n, mean.shape, move, look, update_first, saver)

@@ -7,20 +7,28 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fuzzykf.base import as_observation
-from fuzzykf.engine.numpy import imm as engine
-from fuzzykf.engine.selected import BankStepper
+from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep
+from fuzzykf.engine.selected import BankStepper, log_mixing, merge_modes, mix_modes, weigh_modes
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array
-from fuzzykf.kalman import _bank as bank
-from fuzzykf.kalman._bank_series import BankSeries
-from fuzzykf.kalman._gaussian import LEAST_LOG_LIKELIHOOD, describe
-from fuzzykf.kalman._gpb2 import PairBranches
-from fuzzykf.kalman._overrides import lookups, overrides
-from fuzzykf.kalman._series import unchanged_on_error
+from fuzzykf.kalman import bank, bank_series
+from fuzzykf.kalman.describe import describe
+from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD
+from fuzzykf.kalman.gpb2 import PairBranches
+from fuzzykf.kalman.overrides import lookups, overrides
+from fuzzykf.kalman.series import (
+    BANK_FIELDS,
+    as_batch,
+    as_result,
+    collect,
+    field_shapes,
+    filter_each,
+    given_per_step,
+    unchanged_on_error,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -32,7 +40,7 @@ __all__ = ["IMMEstimator"]
 SUM_TOLERANCE = 1e-8
 
 
-class IMMEstimator(BankStepper, BankSeries):
+class IMMEstimator(BankStepper, Filter):
     """Interacting multiple model estimator of a system that switches between modes.
 
     It takes the place of ``filterpy.kalman.IMMEstimator``.  Each mode has a filter of
@@ -160,12 +168,12 @@ class IMMEstimator(BankStepper, BankSeries):
     @property
     def cbar(self) -> FloatArray:
         """Probabilities of the modes at the next time, mu M, shape (N,)."""
-        return np.exp(engine.log_mixing(self._log_weights(), self._log_transition())[1])
+        return np.exp(log_mixing(self._log_weights(), self._log_transition())[1])
 
     @property
     def omega(self) -> FloatArray:
         """Mixing weights P(mode i before | mode j now), shape (N, N)."""
-        return engine.log_mixing(self._log_weights(), self._log_transition())[2]
+        return log_mixing(self._log_weights(), self._log_transition())[2]
 
     def _log_weights(self) -> FloatArray:
         """Logarithm of mu, with all its range unless mu has been assigned since."""
@@ -186,7 +194,7 @@ class IMMEstimator(BankStepper, BankSeries):
         self._log_mu, self.mu, self._known_mu = log_mu, mu, mu.copy()
 
     def _merged(self, weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
-        x, P = engine.merge(weights, xs, Ps)
+        x, P = merge_modes(weights, xs, Ps)
         return x.reshape(self.filters[0].x.shape), P
 
     # ------------------------------------------------------------------ verbs
@@ -208,11 +216,11 @@ class IMMEstimator(BankStepper, BankSeries):
             return
         self._remember()
         log_mu = self._log_weights() if self._log_cbar is None else self._log_cbar
-        log_joint, log_cbar, omega = engine.log_mixing(log_mu, self._log_transition())
+        log_joint, log_cbar, omega = log_mixing(log_mu, self._log_transition())
         xs, Ps = bank.member_states(self.filters)
         branches = None
         if self.method == "imm":
-            xs, Ps = bank.predict_members(self.filters, *engine.mix(omega, xs, Ps), u)
+            xs, Ps = bank.predict_members(self.filters, *mix_modes(omega, xs, Ps), u)
         else:
             branches = PairBranches(self.filters, log_joint)
             xs, Ps = branches.predict(self.filters, omega, xs, Ps, u)
@@ -244,7 +252,7 @@ class IMMEstimator(BankStepper, BankSeries):
         value = as_observation(z, self.dim_z)
         log_prior = self._log_cbar
         if log_prior is None:
-            log_prior = engine.log_mixing(self._log_weights(), self._log_transition())[1]
+            log_prior = log_mixing(self._log_weights(), self._log_transition())[1]
         if value is None:
             bank.skip_members(self.filters)
             log_mu, total, modes = log_prior, 0.0, np.zeros(self.N)
@@ -253,7 +261,7 @@ class IMMEstimator(BankStepper, BankSeries):
             log_mu, total, modes, xs, Ps = self._branches.update(self.filters, value)
         else:
             modes, xs, Ps = bank.update_members(self.filters, value, log_prior)
-            log_mu, normaliser = engine.weigh(log_prior, modes)
+            log_mu, normaliser = weigh_modes(log_prior, modes)
             total = float(normaliser)
         mu = np.exp(log_mu)
         if value is None and self._log_cbar is not None:
@@ -283,6 +291,116 @@ class IMMEstimator(BankStepper, BankSeries):
     def _overrides(cls) -> int:
         return overrides(cls, _HOOKS) | overrides(cls, _VERBS) << 1
 
+    # ------------------------------------------------------------------ whole series
+
+    def filter(
+        self, zs: Iterable[ArrayLike | None] | ArrayLike, us: Sequence[Any] | None = None
+    ) -> FilterResult:
+        """Run predict and update along a series, from the current estimates on.
+
+        The filter ends at the last observation, so that `step` continues the series.
+
+        Parameters
+        ----------
+        zs : array_like
+            Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
+        us : sequence of n controls, optional
+            Given to `predict` one by one.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``, the mode
+            probabilities ``mu`` (n, N), the numbers of the modes in ``nodes``, and that of
+            the likeliest mode in ``switch``.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `predict` and `update`; the bank is then as it was before.
+        """
+        stored = self._collect(zs, us)
+        modes = np.arange(self.N, dtype=np.float64)
+        return as_result(stored, zs, nodes=modes, switch=modes[stored["mu"].argmax(axis=1)])
+
+    def _collect(self, zs: Any, us: Sequence[Any] | None) -> dict[str, FloatArray]:
+        series = as_observations(zs, self.dim_z)
+        if us is None and len(series) and self._log_cbar is None and self._is_plain():
+            stored = self._filter_at_once(series)
+            if stored is not None:
+                return stored
+        moves = given_per_step(len(series), us=us)
+        self._remember()
+        return collect(self, series, field_shapes(self.dim_x, self.N), moves, members=self.filters)
+
+    def _filter_at_once(self, series: FloatArray) -> dict[str, FloatArray] | None:
+        """Do predict and update for a whole series; None if that has to be done step by step."""
+        if self.method != "imm":
+            return None
+        result = bank_series.filter_one(self.filters, series, self._log_weights(), self._log_transition())
+        if result is None:
+            return None
+        stored, state = result
+        self._remember()
+        bank.put_state(self.filters, state, series[-1])
+        x, P, x_prior, P_prior = (stored[name][-1].copy() for name in ("x", "P", "x_prior", "P_prior"))
+        form = self.filters[0].x.shape
+        self.x, self.P, self.x_prior, self.P_prior = x.reshape(form), P, x_prior.reshape(form), P_prior
+        self.x_post, self.P_post = self.x.copy(), P.copy()
+        self._set_weights(state["log_mu"], np.exp(state["log_mu"]))
+        self.mode_log_likelihood, self.log_likelihood = state["modes"], float(stored["log_likelihood"][-1])
+        self.likelihood = np.exp(state["modes"])
+        return stored
+
+    def batch_filter(self, zs: Sequence[ArrayLike | None] | ArrayLike) -> tuple[FloatArray, ...]:
+        """Run `filter` and return filterpy's four arrays.
+
+        Parameters
+        ----------
+        zs : array_like
+            As in `filter`.
+
+        Returns
+        -------
+        means, covariances, means_p, covariances_p : ndarray
+            After the updates and after the predictions; means of shape (n, dim_x, 1), or
+            (n, dim_x) if x is flat.
+        """
+        return as_batch(self._collect(zs, None), np.ndim(self.x) == 1)
+
+    def filter_many(self, zs: ArrayLike, keep: Iterable[str] = ("x", "P", "log_likelihood")) -> FilterResult:
+        """Filter many series, each from the current estimates on.
+
+        A bank of plain Kalman filters of one shape takes all series at once; any
+        other takes them one after another.  The bank itself does not change.
+
+        Parameters
+        ----------
+        zs : array_like, shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1
+            NaN where missing; pad series of unequal length with NaN.
+        keep : sequence of str
+            What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``log_likelihood``.
+
+        Returns
+        -------
+        FilterResult
+            The fields in ``keep``, each with a leading axis for the series.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `filter`; or an unknown name in ``keep``.
+        """
+        names = check_keep(keep, BANK_FIELDS)
+        series = as_many(zs, self.dim_z)
+        model = bank_series.whole_model(self.filters)
+        if model is None or self._log_cbar is not None:
+            return filter_each(self, series, names)
+        weights, every_pair = (self._log_weights(), self._log_transition()), self.method == "gpb2"
+        return FilterResult(
+            **bank_series.filter_many(self.filters, model, series, weights, every_pair, names)
+        )
+
     # ------------------------------------------------------------------ reset
 
     def _remember(self) -> None:
@@ -307,8 +425,7 @@ class IMMEstimator(BankStepper, BankSeries):
 
     def __repr__(self) -> str:
         """Show every public attribute, one below the other."""
-        names = [name for name in self.__dict__ if not name.startswith("_")]
-        return describe(self, [*names, "cbar", "omega"])
+        return describe(self, "cbar", "omega")
 
 
 def _log(p: FloatArray) -> FloatArray:

@@ -6,18 +6,46 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import as_observation
-from fuzzykf.engine.numpy import kalman as engine
-from fuzzykf.engine.selected import LinearStepper
+from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
+from fuzzykf.engine.selected import LinearStepper, predict_linear
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array
-from fuzzykf.kalman._arguments import as_covariance, as_matrix, as_square, as_state, control_term, fits
-from fuzzykf.kalman._gaussian import LEAST_LOG_LIKELIHOOD
-from fuzzykf.kalman._linear_series import LinearSeries
-from fuzzykf.kalman._moments import predict_linear
-from fuzzykf.kalman._overrides import lookups, overrides
+from fuzzykf.kalman.arguments import (
+    as_covariance,
+    as_matrix,
+    as_square,
+    as_state,
+    check_dimensions,
+    control_term,
+    fits,
+    observation_matrix,
+)
+from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD, GaussianFilter
+from fuzzykf.kalman.linear_series import LinearModel, control_terms, filter_many, filter_one
+from fuzzykf.kalman.overrides import lookups, overrides
+from fuzzykf.kalman.series import (
+    FIELDS,
+    as_batch,
+    as_result,
+    collect,
+    field_shapes,
+    given_per_step,
+    run_batch,
+    unchanged_on_error,
+)
+from fuzzykf.kalman.smoothing import rts_smoother, smooth_result
+from fuzzykf.kalman.updates import condition, condition_linear, log_density, observed, zero_where_missing
+from fuzzykf.kalman.variants import (
+    block_matrices,
+    block_of,
+    update_block,
+    update_with_gain,
+    whole_observation,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
@@ -25,7 +53,7 @@ if TYPE_CHECKING:
 __all__ = ["KalmanFilter"]
 
 
-class KalmanFilter(LinearStepper, LinearSeries):
+class KalmanFilter(LinearStepper, GaussianFilter):
     """Kalman filter of x_k = F x_{k-1} + B u_k + w_k, z_k = H x_k + v_k.
 
     It takes the place of ``filterpy.kalman.KalmanFilter``: construct it, assign the
@@ -112,6 +140,9 @@ class KalmanFilter(LinearStepper, LinearSeries):
            [0.9 ]])
     """
 
+    H: Any
+    M: Any
+
     def __init__(
         self,
         dim_x: int,
@@ -138,8 +169,7 @@ class KalmanFilter(LinearStepper, LinearSeries):
         Values slightly above 1 let old observations count for less (D. Simon,
         Optimal State Estimation, Wiley 2006, section 7.4).
         """
-        root: float = self._alpha_sq**0.5
-        return root
+        return float(self._alpha_sq**0.5)
 
     @alpha.setter
     def alpha(self, value: float) -> None:
@@ -213,14 +243,25 @@ class KalmanFilter(LinearStepper, LinearSeries):
             return
         self._remember()
         x, P, H, R = self._observation(R, H)
-        value = as_observation(z, H.shape[0])
+        value = observed(z, H.shape[0], x)
         if value is None:
             self._skip(x, P, H.shape[0])
             return
-        if x.ndim == 2:
-            value = value.reshape(-1, 1)
-        x, P, y, S, SI, K = self._conditioned_on(x, P, value, H, R)
+        x, P, y, S, SI, K = condition_linear(x, P, value, H, R, self._I, self.inv)
         self._set_innovation(x, P, value, y, S, SI, K)
+
+    def _observation(self, R: Any, H: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return x, P, H and R for this call; H and R are its own or the filter's."""
+        x, P, n, m = self.x, self.P, self.dim_x, self.dim_z
+        if H is None:
+            H = self.H
+        else:
+            H = observation_matrix("H", H, n)
+            m = H.shape[0]
+        R = self.R if R is None else as_covariance("R", R, m)
+        if not fits(n, m, x, P, H, R):
+            (x, P), H, R = self._state(), as_matrix("H", H, (m, n)), as_square("R", R, m)
+        return x, P, H, R
 
     def _step_any(self, z: ArrayLike | None) -> Any:
         """Do a step with any observation, by the verbs; an error leaves the filter as it was."""
@@ -246,6 +287,382 @@ class KalmanFilter(LinearStepper, LinearSeries):
     def _overrides(cls) -> int:
         return overrides(cls, _HOOKS) | overrides(cls, _VERBS) << 1
 
+    # ------------------------------------------------------------------ other verbs
+
+    def predict_steadystate(self, u: ArrayLike | None = None, B: ArrayLike | None = None) -> None:
+        """Predict the state and leave its covariance as it is.
+
+        Use it with `update_steadystate`, after K and P have converged.
+
+        Parameters
+        ----------
+        u : array_like, optional
+            Control input.
+        B : array_like, shape (dim_x, dim_u), optional
+            Used instead of the attribute ``B``.
+
+        Raises
+        ------
+        ShapeError
+            If the shapes do not agree.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], F=[[0.5]])
+        >>> for _ in range(50):
+        ...     _ = kf.step(0.0)
+        >>> P = kf.P.copy()
+        >>> kf.predict_steadystate()
+        >>> kf.update_steadystate(1.0)
+        >>> bool(kf.x == kf.K), bool((kf.P == P).all())
+        (True, True)
+        """
+        self._remember()
+        x, P = self._state()
+        F = as_matrix("F", self.F, (self.dim_x, self.dim_x))
+        x = F.dot(x) + control_term(self.B if B is None else B, u, x)
+        self._set_prior(x, P.copy())
+
+    def update_steadystate(self, z: ArrayLike | None) -> None:
+        """Update the state with the gain K as it is; P, S and K stay.
+
+        Parameters
+        ----------
+        z : array_like
+            The observation; None or NaN where missing.  A missing component counts
+            as if it had been observed where it was predicted, the gain being fixed.
+
+        Raises
+        ------
+        ShapeError
+            If the shapes do not agree.
+        """
+        self._remember()
+        x, P = self._state()
+        H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
+        K = as_matrix("K", self.K, (self.dim_x, self.dim_z))
+        value = observed(z, self.dim_z, x)
+        if value is None:
+            self._skip(x, P, self.dim_z)
+            return
+        x, y, seen = update_with_gain(x, value, H, K)
+        self._set_posterior(x, P.copy())
+        self.z, self.y = value, y
+        if seen is not None:
+            self._log_likelihood = log_density(y, as_square("S", self.S, self.dim_z), seen)
+
+    def update_correlated(
+        self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None
+    ) -> None:
+        """Update where the noise of the observation correlates with the error of the prediction.
+
+        With M = Cov(x - x_prior, v), the gain is K = (P H' + M) S^-1 with
+        S = H P H' + H M + M' H' + R.
+
+        Parameters
+        ----------
+        z : array_like
+            The observation; None or NaN where missing.
+        R : array_like, optional
+            Used instead of the attribute ``R``; a scalar means that multiple of the identity.
+        H : array_like, shape (m, dim_x), optional
+            Used instead of the attribute ``H``.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            Wrong shapes; an inadmissible ``R``; an S that cannot be inverted.
+
+        References
+        ----------
+        D. Simon, Optimal State Estimation, Wiley 2006, section 7.1.
+
+        Examples
+        --------
+        >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]])
+        >>> kf.M = [[0.5]]
+        >>> kf.update_correlated(3.0)
+        >>> kf.K, kf.P
+        (array([[0.5]]), array([[0.25]]))
+        """
+        self._remember()
+        x, P, H, R = self._observation(R, H)
+        M = as_matrix("M", self.M, (self.dim_x, H.shape[0]))
+        value = observed(z, H.shape[0], x)
+        if value is None:
+            self._skip(x, P, H.shape[0])
+            return
+        y, seen = zero_where_missing(value - H.dot(x), value)
+        x, P, S, SI, K = condition(x, P, y, H, R, self._I, self.inv, seen, M)
+        self._set_innovation(x, P, value, y, S, SI, K)
+
+    def update_sequential(
+        self, start: int, z_i: ArrayLike, R_i: ArrayLike | None = None, H_i: ArrayLike | None = None
+    ) -> None:
+        """Update with some neighbouring components of an observation.
+
+        Where R is block diagonal, one call per block gives the same estimate as one
+        update with all components.  The entries of z, y and K that belong to the
+        block are written, S and SI are not; the likelihoods are those of the block
+        given all that came before it.
+
+        Parameters
+        ----------
+        start : int
+            Index of the first component of the block.
+        z_i : array_like
+            The components; NaN where missing.
+        R_i : array_like, optional
+            Their noise covariance; by default that block of ``R``.
+        H_i : array_like, shape (m, dim_x), optional
+            Their rows of the observation matrix; by default those of ``H``.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            Wrong shapes; a block outside the observation; an inadmissible ``R_i``.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> whole = KalmanFilter(dim_x=2, dim_z=2, H=np.eye(2))
+        >>> parts = whole.copy()
+        >>> whole.update([1.0, 2.0])
+        >>> parts.update_sequential(0, 1.0)
+        >>> parts.update_sequential(1, 2.0)
+        >>> bool(np.allclose(whole.x, parts.x))
+        True
+        """
+        self._remember()
+        (x, P), m = self._state(), self.dim_z
+        block = block_of(start, np.size(z_i), m)
+        H, R = block_matrices(block, H_i, R_i, self.H, self.R, (m, self.dim_x))
+        whole = whole_observation(self.z, self.y, self.K, (m, 1)[: x.ndim], (self.dim_x, m))
+        x, P, log_likelihood, mahalanobis = update_block(x, P, z_i, H, R, block, whole, self._I, self.inv)
+        self._set_posterior(x, P)
+        self.z, self.y, self.K = whole
+        self._log_likelihood, self._mahalanobis = log_likelihood, mahalanobis
+
+    # ------------------------------------------------------------------ whole series
+
+    def filter(
+        self, zs: Iterable[ArrayLike | None] | ArrayLike, us: Sequence[Any] | None = None
+    ) -> FilterResult:
+        """Run predict and update along a series, from the current x and P on.
+
+        The filter ends at the last observation, so that `step` continues the series.
+
+        Parameters
+        ----------
+        zs : array_like
+            Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
+        us : sequence of n controls, optional
+            Given to `predict` one by one.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, ``x_prior``, ``P_prior`` and ``log_likelihood``.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `predict` and `update`; the filter is then as it was before.
+
+        Examples
+        --------
+        >>> result = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]]).filter([1.0, None, 2.0])
+        >>> result.x.ravel().round(3)
+        array([0.667, 0.667, 1.636])
+        """
+        series = as_observations(zs, self.dim_z)
+        self._remember()
+        if us is None and len(series) and self._is_plain():
+            return as_result(self._filter_at_once(series), zs)
+        stored = collect(self, series, field_shapes(self.dim_x), given_per_step(len(series), us=us))
+        return as_result(stored, zs)
+
+    def _filter_at_once(self, series: FloatArray, names: tuple[str, ...] = FIELDS) -> dict[str, FloatArray]:
+        """Do predict and update for a whole series, and stay at its last observation."""
+        stored, innovation = filter_one(self._model(), series, names)
+        x, P, x_prior, P_prior = (stored[name][-1] for name in FIELDS[:4])
+        self._end_series((x_prior, P_prior), (x, P), series[-1], innovation)
+        return stored
+
+    def _model(self) -> LinearModel:
+        n, m = self.dim_x, self.dim_z
+        (x, P), Q, F = self._state(), as_square("Q", self.Q, n), as_matrix("F", self.F, (n, n))
+        H, R = as_matrix("H", self.H, (m, n)), as_square("R", self.R, m)
+        return LinearModel(x, P, F, Q, H, R, self._alpha_sq)
+
+    def smooth(
+        self, zs: Iterable[ArrayLike | None] | ArrayLike, us: Sequence[Any] | None = None
+    ) -> FilterResult:
+        """Run `filter`, then the smoother of Rauch, Tung and Striebel backwards.
+
+        Parameters
+        ----------
+        zs, us
+            As in `filter`; the filter ends at the last observation.
+
+        Returns
+        -------
+        FilterResult
+            ``x`` and ``P`` given the whole series, and the ``log_likelihood`` of the filter.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `filter`.
+
+        Examples
+        --------
+        >>> result = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]]).smooth([1.0, None, 2.0])
+        >>> result.x.ravel().round(3)
+        array([0.909, 1.273, 1.636])
+        """
+        forward, d = self.filter(zs, us), self.dim_x
+        F = np.broadcast_to(as_matrix("F", self.F, (d, d)), (len(forward), d, d))
+        return smooth_result(forward, F, as_square("Q", self.Q, d), self._alpha_sq)
+
+    def filter_many(
+        self,
+        zs: ArrayLike,
+        keep: Iterable[str] = ("x", "P", "log_likelihood"),
+        us: ArrayLike | None = None,
+    ) -> FilterResult:
+        """Filter many series at once, each from the current x and P on.
+
+        The filter itself does not change.
+
+        Parameters
+        ----------
+        zs : array_like, shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1
+            NaN where missing; pad series of unequal length with NaN.
+        keep : sequence of str
+            What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
+        us : array_like, shape (series, n, dim_u) or (n, dim_u), optional
+            Controls; the latter are the same for every series.
+
+        Returns
+        -------
+        FilterResult
+            The fields in ``keep``, each with a leading axis for the series.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            Wrong shapes; an unknown name in ``keep``; an S that cannot be inverted.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]])
+        >>> result = kf.filter_many([[1.0, 2.0, 3.0], [1.0, np.nan, np.nan]], keep=["x"])
+        >>> result.x[..., 0].round(3)
+        array([[0.667, 1.5  , 2.429],
+               [0.667, 0.667, 0.667]])
+        """
+        names = check_keep(keep, FIELDS)
+        series, model = as_many(zs, self.dim_z), self._model()
+        terms = None if us is None else control_terms(self.B, us, series.shape[:2], self.dim_x)
+        return FilterResult(**filter_many(model, series, names, terms))
+
+    def batch_filter(
+        self,
+        zs: Sequence[ArrayLike | None] | ArrayLike,
+        Fs: Sequence[Any] | None = None,
+        Qs: Sequence[Any] | None = None,
+        Hs: Sequence[Any] | None = None,
+        Rs: Sequence[Any] | None = None,
+        Bs: Sequence[Any] | None = None,
+        us: Sequence[Any] | None = None,
+        update_first: bool = False,
+        saver: Any = None,
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Filter a series whose matrices may change from step to step.
+
+        Parameters
+        ----------
+        zs : sequence of n observations
+            None or NaN where missing.
+        Fs, Qs, Hs, Rs, Bs, us : sequence of n values, optional
+            Matrices and controls of each step; None, as a whole or for single steps,
+            means the attribute of the filter (for ``us``: no control).
+        update_first : bool
+            Update before predicting, instead of after it.
+        saver : filterpy.common.Saver, optional
+            Its ``save`` is called after each step.
+
+        Returns
+        -------
+        means, covariances, means_p, covariances_p : ndarray
+            After the updates and after the predictions; means of shape (n, dim_x, 1), or
+            (n, dim_x) if x is flat.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `predict` and `update`; the filter is then as it was before.
+
+        Examples
+        --------
+        >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]])
+        >>> means, covariances, means_p, covariances_p = kf.batch_filter([1.0, 2.0], Rs=[1.0, 2.0])
+        >>> means.shape, means.ravel().round(3)
+        ((2, 1, 1), array([0.667, 1.273]))
+        """
+        observations: Any = zs.to_numpy() if hasattr(zs, "to_numpy") else zs
+        if not hasattr(observations, "__len__"):
+            observations = list(observations)
+        n = len(observations)
+        self._remember()
+        x, _ = self._state()
+        given = (Fs, Qs, Hs, Rs, Bs, us, saver)
+        if n and not update_first and all(one is None for one in given) and self._is_plain():
+            series = as_observations(observations, self.dim_z)
+            return as_batch(self._filter_at_once(series, FIELDS[:4]), x.ndim == 1)  # no log-likelihood
+        moves, looks = given_per_step(n, us=us, Bs=Bs, Fs=Fs, Qs=Qs), given_per_step(n, Rs=Rs, Hs=Hs)
+
+        def predict(k: int) -> tuple[Any, Any]:
+            self.predict(**moves[k])
+            return self.x, self.P
+
+        def update(k: int) -> tuple[Any, Any]:
+            self.update(observations[k], **looks[k])
+            return self.x, self.P
+
+        with unchanged_on_error(self):
+            return run_batch(n, x.shape, predict, update, update_first, saver)
+
+    def rts_smoother(
+        self,
+        Xs: ArrayLike,
+        Ps: ArrayLike,
+        Fs: Sequence[Any] | None = None,
+        Qs: Sequence[Any] | None = None,
+        inv: Callable[[Any], Any] = np.linalg.inv,
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Smooth the output of `batch_filter`; see `fuzzykf.kalman.rts_smoother`.
+
+        Parameters
+        ----------
+        Xs, Ps, inv
+            As there.
+        Fs, Qs : sequence, optional
+            As there; by default the attributes ``F`` and ``Q`` at every step.
+
+        Returns
+        -------
+        x, P, K, Pp : ndarray
+            As there.
+        """
+        n = len(np.asarray(Xs))
+        Fs = [self.F] * n if Fs is None else Fs
+        Qs = [self.Q] * n if Qs is None else Qs
+        return rts_smoother(Xs, Ps, Fs, Qs, inv)
+
     # ------------------------------------------------------------------ without a change of state
 
     def get_prediction(
@@ -270,20 +687,19 @@ class KalmanFilter(LinearStepper, LinearSeries):
     def get_update(self, z: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
         """Return x and P that ``update(z)`` would lead to."""
         x, P, H, R = self._observation(None, None)
-        value = as_observation(z, self.dim_z)
+        value = observed(z, self.dim_z, x)
         if value is None:
             return x.copy(), P.copy()
-        x, P, *_ = self._conditioned_on(x, P, value.reshape(-1, 1) if x.ndim == 2 else value, H, R)
+        x, P, *_ = condition_linear(x, P, value, H, R, self._I, self.inv)
         return x, P
 
     def residual_of(self, z: ArrayLike) -> FloatArray:
         """Return z - H x_prior, NaN where z is missing."""
         x = as_state(self.x_prior, self.dim_x)
         H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
-        value = as_observation(z, self.dim_z)
-        value = np.full(self.dim_z, np.nan) if value is None else value
-        residual: FloatArray = (value.reshape(-1, 1) if x.ndim == 2 else value) - H.dot(x)
-        return residual
+        value = observed(z, self.dim_z, x)
+        expected: FloatArray = H.dot(x)
+        return np.full(expected.shape, np.nan) if value is None else value - expected
 
     def measurement_of_state(self, x: ArrayLike) -> FloatArray:
         """Return H x."""
@@ -299,12 +715,35 @@ class KalmanFilter(LinearStepper, LinearSeries):
         x, _ = self._state()
         H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
         S = as_matrix("S", self.S, (self.dim_z, self.dim_z))
-        value = as_observation(z, self.dim_z)
+        value = observed(z, self.dim_z, x)
         if value is None:
             return LEAST_LOG_LIKELIHOOD
-        kept = ~np.isnan(value)
-        y = value - H.dot(x).ravel()
-        return engine.log_normal(y[kept], S[np.ix_(kept, kept)])
+        y, seen = zero_where_missing(value - H.dot(x), value)
+        return log_density(y, S, seen)
+
+    def test_matrix_dimensions(
+        self,
+        z: ArrayLike | None = None,
+        H: ArrayLike | None = None,
+        R: ArrayLike | None = None,
+        F: ArrayLike | None = None,
+        Q: ArrayLike | None = None,
+    ) -> None:
+        """Check the shapes of x, P, Q, F, H, R and, if it is given, z.
+
+        Parameters
+        ----------
+        z, H, R, F, Q : array_like, optional
+            Checked instead of the attributes of these names.
+
+        Raises
+        ------
+        ShapeError
+            Names the matrix, its shape and the expected one.  It is an AssertionError as well.
+        """
+        given = {"Q": Q, "F": F, "H": H, "R": R}
+        matrices = {name: getattr(self, name) if value is None else value for name, value in given.items()}
+        check_dimensions(self.dim_x, self.dim_z, {"x": self.x, "P": self.P, **matrices}, z)
 
 
 #: What the verbs are, and what they call or read, before anybody changes it.
@@ -312,7 +751,7 @@ _VERBS = lookups(KalmanFilter, ("predict", "update"))
 _HOOKS = lookups(
     KalmanFilter,
     (
-        *("get_prediction", "_observation", "_state", "_conditioned_on", "_remember", "_skip"),
+        *("get_prediction", "_observation", "_state", "_remember", "_skip"),
         *("_set_prior", "_set_posterior", "_set_innovation"),
         *("__getattribute__", "__setattr__"),
         *("dim_x", "dim_z", "x", "P", "F", "Q", "H", "R", "z", "y", "S", "SI", "K", "alpha", "inv"),

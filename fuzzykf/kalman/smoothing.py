@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.engine.numpy import kalman_series as engine
+from fuzzykf.base import FilterResult
+from fuzzykf.engine.selected import rts_gains, smooth_linear
 from fuzzykf.errors import ShapeError
-from fuzzykf.kalman._arguments import as_matrix, as_square
+from fuzzykf.kalman.arguments import as_matrix, as_square
+from fuzzykf.kalman.series import FIELDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["rts_smoother", "smooth_moments"]
+__all__ = ["rts_smoother", "smooth_moments", "smooth_result"]
 
 
 def rts_smoother(
@@ -119,8 +121,15 @@ def smooth_moments(
     x, P : ndarray, shapes (n, d) and (n, d, d)
     """
     F, before = F[1:], P[:-1]
-    C = engine.rts_gains(before, P_prior[1:], F)
+    C = rts_gains(before, P_prior[1:], F)
     noise = np.broadcast_to(Q, F.shape)
     if alpha_sq != 1.0:
         noise = noise + (alpha_sq - 1.0) * (F @ before @ np.swapaxes(F, -1, -2))
-    return engine.smooth(x, P, x_prior, C, F, noise)
+    return smooth_linear(x, P, x_prior, C, F, noise)
+
+
+def smooth_result(forward: FilterResult, F: FloatArray, Q: FloatArray, alpha_sq: float = 1.0) -> FilterResult:
+    """Smooth what a filter found on its way forward; F, Q and ``alpha_sq`` as in `smooth_moments`."""
+    x, P, x_prior, P_prior = (getattr(forward, name) for name in FIELDS[:4])
+    x, P = smooth_moments(x, P, x_prior, P_prior, F, Q, alpha_sq)
+    return FilterResult(x=x, P=P, log_likelihood=forward.log_likelihood, index=forward.index)

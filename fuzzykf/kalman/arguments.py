@@ -19,12 +19,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SINGULAR",
+    "DimensionError",
     "SingularInnovationError",
     "as_covariance",
     "as_matrix",
     "as_square",
     "as_state",
     "as_vector",
+    "check_dimensions",
     "control_term",
     "dimension",
     "fits",
@@ -46,6 +48,13 @@ class SingularInnovationError(NotPositiveDefiniteError, np.linalg.LinAlgError):
     """The covariance S of the residual cannot be inverted.
 
     It is a `numpy.linalg.LinAlgError` too, which is what filterpy raises here.
+    """
+
+
+class DimensionError(ShapeError, AssertionError):
+    """A matrix of the wrong shape, found by `KalmanFilter.test_matrix_dimensions`.
+
+    It is an AssertionError too, which is what filterpy raises there.
     """
 
 
@@ -176,3 +185,26 @@ def control_term(B: Any, u: Any, x: FloatArray) -> FloatArray | float:
             f"expected {x.shape}, the shape of x"
         )
     return term
+
+
+def check_dimensions(n: int, m: int, values: dict[str, Any], z: Any) -> None:
+    """Check the shapes of x, P, Q, F, H and R, and of z unless it is None; see `DimensionError`."""
+    H = values["H"]
+    rows = np.shape(H)[0] if np.ndim(H) == 2 else m
+    one = {(), (1,), (1, 1)} if rows == 1 else set()
+    expected: dict[str, set[tuple[int, ...]]] = {
+        "x": {(n,), (n, 1)},
+        "P": {(n, n)},
+        "Q": {(n, n)},
+        "F": {(n, n)},
+        "H": {(rows, n)},
+        "R": {(rows, rows)} | one,
+    }
+    if z is not None:
+        values = values | {"z": z}
+        expected["z"] = {(rows, 1) if np.ndim(values["x"]) == 2 else (rows,)} | one
+    for name, admissible in expected.items():
+        shape = np.shape(values[name])
+        if shape not in admissible:
+            shapes = " or ".join(str(each) for each in sorted(admissible, key=len, reverse=True))
+            raise DimensionError(f"{name}: got shape {shape}, expected {shapes}")

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import Filter
-from fuzzykf.engine.numpy import imm as engine
+from fuzzykf.engine.selected import correct_bank, move_bank
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.kalman._arguments import SINGULAR, SingularInnovationError, as_square, as_state, control_term
-from fuzzykf.kalman._series import unchanged_on_error
+from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError, as_square, as_state, control_term
 from fuzzykf.kalman.extended import ExtendedKalmanFilter
 from fuzzykf.kalman.kalman_filter import KalmanFilter
+from fuzzykf.kalman.series import unchanged_on_error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,8 +28,7 @@ __all__ = [
     "linear_model",
     "member_states",
     "predict_members",
-    "put_posterior",
-    "put_prior",
+    "put_moments",
     "put_state",
     "skip_members",
     "update_members",
@@ -98,7 +97,7 @@ def predict_members(
     terms = None
     if u is not None:
         terms = np.array([np.broadcast_to(control_term(f.B, u, like), like.shape) for f in filters])
-    xs, Ps = engine.move_bank(xs, Ps, model["F"], model["Q"], fading(filters))
+    xs, Ps = move_bank(xs, Ps, model["F"], model["Q"], fading(filters))
     if terms is not None:
         xs = xs + terms.reshape(xs.shape)
     for f, x, P in zip(filters, xs.reshape(len(xs), *like.shape), Ps, strict=True):
@@ -123,47 +122,27 @@ def update_members(
     seen = np.logical_not(np.isnan(z)) if any(map(isnan, z.tolist())) else None
     xs, Ps = member_states(filters)
     try:
-        y, S, SI, K, xs, Ps, log_likelihood = engine.correct_bank(xs, Ps, z, model["H"], model["R"], seen)
+        y, S, SI, K, xs, Ps, log_likelihood = correct_bank(xs, Ps, z, model["H"], model["R"], seen)
     except np.linalg.LinAlgError as error:
         raise SingularInnovationError(SINGULAR) from error
     check_possible(z, log_likelihood, log_prior)
-    put_innovation(filters, z, xs, Ps, y, S, SI, K, log_likelihood)
-    return log_likelihood, xs, Ps
-
-
-def put_innovation(
-    filters: Sequence[Any],
-    z: FloatArray,
-    xs: FloatArray,
-    Ps: FloatArray,
-    y: FloatArray,
-    S: FloatArray,
-    SI: FloatArray,
-    K: FloatArray,
-    log_likelihood: FloatArray,
-) -> None:
-    """Make what an update with z found the state of plain members."""
     column = filters[0].x.ndim == 2
     states, residuals, value = (xs[..., None], y[..., None], z[:, None]) if column else (xs, y, z)
     members = zip(filters, states, Ps, residuals, S, SI, K, log_likelihood.tolist(), strict=True)
     for f, state, P, residual, S_f, SI_f, K_f, log_likelihood_f in members:
-        f._set_posterior(state, P)
-        f.z, f.y, f.S, f.SI, f.K = value.copy(), residual, S_f, SI_f, K_f
+        f._set_innovation(state, P, value.copy(), residual, S_f, SI_f, K_f)
         f._log_likelihood = log_likelihood_f
+    return log_likelihood, xs, Ps
 
 
 def put_state(filters: Sequence[Any], state: dict[str, FloatArray], z: FloatArray) -> None:
     """Make the state after a series, whose last observation is z, that of plain members."""
-    form, m = filters[0].x.shape, len(z)
-    xs, Ps = state["xs"], state["Ps"]
-    for f, x, P in zip(filters, state["xs_prior"], state["Ps_prior"], strict=True):
-        f._set_prior(x.reshape(form).copy(), P.copy())
-    if "y" in state:
-        y, S, SI, K = (state[name] for name in ("y", "S", "SI", "K"))
-        put_innovation(filters, z, xs, Ps, y, S, SI, K, state["modes"])
-    if np.isnan(z).all():
-        for f, x, P in zip(filters, xs, Ps, strict=True):
-            f._skip(x.reshape(form), P, m)
+    for k, f in enumerate(filters):
+        x, P, x_prior, P_prior = (state[name][k] for name in ("xs", "Ps", "xs_prior", "Ps_prior"))
+        innovation = tuple(state[name][k] for name in ("y", "S", "SI", "K")) if "y" in state else None
+        f._end_series((x_prior, P_prior), (x, P), z, innovation)
+        if not np.isnan(z).all():
+            f._log_likelihood = float(state["modes"][k])
 
 
 def check_possible(z: FloatArray, log_likelihood: FloatArray, log_prior: FloatArray | None) -> None:
@@ -196,20 +175,13 @@ def skip_members(filters: Sequence[Any]) -> None:
             f.update(None)
 
 
-def put_prior(f: Any, x: FloatArray, P: FloatArray) -> None:
-    """Make x (n,) and P the prediction of one member."""
+def put_moments(f: Any, when: str, x: FloatArray, P: FloatArray) -> None:
+    """Make x (n,) and P the estimate of one member, and that after the latest "prior" or "post"."""
     x = x.reshape(f.x.shape)
     f.x, f.P = x.copy(), P.copy()
-    if hasattr(f, "x_prior"):
-        f.x_prior, f.P_prior = x.copy(), P.copy()
-
-
-def put_posterior(f: Any, x: FloatArray, P: FloatArray) -> None:
-    """Make x (n,) and P the estimate of one member."""
-    x = x.reshape(f.x.shape)
-    f.x, f.P = x.copy(), P.copy()
-    if hasattr(f, "x_post"):
-        f.x_post, f.P_post = x.copy(), P.copy()
+    if hasattr(f, f"x_{when}"):
+        setattr(f, f"x_{when}", x.copy())
+        setattr(f, f"P_{when}", P.copy())
 
 
 def clone(f: Any) -> Any:

@@ -10,24 +10,42 @@ from fuzzykf.base import FilterResult
 from fuzzykf.errors import ShapeError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from fuzzykf.arrays import FloatArray
 
 __all__ = [
+    "BANK_FIELDS",
     "FIELDS",
     "as_batch",
     "as_result",
     "collect",
+    "empty_fields",
     "field_shapes",
     "filter_each",
     "given_per_step",
     "per_step",
+    "run_batch",
     "unchanged_on_error",
 ]
 
-#: What a filter with one mean and one covariance can tell about a series.
+#: What a filter with one mean and one covariance can tell about a series, and what a bank can.
 FIELDS = ("x", "P", "x_prior", "P_prior", "log_likelihood")
+BANK_FIELDS = (*FIELDS, "mu")
+
+
+def field_shapes(dim_x: int, modes: int = 0) -> dict[str, tuple[int, ...]]:
+    """Shapes of `FIELDS` at one step, or of `BANK_FIELDS`."""
+    square = (dim_x, dim_x)
+    shapes = {"x": (dim_x,), "P": square, "x_prior": (dim_x,), "P_prior": square, "log_likelihood": ()}
+    return shapes | {"mu": (modes,)} if modes else shapes
+
+
+def empty_fields(
+    names: Iterable[str], shapes: Mapping[str, tuple[int, ...]], *steps: int
+) -> dict[str, FloatArray]:
+    """Arrays for the fields named, with the leading axes ``steps``."""
+    return {name: np.empty((*steps, *shapes[name])) for name in names}
 
 
 class unchanged_on_error:
@@ -59,7 +77,7 @@ def per_step(name: str, values: Sequence[Any] | None, n: int) -> Sequence[Any]:
     return values
 
 
-def given_per_step(given: dict[str, Sequence[Any] | None], n: int) -> list[dict[str, Any]]:
+def given_per_step(n: int, **given: Sequence[Any] | None) -> list[dict[str, Any]]:
     """Return keyword arguments for each step, of the lists that were given; "us" becomes u."""
     lists = {name[:-1]: per_step(name, values, n) for name, values in given.items() if values is not None}
     return [{name: values[k] for name, values in lists.items()} for k in range(n)]
@@ -68,25 +86,24 @@ def given_per_step(given: dict[str, Sequence[Any] | None], n: int) -> list[dict[
 def collect(
     filter_: Any,
     series: FloatArray,
-    predict: Callable[[int], None],
-    update: Callable[[int, FloatArray], None],
-    shapes: dict[str, tuple[int, ...]],
+    shapes: Mapping[str, tuple[int, ...]],
+    moves: Sequence[Mapping[str, Any]],
+    looks: Sequence[Mapping[str, Any]] | None = None,
+    members: Iterable[Any] = (),
 ) -> dict[str, FloatArray]:
-    """Run a filter along a series and store the attributes named in ``shapes``."""
-    n = len(series)
-    stored = {name: np.empty((n, *shape)) for name, shape in shapes.items()}
-    for k in range(n):
-        predict(k)
-        update(k, series[k])
-        for name, values in stored.items():
-            values[k] = np.reshape(getattr(filter_, name), shapes[name])
+    """Run a filter along a series and store the attributes named in ``shapes``.
+
+    Its verbs are given the keyword arguments ``moves`` and ``looks`` of each step.  An error
+    leaves the filter and its ``members`` as they were.
+    """
+    stored = empty_fields(shapes, shapes, len(series))
+    with unchanged_on_error(filter_, *members):
+        for k, z in enumerate(series):
+            filter_.predict(**moves[k])
+            filter_.update(z, **(looks[k] if looks else {}))
+            for name, values in stored.items():
+                values[k] = np.reshape(getattr(filter_, name), shapes[name])
     return stored
-
-
-def field_shapes(dim_x: int) -> dict[str, tuple[int, ...]]:
-    """Shapes of `FIELDS` at one step."""
-    square = (dim_x, dim_x)
-    return {"x": (dim_x,), "P": square, "x_prior": (dim_x,), "P_prior": square, "log_likelihood": ()}
 
 
 def as_result(stored: dict[str, FloatArray], zs: Any, **more: Any) -> FilterResult:
@@ -105,7 +122,30 @@ def as_batch(
     return x, stored["P"], x_prior, stored["P_prior"]
 
 
-def filter_each(filter_: Any, series: FloatArray, names: tuple[str, ...], **arguments: Any) -> FilterResult:
+def run_batch(
+    n: int,
+    form: tuple[int, ...],
+    predict: Callable[[int], tuple[Any, Any]],
+    update: Callable[[int], tuple[Any, Any]],
+    update_first: bool,
+    saver: Any,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return filterpy's four arrays of what two verbs, called with the number of a step, return.
+
+    ``form`` is the shape of x; ``saver`` saves after each step.
+    """
+    square = (n, form[0], form[0])
+    means, covariances, means_p, covariances_p = (np.empty(s) for s in ((n, *form), square) * 2)
+    verbs = [(predict, means_p, covariances_p), (update, means, covariances)]
+    for k in range(n):
+        for verb, xs, Ps in reversed(verbs) if update_first else verbs:
+            xs[k], Ps[k] = verb(k)
+        if saver is not None:
+            saver.save()
+    return means, covariances, means_p, covariances_p
+
+
+def filter_each(filter_: Any, series: FloatArray, names: Iterable[str], **arguments: Any) -> FilterResult:
     """Filter many series one after another, each with a copy of the filter."""
     results = [filter_.copy().filter(zs, **arguments) for zs in series]
     if not results:

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import sys
-from math import exp, log, sqrt
+from math import exp, log
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.base import Filter
-from fuzzykf.engine.numpy import kalman as engine
-from fuzzykf.engine.numpy.kalman import seen_components
+from fuzzykf.engine.selected import seen_components
 from fuzzykf.gaussian import as_array
-from fuzzykf.kalman._arguments import (
-    SINGULAR,
-    SingularInnovationError,
-    as_covariance,
-    as_square,
-    as_state,
-    dimension,
-)
+from fuzzykf.kalman.arguments import as_covariance, as_square, as_state, dimension
+from fuzzykf.kalman.describe import describe
+from fuzzykf.kalman.updates import distance, log_density
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,9 +22,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["GaussianFilter", "describe"]
-
-_NUMPY_INVERSE = np.linalg.inv
+__all__ = ["LEAST_LIKELIHOOD", "LEAST_LOG_LIKELIHOOD", "GaussianFilter"]
 
 #: What filterpy reports as log-likelihood and likelihood before the first update.
 LEAST_LIKELIHOOD = sys.float_info.min
@@ -122,46 +114,20 @@ class GaussianFilter(Filter):
     def _state(self) -> tuple[FloatArray, FloatArray]:
         return as_state(self.x, self.dim_x), as_square("P", self.P, self.dim_x)
 
-    def _set_prior(self, x: FloatArray, P: FloatArray) -> None:
-        self.__dict__["x"], self.P = x, P
-        self.x_prior, self.P_prior = x.copy(), P.copy()
-
     def _turn(self, ndim: int) -> None:
         """Give all vectors the form of x, flat or column."""
         for name in ("x_prior", "x_post", "y", "z"):
             value = np.asarray(getattr(self, name))
             setattr(self, name, value.reshape(-1) if ndim == 1 else value.reshape(-1, 1))
 
+    def _set_prior(self, x: FloatArray, P: FloatArray) -> None:
+        self.__dict__["x"], self.P = x, P
+        self.x_prior, self.P_prior = x.copy(), P.copy()
+
     def _set_posterior(self, x: FloatArray, P: FloatArray) -> None:
         self.__dict__["x"], self.P = x, P
         self.x_post, self.P_post = x.copy(), P.copy()
         self._log_likelihood = self._likelihood = self._mahalanobis = None
-
-    # ------------------------------------------------------------------ update
-
-    def _skip(self, x: FloatArray, P: FloatArray, m: int) -> None:
-        """Update without an observation: the prediction is the new estimate."""
-        self._set_posterior(x.copy(), P.copy())
-        self.z = np.full(m if x.ndim == 1 else (m, 1), None)
-        self.y = np.zeros(self.z.shape)
-        self._log_likelihood, self._likelihood, self._mahalanobis = 0.0, 1.0, 0.0
-
-    def _correct(
-        self,
-        x: FloatArray,
-        P: FloatArray,
-        z: FloatArray,
-        y: FloatArray,
-        H: FloatArray,
-        R: FloatArray,
-        M: FloatArray | None = None,
-    ) -> None:
-        """Update with the residual y = z - H x; NaN in z marks what is missing."""
-        seen = seen_components(z)
-        if seen is not None:
-            y = np.where(seen.reshape(y.shape), y, 0.0)
-        x, P, S, SI, K = self._conditioned(x, P, y, H, R, M, seen)
-        self._set_innovation(x, P, z, y, S, SI, K)
 
     def _set_innovation(
         self,
@@ -176,30 +142,34 @@ class GaussianFilter(Filter):
         self._set_posterior(x, P)
         self.z, self.y, self.S, self.SI, self.K = z, y, S, SI, K
 
-    def _conditioned(
+    def _skip(self, x: FloatArray, P: FloatArray, m: int) -> None:
+        """Update without an observation: the prediction is the new estimate."""
+        self._set_posterior(x.copy(), P.copy())
+        self.z = np.full(m if x.ndim == 1 else (m, 1), None)
+        self.y = np.zeros(self.z.shape)
+        self._log_likelihood, self._likelihood, self._mahalanobis = 0.0, 1.0, 0.0
+
+    def _end_series(
         self,
-        x: FloatArray,
-        P: FloatArray,
-        y: FloatArray,
-        H: FloatArray,
-        R: FloatArray,
-        M: FloatArray | None = None,
-        seen: np.ndarray | None = None,
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return x, P, S, SI and K after conditioning on the components seen of y."""
-        block_inverse = engine.inverse if self.inv is _NUMPY_INVERSE else self.inv
-        invert = block_inverse
-        if seen is not None:
+        prior: tuple[FloatArray, FloatArray],
+        posterior: tuple[FloatArray, FloatArray],
+        z: FloatArray,
+        innovation: tuple[FloatArray, ...] | None,
+    ) -> None:
+        """Stay at the end of a series: its latest moments, x (dim_x,) and P, and observation (dim_z,).
 
-            def invert(S: FloatArray) -> FloatArray:
-                return engine.inverse_seen(S, seen, block_inverse)
-
-        try:
-            if M is None:
-                return engine.update(x, P, y, H, R, self._I, invert)
-            return engine.update_correlated(x, P, y, H, R, M, self._I, invert)
-        except np.linalg.LinAlgError as error:
-            raise SingularInnovationError(SINGULAR) from error
+        ``innovation`` has y, S, SI and K of the latest step of which something was observed.
+        """
+        (x_prior, P_prior), (x, P), form = prior, posterior, np.shape(self.x)
+        self._set_prior(x_prior.reshape(form).copy(), P_prior.copy())
+        x, P = x.reshape(form).copy(), P.copy()
+        if innovation is not None:
+            y, self.S, self.SI, self.K = innovation
+            self.y = y.reshape(-1, 1) if x.ndim == 2 else y
+        if np.isnan(z).all():
+            self._skip(x, P, len(z))
+        else:
+            self._set_innovation(x, P, z.reshape(self.y.shape).copy(), self.y, self.S, self.SI, self.K)
 
     # ------------------------------------------------------------------ likelihoods
 
@@ -211,12 +181,10 @@ class GaussianFilter(Filter):
         ``log(sys.float_info.min)`` before the first update, as in filterpy.
         """
         if self._log_likelihood is None:
-            y, S = self.y.ravel(), self.S
-            if y.size > 1 and type(self.z) is np.ndarray and self.z.shape == self.y.shape:
-                seen = seen_components(self.z)
-                if seen is not None:
-                    y, S = y[seen], S[np.ix_(seen, seen)]
-            self._log_likelihood = engine.log_normal(y, S)
+            y, z, seen = self.y, self.z, None
+            if y.size > 1 and type(z) is np.ndarray and z.shape == y.shape:
+                seen = seen_components(z)
+            self._log_likelihood = log_density(y, self.S, seen)
         return self._log_likelihood
 
     @property
@@ -231,23 +199,9 @@ class GaussianFilter(Filter):
     def mahalanobis(self) -> float:
         """Distance of the latest observation from its prediction, in standard deviations."""
         if self._mahalanobis is None:
-            y = self.y.ravel()
-            self._mahalanobis = sqrt(max(float(y.dot(self.SI).dot(y)), 0.0))
+            self._mahalanobis = distance(self.y, self.SI)
         return self._mahalanobis
 
     def __repr__(self) -> str:
         """Show every public attribute, one below the other."""
-        names = [name for name in self.__dict__ if not name.startswith("_")]
-        names += ["log_likelihood", "likelihood", "mahalanobis"]
-        return describe(self, names)
-
-
-def describe(filter_: object, names: list[str]) -> str:
-    """Lines ``name = value``; columns are shown as transposed rows."""
-    lines = [f"{type(filter_).__name__} object"]
-    for name in names:
-        value = getattr(filter_, name)
-        turned = isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[0] > value.shape[1] == 1
-        text = f"{name} = " + (f"{value.T}.T" if turned else str(value))
-        lines.append(text.replace("\n", "\n" + " " * (len(name) + 3)))
-    return "\n".join(lines)
+        return describe(self, "log_likelihood", "likelihood", "mahalanobis")

@@ -6,16 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.engine.numpy import imm as engine
-from fuzzykf.kalman._bank import (
+from fuzzykf.engine.selected import merge_modes
+from fuzzykf.kalman.bank import (
     check_possible,
     clone,
     predict_members,
-    put_posterior,
-    put_prior,
+    put_moments,
     update_members,
 )
-from fuzzykf.kalman._series import unchanged_on_error
+from fuzzykf.kalman.series import unchanged_on_error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +53,7 @@ class PairBranches:
         ]
         xs, Ps = _merge_pairs(omega, pairs)
         for f, x, P in zip(filters, xs, Ps, strict=True):
-            put_prior(f, x, P)
+            put_moments(f, "prior", x, P)
         return xs, Ps
 
     def update(
@@ -88,7 +87,7 @@ class PairBranches:
             prior = {name: value for name, value in f.__dict__.items() if name in ("x_prior", "P_prior")}
             f.__dict__.update(self.banks[int(np.argmax(weights[:, j]))][j].__dict__)
             f.__dict__.update(prior)
-            put_posterior(f, xs[j], Ps[j])
+            put_moments(f, "post", xs[j], Ps[j])
         modes = np.where(reached, within - np.where(reached, log_prior, 0.0), -np.inf)
         return log_modes - total, total, modes, xs, Ps
 
@@ -98,4 +97,4 @@ def _merge_pairs(
 ) -> tuple[FloatArray, FloatArray]:
     """Merge moments [i][j] over i with the weights (i, j)."""
     xs, Ps = (np.swapaxes(np.array(moments), 0, 1) for moments in zip(*pairs, strict=True))
-    return engine.merge(weights.T, xs, Ps)
+    return merge_modes(weights.T, xs, Ps)

@@ -1,0 +1,81 @@
+"""Whole series through a linear filter, all at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from fuzzykf.engine.selected import filter_linear, filter_linear_many
+from fuzzykf.errors import ShapeError
+from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError
+from fuzzykf.kalman.series import empty_fields, field_shapes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.arrays import FloatArray
+
+__all__ = ["LinearModel", "control_terms", "filter_many", "filter_one"]
+
+
+class LinearModel(NamedTuple):
+    """The attributes of a linear filter as arrays of the right shapes."""
+
+    x: FloatArray
+    P: FloatArray
+    F: FloatArray
+    Q: FloatArray
+    H: FloatArray
+    R: FloatArray
+    alpha_sq: float
+
+
+def filter_one(
+    model: LinearModel, series: FloatArray, names: Iterable[str]
+) -> tuple[dict[str, FloatArray], tuple[FloatArray, ...] | None]:
+    """Do predict and update for a series (n, m).
+
+    Returns
+    -------
+    stored : dict of ndarray
+        The fields named.
+    innovation : tuple of ndarray, or None
+        y, S, SI and K of the latest step of which something was observed.
+    """
+    x, P, F, Q, H, R, alpha_sq = model
+    stored = empty_fields(names, field_shapes(len(P)), len(series))
+    try:
+        return stored, filter_linear(x, P, series, F, Q, H, R, alpha_sq, None, stored)
+    except np.linalg.LinAlgError as error:
+        raise SingularInnovationError(SINGULAR) from error
+
+
+def filter_many(
+    model: LinearModel, series: FloatArray, names: Iterable[str], controls: FloatArray | None
+) -> dict[str, FloatArray]:
+    """Return the fields named for many series (series, n, m), with the terms B u of `control_terms`."""
+    x, P, F, Q, H, R, alpha_sq = model
+    out = empty_fields(names, field_shapes(len(P)), *series.shape[:2])
+    try:
+        filter_linear_many(x.ravel(), P, series, F, Q, H, R, alpha_sq, controls, out)
+    except np.linalg.LinAlgError as error:
+        raise SingularInnovationError(SINGULAR) from error
+    return out
+
+
+def control_terms(B: Any, us: ArrayLike, shape: tuple[int, ...], dim_x: int) -> FloatArray:
+    """Return the terms B u (series or 1, n, dim_x) for many observations of the shape (series, n)."""
+    controls = np.asarray(us, dtype=np.float64)
+    if B is None or np.ndim(B) != 2:
+        raise ShapeError(f"B: got shape {np.shape(B)}, expected ({dim_x}, dim_u) to go with us")
+    matrix = np.asarray(B, dtype=np.float64)
+    one, many = (shape[1], matrix.shape[1]), (*shape, matrix.shape[1])
+    if controls.shape == one:
+        controls = controls[None]
+    if controls.shape not in {(1, *one), many}:
+        raise ShapeError(f"us: got shape {np.shape(us)}, expected {many} or {one}")
+    terms: FloatArray = controls @ matrix.T
+    return terms
