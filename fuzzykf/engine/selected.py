@@ -6,7 +6,7 @@ This is the one place that binds them; `fuzzykf.engine.info` says which they are
 from __future__ import annotations
 
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 from fuzzykf import engine
 
@@ -44,29 +44,22 @@ BRUTE_FORCE = 0 if SUMMARISES else 4_000_000
 
 
 def _up_to(
-    largest: int, compiled: Callable[_P, _T], any_size: Callable[_P, _T], *where: int
+    largest: int, compiled: Callable[_P, _T], any_size: Callable[..., _T], first: int, second: int
 ) -> Callable[_P, _T]:
     """Return a compiled kernel that hands larger systems to its NumPy twin.
 
-    Parameters
-    ----------
-    largest : int
-        Most states, and most components of an observation, that the compiled one covers.
-    compiled, any_size : callable
-        The twins; their arguments are given by position.
-    where : int
-        Which arguments are arrays whose last axis is that of the states, or of the components.
+    Its arguments are given by position; ``first`` and ``second`` are those of matrices that have
+    a row for each state, and for each component of an observation.
     """
+    fast: Callable[..., _T] = compiled
 
     @wraps(compiled)
-    def kernel(*arguments: _P.args, **named: _P.kwargs) -> _T:
-        given: Any = arguments
-        for k in where:
-            if given[k].shape[-1] > largest:
-                return any_size(*arguments, **named)
-        return compiled(*arguments, **named)
+    def kernel(*arguments: Any) -> _T:
+        if len(arguments[first]) <= largest >= len(arguments[second]):
+            return fast(*arguments)
+        return any_size(*arguments)
 
-    return kernel
+    return cast("Callable[_P, _T]", kernel)
 
 
 if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
@@ -108,10 +101,16 @@ if TYPE_CHECKING or SUMMARISES:  # the signatures are the same
     from fuzzykf.engine.numpy import imm, kalman, kalman_series
 
     largest = compiled_kalman.LARGEST
-    predict_linear = _up_to(largest, compiled_kalman.predict_linear, kalman.predict_linear, 1)
+    predict_linear = _up_to(largest, compiled_kalman.predict_linear, kalman.predict_linear, 1, 1)
     update_linear = _up_to(largest, compiled_kalman.update_linear, kalman.update_linear, 1, 4)
-    filter_linear = _up_to(largest, compiled_kalman.filter_linear, kalman_series.filter_linear, 1, 2)
-    filter_bank = _up_to(largest, compiled_imm.filter_bank, imm.filter_bank, 1, 4)
+    filter_linear = _up_to(largest, compiled_kalman.filter_linear, kalman_series.filter_linear, 1, 6)
+
+    @wraps(compiled_imm.filter_bank)
+    def filter_bank(xs: Any, Ps: Any, log_mu: Any, log_M: Any, zs: Any, *more: Any) -> Any:
+        """See `fuzzykf.engine.numpy.imm.filter_bank`."""
+        twin: Any = compiled_imm if max(xs.shape[1], zs.shape[1]) <= largest else imm
+        return twin.filter_bank(xs, Ps, log_mu, log_M, zs, *more)
+
 else:
     from fuzzykf.engine.numpy.backward import best_path, smooth_back
     from fuzzykf.engine.numpy.convolution import convolve_parabola, refine

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import as_many, as_observations, check_keep
-from fuzzykf.engine.selected import predict_stack
+from fuzzykf.engine.selected import predict_stack, seen_components
 from fuzzykf.errors import ParameterError
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square, as_state, as_vector, control_term
 from fuzzykf.kalman.gaussian_filter import GaussianFilter
@@ -29,7 +29,7 @@ from fuzzykf.kalman.series import (
     unchanged_on_error,
 )
 from fuzzykf.kalman.smoothing import smooth_result
-from fuzzykf.kalman.updates import condition, observed, zero_where_missing
+from fuzzykf.kalman.updates import condition, observed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -254,8 +254,11 @@ class ExtendedKalmanFilter(GaussianFilter):
             self._skip(x, P, m)
             return
         # the residual function may be anything: it sees the prediction where z is missing
-        y = as_vector("residual", residual(np.where(np.isnan(value), predicted, value), predicted), predicted)
-        y, seen = zero_where_missing(y, value)
+        seen = seen_components(value)
+        known = value.copy() if seen is None else np.where(np.isnan(value), predicted, value)
+        y = as_vector("residual", residual(known, predicted), predicted)
+        if seen is not None:
+            y = np.where(seen.reshape(y.shape), y, 0.0)
         x, P, S, SI, K = condition(x, P, y, H, noise, self._I, self.inv, seen)
         self._set_innovation(x, P, value, y, S, SI, K)
 

@@ -70,10 +70,10 @@ def linearize_observation(
     h: Function, jacobian: Function | None, x: FloatArray, residual: Function
 ) -> tuple[FloatArray, FloatArray]:
     """Return h(x), in the form of x, and the Jacobian of h at x."""
-    predicted = np.asarray(h(x.ravel().copy()), dtype=np.float64)
+    predicted = np.asarray(h(x.flatten()), dtype=np.float64)
     m = predicted.size
-    predicted = as_vector("Hx", predicted, np.empty((m, 1)[: x.ndim]))
+    predicted = as_vector("Hx", predicted, np.empty(m if x.ndim == 1 else (m, 1)))
     if jacobian is None:
         flat = np.empty(m)
         return predicted, central_jacobian(lambda at: as_vector("Hx", h(at), flat), x.ravel(), residual)
-    return predicted, as_matrix("HJacobian", jacobian(x.ravel().copy()), (m, x.size))
+    return predicted, as_matrix("HJacobian", jacobian(x.flatten()), (m, x.size))
