@@ -59,7 +59,6 @@ class GaussianFilter(Filter):
     """
 
     x: Any = _StateAttribute()
-    P: Any
     Q: Any
     F: Any
     R: Any

@@ -6,10 +6,12 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from fuzzykf import IMMEstimator, KalmanFilter, engine
 from fuzzykf.engine import selected
+from fuzzykf.engine.numpy import kalman
 
 NUMPY_HOMES = {
     "pack": "fuzzykf.engine.numpy.switching",
@@ -72,6 +74,29 @@ def test_what_is_selected_is_what_info_says() -> None:
     for function, home in NUMPY_HOMES.items():
         module = getattr(selected, function).__module__
         assert module.startswith("fuzzykf.engine.compiled.") if name == "compiled" else module == home
+
+
+@pytest.mark.parametrize(("n", "m"), [(2, 1), (17, 1), (1, 17)])
+def test_systems_of_any_size_have_a_kernel(n, m) -> None:
+    # the compiled kernels cover up to 16 states and components: of more, selected asks NumPy
+    x, P, F, Q = np.ones(n), np.eye(n), 0.9 * np.eye(n), np.eye(n)
+    H, R, zs = np.ones((m, n)), np.eye(m), np.ones((3, m))
+    moved = selected.predict_linear(x, P, F, Q, 1.0)
+    for got, expected in zip(moved, kalman.predict_linear(x, P, F, Q, 1.0), strict=True):
+        np.testing.assert_allclose(got, expected, rtol=1e-12)
+    updated = selected.update_linear(*moved, zs[0], H, R)
+    for got, expected in zip(updated, kalman.update_linear(*moved, zs[0], H, R), strict=True):
+        np.testing.assert_allclose(got, expected, rtol=1e-10, atol=1e-12)
+    stored, modes = {"x": np.empty((3, n))}, {"x": np.empty((3, n))}
+    selected.filter_linear(x, P, zs, F, Q, H, R, 1.0, None, stored)
+    np.testing.assert_allclose(stored["x"][0], updated[0], rtol=1e-10)
+    model = {name: np.array([value] * 2) for name, value in (("F", F), ("Q", Q), ("H", H), ("R", R))}
+    half = np.log(np.full((2, 2), 0.5))
+    state = selected.filter_bank(
+        np.array([x, x]), np.array([P, P]), half[0], half, zs, model | {"alpha_sq": np.asarray(1.0)}, modes
+    )
+    assert state is not None
+    np.testing.assert_allclose(modes["x"], stored["x"], rtol=1e-10)  # both modes are the one system
 
 
 def test_filters_inherit_the_selected_steppers() -> None:
