@@ -173,7 +173,7 @@ class ExtendedKalmanFilter(GaussianFilter):
             If shapes do not agree, a function returns something else than it should,
             or arguments are given for an ``fx`` that is not there.
         """
-        self._remember()
+        self.remember_origin()
         u = 0 if u is None else u
         x, P = self._state()
         Q = as_square("Q", self.Q, self.dim_x)
@@ -236,7 +236,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         >>> ekf.x.round(3)
         array([2.235])
         """
-        self._remember()
+        self.remember_origin()
         x, P = self._state()
         if z is None:
             self._skip(x, P, self.dim_z)
@@ -280,7 +280,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         u
             As in `predict`.
         """
-        self._remember()
+        self.remember_origin()
         with unchanged_on_error(self):
             self.predict(u)
             self.update(z, HJacobian, Hx, args=args, hx_args=hx_args)
@@ -326,7 +326,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         n = len(series)
         before, after = per_step("fx_args", fx_args, n), per_step("hx_args", hx_args, n)
         moves = [dict(**control, **(before[k] or {})) for k, control in enumerate(given_per_step(n, us=us))]
-        self._remember()
+        self.remember_origin()
         return collect(self, series, shapes, moves, [after[k] or {} for k in range(n)])
 
     def smooth(

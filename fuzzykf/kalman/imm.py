@@ -214,7 +214,7 @@ class IMMEstimator(BankStepper, Filter):
         """
         if u is None and self._predict_at_once():
             return
-        self._remember()
+        self.remember_origin()
         log_mu = self._log_weights() if self._log_cbar is None else self._log_cbar
         log_joint, log_cbar, omega = log_mixing(log_mu, self._log_transition())
         xs, Ps = bank.member_states(self.filters)
@@ -248,7 +248,7 @@ class IMMEstimator(BankStepper, Filter):
         """
         if self._update_at_once(z):
             return
-        self._remember()
+        self.remember_origin()
         value = as_observation(z, self.dim_z)
         log_prior = self._log_cbar
         if log_prior is None:
@@ -330,7 +330,7 @@ class IMMEstimator(BankStepper, Filter):
             if stored is not None:
                 return stored
         moves = given_per_step(len(series), us=us)
-        self._remember()
+        self.remember_origin()
         return collect(self, series, field_shapes(self.dim_x, self.N), moves, members=self.filters)
 
     def _filter_at_once(self, series: FloatArray) -> dict[str, FloatArray] | None:
@@ -341,7 +341,7 @@ class IMMEstimator(BankStepper, Filter):
         if result is None:
             return None
         stored, state = result
-        self._remember()
+        self.remember_origin()
         bank.put_state(self.filters, state, series[-1])
         x, P, x_prior, P_prior = (stored[name][-1].copy() for name in ("x", "P", "x_prior", "P_prior"))
         form = self.filters[0].x.shape
@@ -403,7 +403,8 @@ class IMMEstimator(BankStepper, Filter):
 
     # ------------------------------------------------------------------ reset
 
-    def _remember(self) -> None:
+    def remember_origin(self) -> None:
+        """Keep the state of the bank and of its members; see `Filter.remember_origin`."""
         if "_origin" not in self.__dict__:
             own = {name: value for name, value in self.__dict__.items() if name != "filters"}
             members = [copy.deepcopy(f.__dict__, {id(f): f}) for f in self.filters]
@@ -459,7 +460,7 @@ _VERBS = lookups(IMMEstimator, ("predict", "update"))
 _HOOKS = lookups(
     IMMEstimator,
     (
-        *("_log_weights", "_log_transition", "_set_weights", "_merged", "_remember", "cbar", "omega"),
+        *("_log_weights", "_log_transition", "_set_weights", "_merged", "remember_origin", "cbar", "omega"),
         *("__getattribute__", "__setattr__"),
         *("filters", "mu", "M", "N", "method", "dim_x", "dim_z", "x", "P", "x_prior", "P_prior"),
         *("x_post", "P_post", "likelihood", "mode_log_likelihood", "log_likelihood"),

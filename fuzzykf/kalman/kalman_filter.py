@@ -211,7 +211,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         if u is None and B is None and F is None and Q is None and self._predict_at_once():
             return
-        self._remember()
+        self.remember_origin()
         self._set_prior(*self.get_prediction(u, B, F, Q))
 
     def update(self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None) -> None:
@@ -241,7 +241,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         if R is None and H is None and self._update_at_once(z):
             return
-        self._remember()
+        self.remember_origin()
         x, P, H, R = self._observation(R, H)
         value = observed(z, H.shape[0], x)
         if value is None:
@@ -318,7 +318,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> bool(kf.x == kf.K), bool((kf.P == P).all())
         (True, True)
         """
-        self._remember()
+        self.remember_origin()
         x, P = self._state()
         F = as_matrix("F", self.F, (self.dim_x, self.dim_x))
         x = F.dot(x) + control_term(self.B if B is None else B, u, x)
@@ -338,7 +338,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         ShapeError
             If the shapes do not agree.
         """
-        self._remember()
+        self.remember_origin()
         x, P = self._state()
         H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
         K = as_matrix("K", self.K, (self.dim_x, self.dim_z))
@@ -386,7 +386,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> kf.K, kf.P
         (array([[0.5]]), array([[0.25]]))
         """
-        self._remember()
+        self.remember_origin()
         x, P, H, R = self._observation(R, H)
         M = as_matrix("M", self.M, (self.dim_x, H.shape[0]))
         value = observed(z, H.shape[0], x)
@@ -434,7 +434,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> bool(np.allclose(whole.x, parts.x))
         True
         """
-        self._remember()
+        self.remember_origin()
         (x, P), m = self._state(), self.dim_z
         block = block_of(start, np.size(z_i), m)
         H, R = block_matrices(block, H_i, R_i, self.H, self.R, (m, self.dim_x))
@@ -477,7 +477,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         array([0.667, 0.667, 1.636])
         """
         series = as_observations(zs, self.dim_z)
-        self._remember()
+        self.remember_origin()
         if us is None and len(series) and self._is_plain():
             return as_result(self._filter_at_once(series), zs)
         stored = collect(self, series, field_shapes(self.dim_x), given_per_step(len(series), us=us))
@@ -617,7 +617,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         if not hasattr(observations, "__len__"):
             observations = list(observations)
         n = len(observations)
-        self._remember()
+        self.remember_origin()
         x, _ = self._state()
         given = (Fs, Qs, Hs, Rs, Bs, us, saver)
         if n and not update_first and all(one is None for one in given) and self._is_plain():
@@ -751,7 +751,7 @@ _VERBS = lookups(KalmanFilter, ("predict", "update"))
 _HOOKS = lookups(
     KalmanFilter,
     (
-        *("get_prediction", "_observation", "_state", "_remember", "_skip"),
+        *("get_prediction", "_observation", "_state", "remember_origin", "_skip"),
         *("_set_prior", "_set_posterior", "_set_innovation"),
         *("__getattribute__", "__setattr__"),
         *("dim_x", "dim_z", "x", "P", "F", "Q", "H", "R", "z", "y", "S", "SI", "K", "alpha", "inv"),

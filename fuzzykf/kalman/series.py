@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import FilterResult
+from fuzzykf import results
+from fuzzykf.base import FilterResult, index_of
 from fuzzykf.errors import ShapeError
 
 if TYPE_CHECKING:
@@ -36,9 +37,7 @@ BANK_FIELDS = (*FIELDS, "mu")
 
 def field_shapes(dim_x: int, modes: int = 0) -> dict[str, tuple[int, ...]]:
     """Shapes of `FIELDS` at one step, or of `BANK_FIELDS`."""
-    square = (dim_x, dim_x)
-    shapes = {"x": (dim_x,), "P": square, "x_prior": (dim_x,), "P_prior": square, "log_likelihood": ()}
-    return shapes | {"mu": (modes,)} if modes else shapes
+    return results.field_shapes(BANK_FIELDS if modes else FIELDS, state=dim_x, node=modes)
 
 
 def empty_fields(
@@ -108,8 +107,7 @@ def collect(
 
 def as_result(stored: dict[str, FloatArray], zs: Any, **more: Any) -> FilterResult:
     """Make a `FilterResult` that remembers the index of a pandas object."""
-    index = getattr(zs, "index", None) if hasattr(zs, "to_numpy") else None
-    return FilterResult(**stored, **more, index=index)
+    return FilterResult(**stored, **more, index=index_of(zs))
 
 
 def as_batch(

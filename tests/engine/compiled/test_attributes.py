@@ -41,7 +41,7 @@ def make(cls=Compiled, n=3, m=2, flat=False, begun=True):
     x = rng.normal(size=n if flat else (n, 1))
     f = cls(n, m, x=x, P=root @ root.T + np.eye(n), F=F, H=rng.normal(size=(m, n)), Q=0.3, R=0.7)
     if begun:
-        f._remember()
+        f.remember_origin()
     return f
 
 

@@ -172,7 +172,7 @@ def assert_state(f, state, out):
 @pytest.mark.parametrize(("n", "m", "K"), [(1, 1, 2), (2, 1, 3), (4, 2, 7)])
 def test_a_step_writes_all_attributes(n, m, K, flat) -> None:
     f = bank(OnlyCompiled, n, m, K, flat)
-    f._remember()
+    f.remember_origin()
     for z in observations(8, m):
         expected = reference_step(f, z)
         assert f.step(z) is f.x
