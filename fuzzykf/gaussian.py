@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LOG_2PI",
+    "RANK_TOLERANCE",
     "as_array",
     "check_covariance",
     "check_definite",
@@ -35,6 +36,7 @@ __all__ = [
     "normal_quantile",
     "semidefinite_root",
     "symmetrize",
+    "whitening",
 ]
 
 LOG_2PI = float(np.log(2.0 * np.pi))
@@ -45,6 +47,9 @@ EIGENVALUE_TOLERANCE = 1e-10
 
 #: Largest relative difference between a matrix and its transpose that is rounding.
 SYMMETRY_TOLERANCE = 1e-8
+
+#: Eigenvalues of a correlation matrix below this count as zero: directions without spread.
+RANK_TOLERANCE = 1e-13
 
 
 def as_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
@@ -219,6 +224,31 @@ def semidefinite_root(P: FloatArray) -> FloatArray:
     root = np.sqrt(np.maximum(eigenvalues, 0.0))
     product: FloatArray = (vectors * root[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     return product
+
+
+def whitening(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Split space into the directions with and without spread.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (d, d)
+        Symmetric and positive semi-definite.
+
+    Returns
+    -------
+    whiten : ndarray, shape (r, d)
+        |whiten v|^2 = v' matrix^-1 v on the range of ``matrix``; whiten' whiten is a
+        generalised inverse.
+    null : ndarray, shape (d - r, d)
+        null v = 0 exactly for the v in the range.
+    """
+    deviation = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    unit = np.where(deviation > 0.0, deviation, 1.0)
+    # Ranks are judged on correlations: units of the components must not matter.
+    eigenvalues, vectors = np.linalg.eigh(matrix / unit[:, None] / unit)
+    spread = eigenvalues > RANK_TOLERANCE
+    whiten = (vectors[:, spread] / np.sqrt(eigenvalues[spread])).T / unit
+    return whiten, vectors[:, ~spread].T / unit
 
 
 def log_density(residual: FloatArray, factor: FloatArray) -> FloatArray:

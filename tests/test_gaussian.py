@@ -222,6 +222,15 @@ def test_quantiles():
     np.testing.assert_allclose(one, scipy.stats.norm.ppf(0.9, 2, 3), rtol=1e-8)
 
 
+def test_whitening_splits_space():
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(4, 2))
+    whiten, null = gaussian.whitening(root @ root.T)
+    assert (whiten.shape, null.shape) == ((2, 4), (2, 4))
+    np.testing.assert_allclose(null @ root, 0.0, atol=1e-6)
+    np.testing.assert_allclose(whiten @ (root @ root.T) @ whiten.T, np.eye(2), atol=1e-10)
+
+
 def test_module_is_light():
     import subprocess
     import sys

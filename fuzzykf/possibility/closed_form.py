@@ -28,43 +28,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.gaussian import LOG_2PI, symmetrize
+from fuzzykf.gaussian import LOG_2PI, RANK_TOLERANCE, symmetrize, whitening
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["Posterior", "condition", "possibility", "predict", "restart", "whitening"]
-
-#: Eigenvalues of a correlation matrix below this count as zero: directions without spread.
-RANK_TOLERANCE = 1e-13
+__all__ = ["Posterior", "condition", "possibility", "predict", "restart"]
 
 #: A residual in a direction without spread contradicts it beyond this relative rounding error.
 CONTRADICTION = 1e-9
-
-
-def whitening(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Split space into the directions with and without spread.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (d, d)
-        Symmetric and positive semi-definite.
-
-    Returns
-    -------
-    whiten : ndarray, shape (r, d)
-        |whiten v|^2 = v' matrix^-1 v on the range of ``matrix``; whiten' whiten is a
-        generalised inverse.
-    null : ndarray, shape (d - r, d)
-        null v = 0 exactly for the v in the range.
-    """
-    deviation = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    unit = np.where(deviation > 0.0, deviation, 1.0)
-    # Ranks are judged on correlations: units of the components must not matter.
-    eigenvalues, vectors = np.linalg.eigh(matrix / unit[:, None] / unit)
-    spread = eigenvalues > RANK_TOLERANCE
-    whiten = (vectors[:, spread] / np.sqrt(eigenvalues[spread])).T / unit
-    return whiten, vectors[:, ~spread].T / unit
 
 
 def predict(

@@ -188,12 +188,3 @@ def test_restart_is_the_limit_of_a_vague_prediction():
     np.testing.assert_allclose(H @ x, z)
     np.testing.assert_allclose(H @ spread @ H.T, R)
     assert closed_form.restart(m, np.zeros((3, 3)), z, H, R) is None
-
-
-def test_whitening_splits_space():
-    rng = np.random.default_rng(0)
-    root = rng.normal(size=(4, 2))
-    whiten, null = closed_form.whitening(root @ root.T)
-    assert (whiten.shape, null.shape) == ((2, 4), (2, 4))
-    np.testing.assert_allclose(null @ root, 0.0, atol=1e-6)
-    np.testing.assert_allclose(whiten @ (root @ root.T) @ whiten.T, np.eye(2), atol=1e-10)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import check_covariance
-from fuzzykf.possibility.closed_form import whitening
+from fuzzykf.gaussian import check_covariance, whitening
 from fuzzykf.possibility.memberships.base import Membership, as_vector
 from fuzzykf.possibility.norms import LUKASIEWICZ
 
