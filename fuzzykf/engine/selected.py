@@ -8,7 +8,15 @@ from __future__ import annotations
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
+import numpy as np
+
 from fuzzykf import engine
+from fuzzykf.engine.numpy.grid import CUT, sharpness, subgrid_minimum  # these are NumPy on both engines
+from fuzzykf.engine.numpy.raster import samples, tangents
+from fuzzykf.engine.numpy.scales import Scale, from_membership, scaled, to_membership
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import FloatArray, IntArray
 
 # what exists in NumPy only
 from fuzzykf.engine.numpy.imm import correct_bank, log_mixing, move_bank
@@ -139,14 +147,30 @@ else:
     from fuzzykf.engine.numpy.switching import Kernel, first_step, log_pairs, node_mean, pack, run, step
     from fuzzykf.engine.numpy.switching_many import step_many
 
+
+
+def best_sources(cost: FloatArray, table: FloatArray, combine: np.ufunc) -> IntArray:
+    """Best source of each target, found in the way that is fastest for this engine, size and kernel.
+
+    Parameters and result are those of `convolve_table`.
+    """
+    if cost.shape[0] * table.size <= BRUTE_FORCE:
+        return convolve_table(cost, table, combine)
+    if combine is np.add and is_convex(table):
+        return convolve_convex(cost, table)
+    return convolve_bounded(cost, table, combine)
+
+
 __all__ = [
-    "BRUTE_FORCE",
+    "CUT",
     "SUMMARISES",
     "BankStepper",
     "Kernel",
     "LinearStepper",
+    "Scale",
     "Stepper",
     "best_path",
+    "best_sources",
     "continue_tails",
     "convolve_bounded",
     "convolve_convex",
@@ -163,6 +187,7 @@ __all__ = [
     "first_step",
     "flat_cells",
     "forward_backward",
+    "from_membership",
     "interpolate",
     "interpolate_lines",
     "inverse",
@@ -186,12 +211,18 @@ __all__ = [
     "rts_gains",
     "run",
     "seen_components",
+    "samples",
+    "scaled",
+    "sharpness",
     "smooth_back",
     "smooth_linear",
     "span",
     "step",
     "step_many",
     "stranded",
+    "subgrid_minimum",
+    "tangents",
+    "to_membership",
     "totals",
     "update_correlated",
     "update_linear",

@@ -11,7 +11,7 @@ from fuzzykf.base import Filter
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, check_covariance
 from fuzzykf.possibility.beliefs import BoxBelief, GridBelief, QuadraticBelief
-from fuzzykf.possibility.grid.noise import as_noise
+from fuzzykf.possibility.memberships import as_membership
 from fuzzykf.possibility.representation import FAMILIES, as_box, as_quadratic
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.beliefs import Belief
     from fuzzykf.possibility.closed_form import Posterior
-    from fuzzykf.possibility.grid.propagation import Universe
+    from fuzzykf.possibility.grid.universe import Universe
     from fuzzykf.possibility.memberships import IntervalMembership, Membership
     from fuzzykf.possibility.norms import TNorm
     from fuzzykf.possibility.representation import Representation
@@ -106,7 +106,9 @@ class EstimatorState(Filter):
 
     @membership.setter
     def membership(self, value: Membership | Sequence[Membership | None]) -> None:
-        self._belief = self._believe("membership", as_noise("membership", value, self.dim_x, self.t_norm))
+        self._belief = self._believe(
+            "membership", as_membership("membership", value, self.dim_x, self.t_norm)
+        )
 
     @property
     def process_noise(self) -> Membership:
@@ -116,7 +118,7 @@ class EstimatorState(Filter):
     @process_noise.setter
     def process_noise(self, value: Membership | Sequence[Membership | None] | None) -> None:
         self._process_noise = self._as_used(
-            "process_noise", as_noise("process_noise", value, self.dim_x, self.t_norm)
+            "process_noise", as_membership("process_noise", value, self.dim_x, self.t_norm)
         )
 
     @property
@@ -127,7 +129,7 @@ class EstimatorState(Filter):
     @measurement_noise.setter
     def measurement_noise(self, value: Membership | Sequence[Membership | None]) -> None:
         self._measurement_noise = self._as_used(
-            "measurement_noise", as_noise("measurement_noise", value, self.dim_z, self.t_norm)
+            "measurement_noise", as_membership("measurement_noise", value, self.dim_z, self.t_norm)
         )
 
     @property

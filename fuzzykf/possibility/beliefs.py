@@ -10,7 +10,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 from fuzzykf.possibility import closed_form
 from fuzzykf.possibility.grid import conditioning
-from fuzzykf.possibility.grid.lattice import MOST_PARTS, Lattice
+from fuzzykf.possibility.grid.lattice import Lattice
 from fuzzykf.possibility.grid.noise import decompose
 from fuzzykf.possibility.grid.propagation import propagate
 from fuzzykf.possibility.intervals import boxes
@@ -19,7 +19,8 @@ from fuzzykf.possibility.representation import FAMILIES, as_box, as_quadratic
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.possibility.grid.propagation import Universe
+    from fuzzykf.possibility.grid.noise import Noise
+    from fuzzykf.possibility.grid.universe import Universe
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import (
         EllipticalMembership,
@@ -216,6 +217,7 @@ class GridBelief:
 
     lattice: Lattice
     universe: Universe
+    noise: Noise | None = None  # of the latest prediction: it is mostly the same at the next one
 
     @classmethod
     def of(cls, name: str, membership: Membership, t_norm: TNorm, universe: Universe) -> GridBelief:
@@ -251,23 +253,25 @@ class GridBelief:
 
     def predict(self, move: Mapping, noise: Membership) -> Outcome:
         """Warp by the map, and convolution with the noise."""
-        t_norm = self.lattice.t_norm
-        lower, upper = self.bounds()
-        lattice, lost = propagate(self.lattice, move, decompose(noise, t_norm, upper - lower), self.universe)
-        level, notes = float(t_norm.membership(lost)), _coarse(lattice, self.universe)
-        if level > (LOSS_BOUNDED if self.universe.bounded else LOSS_UNBOUNDED):
+        t_norm, universe, parts = self.lattice.t_norm, self.universe, self.noise
+        if parts is None or parts.membership is not noise:
+            parts = decompose(noise, t_norm)
+        lattice, lost = propagate(self.lattice, move, parts, universe)
+        notes = lattice.notes(follows=universe.domain is None)
+        level = 0.0 if np.isinf(lost) else float(t_norm.membership(lost))
+        if level > (LOSS_BOUNDED if universe.bounded else LOSS_UNBOUNDED):
             notes.append(
                 f"domain: states of membership up to {level:.3g} leave it at this prediction and count as "
                 "impossible from now on; widen the domain, or leave it out so that the grid follows the state"
             )
-        return Outcome(self._with(lattice), notes=notes)
+        return Outcome(GridBelief(lattice, universe, parts), notes=notes)
 
     def update(self, measure: Mapping, noise: Membership, z: FloatArray) -> Outcome:
         """Combine with a measurement, on a lattice that fits the result."""
         found = conditioning.condition(self.lattice, measure, noise, z, self.universe)
         if found.lattice is None:
             return Outcome(None, found.possibility, found.reachable, found.notes)
-        notes = found.notes or _coarse(found.lattice, self.universe)
+        notes = found.notes or found.lattice.notes(follows=self.universe.domain is None)
         return Outcome(self._with(found.lattice), found.possibility, found.reachable, notes)
 
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> GridBelief | None:
@@ -276,19 +280,4 @@ class GridBelief:
         return None if lattice is None else self._with(lattice)
 
     def _with(self, lattice: Lattice) -> GridBelief:
-        return GridBelief(lattice, self.universe)
-
-
-def _coarse(lattice: Lattice, universe: Universe) -> list[str]:
-    """Return a warning if the membership is far narrower than the cells in some direction."""
-    if universe.domain is None and lattice.is_lone:
-        return [
-            "points: the likeliest states lie between neighbouring nodes of a grid that covers all states "
-            "above the floor; centroid and spread are inaccurate (ask for more points, or raise the floor)"
-        ]
-    if lattice.parts <= MOST_PARTS:
-        return []
-    return [
-        "points: in some direction the membership is narrower than a tenth of the cells; centroid and spread "
-        "are inaccurate (ask for more points, or choose components that are less correlated)"
-    ]
+        return GridBelief(lattice, self.universe, self.noise)

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.possibility.grid.lattice import grid_points
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray
 
-__all__ = ["Mapping", "matrix_of"]
+__all__ = ["Mapping", "grid_points", "matrix_of"]
 
 
 class Mapping:
@@ -79,11 +79,40 @@ class Mapping:
             value = value[..., self.components]
         return self._shifted(value)
 
-    def on_grid(self, axes: tuple[FloatArray, ...]) -> FloatArray:
-        """Map the nodes of a lattice, (n_1, ..., n_d, dim_out)."""
+    def on_grid(self, axes: tuple[FloatArray, ...], where: BoolArray) -> FloatArray:
+        """Map the nodes of a lattice, (n_1, ..., n_d, dim_out).
+
+        Parameters
+        ----------
+        axes : tuple of ndarray
+        where : ndarray of bool, shape (n_1, ..., n_d)
+            The nodes that matter.
+
+        Raises
+        ------
+        ParameterError
+            The value at such a node is not finite: names the function, the first node and the value.
+        """
+        with np.errstate(all="ignore"):
+            if self.matrix is None:
+                value = self(grid_points(axes))
+            else:
+                value = _apply_to_grid(self.matrix, axes, self.shift)
         if self.matrix is not None:
-            return _apply_to_grid(self.matrix, axes, self.shift)
-        return self(grid_points(axes))
+            # No term is larger than that of the outermost nodes.
+            largest = np.abs(self.matrix) @ [float(np.abs(axis).max()) for axis in axes] + np.abs(self.shift)
+            if np.isfinite(largest).all():
+                return value
+        if not np.isfinite(value).all():
+            bad = where & ~np.isfinite(value).all(axis=-1)
+            if bad.any():
+                first = tuple(np.argwhere(bad)[0])
+                x = [float(axis[k]) for axis, k in zip(axes, first, strict=True)]
+                raise ParameterError(
+                    f"{self.name}: returned {value[first].tolist()} at x = {x}, "
+                    "which is possible; expected finite numbers"
+                )
+        return value
 
     def _shifted(self, value: FloatArray) -> FloatArray:
         return value + self.shift if self.shift.any() else value
@@ -99,30 +128,6 @@ class Mapping:
                 f"{name}: returned shape {array.shape} for points of shape {x.shape}, expected {expected}"
             )
         return array
-
-    def require_finite(self, axes: tuple[FloatArray, ...], value: FloatArray, where: np.ndarray) -> None:
-        """Refuse NaN and infinite values at the nodes of a lattice that matter.
-
-        Raises
-        ------
-        ParameterError
-            Names the function, the first such node and the value.
-        """
-        if self.matrix is not None:
-            # No term is larger than that of the outermost nodes.
-            largest = np.abs(self.matrix) @ [float(np.abs(axis).max()) for axis in axes] + np.abs(self.shift)
-            if np.isfinite(largest).all():
-                return
-        if np.isfinite(value).all():
-            return
-        bad = where & ~np.isfinite(value).all(axis=-1)
-        if bad.any():
-            first = tuple(np.argwhere(bad)[0])
-            x = [float(axis[k]) for axis, k in zip(axes, first, strict=True)]
-            raise ParameterError(
-                f"{self.name}: returned {value[first].tolist()} at x = {x}, "
-                "which is possible; expected finite numbers"
-            )
 
     @property
     def has_interval(self) -> bool:
@@ -155,7 +160,7 @@ class Mapping:
             )
         return low[self.components] + self.shift, high[self.components] + self.shift
 
-    @property
+    @cached_property
     def is_invertible(self) -> bool:
         """Whether `inverse` can be called."""
         if self.matrix is None:
@@ -170,13 +175,6 @@ class Mapping:
             raise ParameterError(f"{self.name}_inverse: is not given")
         value = self._inverse(x - self.shift, **self._arguments)
         return self._checked(f"{self.name}_inverse", value, x, self.dim_in)
-
-    def inverse_on_grid(self, axes: tuple[FloatArray, ...]) -> FloatArray:
-        """Pre-images of the nodes of a lattice, (n_1, ..., n_d, dim_in)."""
-        if self.matrix is not None:
-            inverse = np.asarray(np.linalg.inv(self.matrix))
-            return _apply_to_grid(inverse, axes, -inverse @ self.shift)
-        return self.inverse(grid_points(axes))
 
     def require_inverse(self, x: FloatArray, tolerance: FloatArray) -> None:
         """Check that the inverse given by the user leads back to the points ``x``.
@@ -249,3 +247,11 @@ def matrix_of(mapping: Mapping) -> FloatArray:
     if mapping.matrix is None:
         raise ParameterError(f"{mapping.name}: expected a linear map, got a function")
     return mapping.matrix
+
+
+def grid_points(axes: tuple[FloatArray, ...]) -> FloatArray:
+    """All nodes (n_1, ..., n_d, d) of the lattice with these axes."""
+    points = np.empty((*(axis.size for axis in axes), len(axes)))
+    for k, axis in enumerate(axes):
+        points[..., k] = axis.reshape([-1 if m == k else 1 for m in range(len(axes))])
+    return points

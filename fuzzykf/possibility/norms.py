@@ -22,11 +22,12 @@ scale in which costs combine by their maximum.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from fuzzykf.engine.numpy.scales import from_membership, to_membership
+from fuzzykf.engine.selected import from_membership, to_membership
 from fuzzykf.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.engine.numpy.scales import Scale
+    from fuzzykf.engine.selected import Scale
 
 __all__ = [
     "BOUNDED_SUM",
@@ -136,9 +137,10 @@ class TNorm:
                 return np.expm1(negative_log)
         return -np.expm1(-negative_log)
 
-    def combine(self, first: FloatArray, second: FloatArray) -> FloatArray:
-        """Cost of two things together, from their costs."""
-        return first + second if self.additive else np.maximum(first, second)
+    @cached_property
+    def combine(self) -> np.ufunc:
+        """What makes the cost of two things together of their costs: the sum or the maximum."""
+        return np.add if self.additive else np.maximum
 
     def renormalise(self, cost: FloatArray, best: float) -> FloatArray:
         """Costs after division of all memberships by that of the cost ``best``.
@@ -152,7 +154,7 @@ class TNorm:
             return (cost - best) / (1.0 + best)
         return (cost - best) / (1.0 - best)
 
-    @property
+    @cached_property
     def impossible(self) -> float:
         """Cost from which on the membership is zero."""
         return 1.0 if self.scale == "complement" else np.inf

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.possibility.grid.noise import as_noise
-from fuzzykf.possibility.grid.propagation import Universe
+from fuzzykf.possibility.grid.universe import Universe
 from fuzzykf.possibility.memberships import (
     CauchyMembership,
     EllipticalMembership,
@@ -19,6 +18,7 @@ from fuzzykf.possibility.memberships import (
     Membership,
     ParabolicMembership,
     SingletonMembership,
+    as_membership,
 )
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def choose(
         If a membership is missing, or of the wrong dimension.
     """
     given = [
-        None if value is None else as_noise(name, value, dim, t_norm)
+        None if value is None else as_membership(name, value, dim, t_norm)
         for name, value, dim in (
             ("state", state, dim_x),
             ("process_noise", process_noise, dim_x),

@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import minimum_filter
 
-from fuzzykf.engine.numpy.grid import CUT, subgrid_minimum
-from fuzzykf.engine.selected import continue_tails
+from fuzzykf.engine.selected import CUT, continue_tails, subgrid_minimum
 from fuzzykf.possibility.grid.lattice import Lattice
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.possibility.grid.propagation import Universe
+    from fuzzykf.possibility.grid.universe import Universe
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import Membership
 
@@ -119,9 +118,7 @@ def _meeting(prior: FloatArray, surprise: FloatArray) -> float:
 
 def _residual(prior: Lattice, measure: Mapping, z: FloatArray) -> FloatArray:
     """Return z - h at the nodes (..., q), infinite where h is no number."""
-    with np.errstate(all="ignore"):
-        value = measure.on_grid(prior.axes)
-    measure.require_finite(prior.axes, value, prior.live(np.inf))
+    value = measure.on_grid(prior.axes, prior.live(np.inf))
     return np.where(np.isfinite(value), z - value, np.inf)
 
 

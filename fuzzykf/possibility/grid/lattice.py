@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.numpy.grid import sharpness, subgrid_minimum
-from fuzzykf.engine.selected import interpolate, live_cells, moments_about
+from fuzzykf.engine.selected import interpolate, live_cells, moments_about, sharpness, subgrid_minimum
 from fuzzykf.errors import ParameterError
+from fuzzykf.possibility.mapping import grid_points
 from fuzzykf.possibility.memberships import GridMembership
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["MOST_PARTS", "Lattice", "grid_points"]
+__all__ = ["Lattice"]
 
 #: Nodes wanted per standard deviation of the sharpest direction, for integrals to 0.1 %.
 RESOLUTION = 0.7
@@ -70,7 +70,7 @@ class Lattice:
             )
         return cls(axes, cost, t_norm)
 
-    @property
+    @cached_property
     def free(self) -> list[int]:
         """The axes of more than one node."""
         return [k for k, axis in enumerate(self.axes) if axis.size > 1]
@@ -80,7 +80,7 @@ class Lattice:
         """The nodes, shape (n_1, ..., n_d, d)."""
         return grid_points(self.axes)
 
-    @property
+    @cached_property
     def step(self) -> FloatArray:
         """Distances of neighbouring nodes (d,), zero along axes of length one."""
         return np.array([(axis[-1] - axis[0]) / max(axis.size - 1, 1) for axis in self.axes])
@@ -111,7 +111,7 @@ class Lattice:
             lower[k], upper[k] = axis[max(there[0] - 1, 0)], axis[min(there[-1] + 1, axis.size - 1)]
         return lower, upper
 
-    def live(self, limit: float) -> np.ndarray:
+    def live(self, limit: float) -> BoolArray:
         """Which nodes have a cost of at most ``limit`` and are not impossible."""
         return (self.cost <= limit) & (self.cost < self.t_norm.impossible)
 
@@ -125,18 +125,21 @@ class Lattice:
         return GridMembership(self.axes, self.memberships())
 
     @cached_property
+    def _sharpness(self) -> float:
+        return sharpness(self.cost)
+
+    @cached_property
     def parts(self) -> int:
         """Into how many parts a step has to be cut for sums over nodes to be integrals.
 
         A ridge that runs obliquely may be thinner than the cells; its costs are known
         between the nodes nevertheless.
         """
-        return max(1, int(np.ceil(RESOLUTION * np.sqrt(max(sharpness(self.cost), 0.0)))))
+        return max(1, int(np.ceil(RESOLUTION * np.sqrt(max(self._sharpness, 0.0)))))
 
-    @property
-    def is_lone(self) -> bool:
+    def _is_lone(self) -> bool:
         """Whether the likeliest node stands alone along some axis, and nothing is known around it."""
-        if sharpness(self.cost) > 0.0:
+        if self._sharpness > 0.0:
             return False
         best = [int(b) for b in np.unravel_index(int(np.argmin(self.cost)), self.cost.shape)]
         values = self.t_norm.renormalise(self.cost, float(self.cost[tuple(best)]))
@@ -146,6 +149,22 @@ class Lattice:
             if (self.t_norm.membership(beside) < LONE).all():
                 return True
         return False
+
+    def notes(self, *, follows: bool) -> list[str]:
+        """Warn of a membership that is far narrower than the cells of a grid that may follow it."""
+        if follows and self._is_lone():
+            return [
+                "points: the likeliest states lie between neighbouring nodes of a grid that covers all states "
+                "above the floor; centroid and spread are inaccurate (ask for more points, or raise the "
+                "floor)"
+            ]
+        if self.parts > MOST_PARTS:
+            return [
+                "points: in some direction the membership is narrower than a tenth of the cells; centroid "
+                "and spread are inaccurate (ask for more points, or choose components that are less "
+                "correlated)"
+            ]
+        return []
 
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
@@ -196,11 +215,3 @@ class Lattice:
         points = grid_points(axes)
         cost = self.at(points.reshape(-1, len(axes))).reshape(points.shape[:-1])
         return Lattice(axes, cost, self.t_norm)
-
-
-def grid_points(axes: tuple[FloatArray, ...]) -> FloatArray:
-    """All nodes (n_1, ..., n_d, d) of the lattice with these axes."""
-    points = np.empty((*(axis.size for axis in axes), len(axes)))
-    for k, axis in enumerate(axes):
-        points[..., k] = axis.reshape([-1 if m == k else 1 for m in range(len(axes))])
-    return points

@@ -9,77 +9,41 @@ known and rasterised forward otherwise (`fuzzykf.possibility.grid.warp`).  What 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fuzzykf.engine.selected import (
-    BRUTE_FORCE,
+    best_sources,
     continue_tails,
-    convolve_bounded,
-    convolve_convex,
     convolve_joint,
     convolve_parabola,
-    convolve_table,
     interpolate_lines,
-    is_convex,
     refine,
     totals,
 )
-from fuzzykf.possibility.grid.landing import landing
-from fuzzykf.possibility.grid.lattice import Lattice, grid_points
+from fuzzykf.possibility.grid.lattice import Lattice
 from fuzzykf.possibility.grid.meeting import meeting
-from fuzzykf.possibility.grid.noise import Kernel
+from fuzzykf.possibility.grid.noise import Kernel, shear
 from fuzzykf.possibility.grid.scalar import predict_scalar
-from fuzzykf.possibility.grid.warp import warp
-from fuzzykf.possibility.mapping import Mapping
+from fuzzykf.possibility.grid.warp import landing, warp
+from fuzzykf.possibility.mapping import Mapping, grid_points
 
 if TYPE_CHECKING:
+    from typing import TypeAlias
+
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.grid.noise import Noise
+    from fuzzykf.possibility.grid.universe import Universe
     from fuzzykf.possibility.memberships import Membership
 
-__all__ = ["Universe", "convolve_axis", "propagate"]
+    Kernels: TypeAlias = tuple[Kernel | None, ...]
+
+__all__ = ["convolve_axis", "propagate"]
 
 #: Tables up to this many entries are filled for a scalar state and a function without an inverse.
 DIRECT = 1_000_000
-
-#: A log cost beyond the best by more than this cannot win under any kernel in use.
-OVERFLOW = 600.0
-
-
-@dataclass(frozen=True)
-class Universe:
-    """How large a lattice is and where it lies.
-
-    Attributes
-    ----------
-    points : tuple of int
-        Nodes per axis.
-    domain : ndarray, shape (d, 2), or None
-        A fixed box; None lets the lattice follow the live region.
-    limit : float
-        Without a domain, states of a higher cost are left out.
-    bounded : bool
-        Whether the states form a bounded set, so that the edges of the lattice are
-        those of their support.
-    """
-
-    points: tuple[int, ...]
-    domain: FloatArray | None
-    limit: float
-    bounded: bool
-
-    def axis(self, k: int, lower: float, upper: float) -> FloatArray:
-        """Return the axis over the given bounds, or over the domain if there is one."""
-        if self.domain is not None:
-            lower, upper = self.domain[k]
-        return np.linspace(lower, upper, self.points[k])
-
-    def is_small(self, k: int, span: float) -> bool:
-        """Whether a span is so small a part of the domain that an axis of its own pays."""
-        return self.domain is not None and span < 0.5 * float(self.domain[k, 1] - self.domain[k, 0])
 
 
 def propagate(source: Lattice, move: Mapping, noise: Noise, universe: Universe) -> tuple[Lattice, float]:
@@ -107,19 +71,14 @@ def propagate(source: Lattice, move: Mapping, noise: Noise, universe: Universe) 
         If nothing is left within the domain.
     """
     d = len(source.axes)
-    if noise.basis is not None:
-        # Move to coordinates in which the noise has axes, and back.
-        back = np.asarray(np.linalg.inv(noise.basis))
-        domain = universe.domain
-        if domain is not None:
-            corners = grid_points(tuple(domain)).reshape(-1, d) @ back.T
-            domain = np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1)
-        inner = Universe(universe.points, domain, universe.limit, universe.bounded)
-        lattice, _ = _propagate(source, move.then(back, noise.peak), noise.kernels, inner)
-        return _propagate(lattice, Mapping("basis", d, d, matrix=noise.basis), (None,) * d, universe)
+    if noise.kernels is None:
+        lower, upper = source.bounds(universe.limit)
+        oblique = shear(noise.membership, source.t_norm, upper - lower)
+        if oblique is not None:
+            return _propagate_oblique(source, move, noise.peak, *oblique, universe)
     moved = move.then(np.eye(d), noise.peak) if noise.peak.any() else move
-    if noise.joint is not None:
-        return _propagate_joint(source, moved, noise.joint, universe)
+    if noise.kernels is None:
+        return _propagate_joint(source, moved, noise.membership, universe)
     kernel, size = noise.kernels[0], source.axes[0].size
     by_function = moved.matrix is None and not moved.is_invertible
     if d == 1 and kernel is not None and by_function and 1 < size <= DIRECT // universe.points[0]:
@@ -127,9 +86,19 @@ def propagate(source: Lattice, move: Mapping, noise: Noise, universe: Universe) 
     return _propagate(source, moved, noise.kernels, universe)
 
 
-def _propagate(
-    source: Lattice, move: Mapping, kernels: tuple[Kernel | None, ...], universe: Universe
+def _propagate_oblique(
+    source: Lattice, move: Mapping, peak: FloatArray, basis: FloatArray, kernels: Kernels, universe: Universe
 ) -> tuple[Lattice, float]:
+    """Predict in the coordinates of a basis, in which the noise has axes, and come back from there."""
+    d, domain, back = len(source.axes), universe.domain, np.asarray(np.linalg.inv(basis))
+    if domain is not None:
+        corners = grid_points(tuple(domain)).reshape(-1, d) @ back.T
+        domain = np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1)
+    lattice, _ = _propagate(source, move.then(back, peak), kernels, replace(universe, domain=domain))
+    return _propagate(lattice, Mapping("basis", d, d, matrix=basis), (None,) * d, universe)
+
+
+def _propagate(source: Lattice, move: Mapping, kernels: Kernels, universe: Universe) -> tuple[Lattice, float]:
     """Predict with one kernel (or none) per axis."""
     image = warp(source, move, kernels, universe)
     axes, cost = list(image.axes), image.cost
@@ -226,25 +195,12 @@ def _convolve_tabulated(
 ) -> FloatArray:
     """Convolve lines with a kernel of any other shape."""
     t_norm = kernel.t_norm
-    combine: np.ufunc = np.add if t_norm.additive else np.maximum
-    offset = target[:, None] - axis
-    table = kernel.cost(offset)
+    table = kernel.cost(target[:, None] - axis)
     table[table >= t_norm.impossible] = np.inf
-    if lines.shape[0] * table.size <= BRUTE_FORCE:
-        source = convolve_table(lines, table, combine)
-    elif kernel.reciprocal_scale is not None:
-        # Reciprocal memberships: the lower envelope of parabolas of different bends.
-        best = lines.min(axis=1, keepdims=True)
-        excess = lines - np.where(np.isfinite(best), best, 0.0)
-        reciprocal = np.where(excess < OVERFLOW, np.exp(np.minimum(excess, OVERFLOW)), np.inf)
-        source = convolve_bounded(reciprocal, 1.0 + (offset / kernel.reciprocal_scale) ** 2, np.multiply)
-    elif t_norm.additive and is_convex(table):
-        source = convolve_convex(lines, table)
-    else:
-        source = convolve_bounded(lines, table, combine)
+    source = best_sources(lines, table, t_norm.combine)
     step = axis[1] - axis[0]
     if t_norm.additive:
-        near = [totals(lines, table, source, shift, combine) for shift in range(-2, 3)]
+        near = [totals(lines, table, source, shift, t_norm.combine) for shift in range(-2, 3)]
         offset_used = target - axis[source]
         smooth = np.ones(source.shape, dtype=bool)
         for kink in kernel.kinks:
@@ -266,37 +222,32 @@ def _propagate_joint(
 ) -> tuple[Lattice, float]:
     """Predict with a noise that has no axes: offset by offset on the lattice of the result."""
     d, t_norm = len(source.axes), source.t_norm
-    combine: np.ufunc = np.add if t_norm.additive else np.maximum
     # Kernels of the components alone tell how far the noise reaches.
     shadows = tuple(Kernel(joint.project([k]), t_norm) for k in range(d))
     image = warp(source, move, shadows, universe, in_place=True)
     axes = tuple(universe.axis(k, *image.reached[k]) for k in range(d))
     if any(axis.size == 1 for axis in image.axes):
-        cost = _gather(Lattice(image.axes, image.cost, t_norm), axes, joint, combine)
+        cost = _gather(Lattice(image.axes, image.cost, t_norm), axes, joint)
         return Lattice(axes, cost, t_norm), image.lost
     step = [axis[1] - axis[0] for axis in axes]
     count, limit = [], universe.limit
     for k, shadow in enumerate(shadows):
-        below, above = shadow.reach(np.array([max(float(t_norm.membership(limit)), np.finfo(float).tiny)]))
-        half = max(-float(below[0]), float(above[0])) / step[k]
+        (below,), (above,) = shadow.reach(np.array([limit]))
+        half = max(-below, above) / step[k]
         count.append(int(min(np.ceil(half), axes[k].size)))
-    offsets = np.stack(
-        np.meshgrid(*(h * np.arange(-n, n + 1) for h, n in zip(step, count, strict=True)), indexing="ij"),
-        axis=-1,
-    )
+    offsets = grid_points(tuple(h * np.arange(-n, n + 1) for h, n in zip(step, count, strict=True)))
     kernel = joint.cost(offsets + joint.peak, t_norm)
     kernel[(kernel >= t_norm.impossible) | (kernel > limit)] = np.inf
-    cost = convolve_joint(image.cost, kernel, tuple(count), combine)
+    cost = convolve_joint(image.cost, kernel, tuple(count), t_norm.combine)
     return Lattice(axes, cost, t_norm), image.lost
 
 
-def _gather(
-    source: Lattice, axes: tuple[FloatArray, ...], joint: Membership, combine: np.ufunc
-) -> FloatArray:
+def _gather(source: Lattice, axes: tuple[FloatArray, ...], joint: Membership) -> FloatArray:
     """Costs of the new nodes from all old ones, which need not lie on the same lattice."""
     points = grid_points(axes)
     cost = np.full(points.shape[:-1], np.inf)
     live = source.live(np.inf)
     for start, value in zip(source.points[live], source.cost[live], strict=True):
-        np.minimum(cost, combine(joint.cost(points - start + joint.peak, source.t_norm), value), out=cost)
+        noise = joint.cost(points - start + joint.peak, source.t_norm)
+        np.minimum(cost, source.t_norm.combine(noise, value), out=cost)
     return cost

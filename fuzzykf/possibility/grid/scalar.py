@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.engine.numpy.scales import Scale
+    from fuzzykf.engine.selected import Scale
     from fuzzykf.possibility.grid.noise import Kernel
     from fuzzykf.possibility.mapping import Mapping
 
@@ -49,7 +49,6 @@ def predict_scalar(
     ndarray, shape (m,)
     """
     t_norm = kernel.t_norm
-    combine: np.ufunc = np.add if t_norm.additive else np.maximum
     with np.errstate(all="ignore"):
         image = move(axis[:, None])[:, 0]
     image = np.where(np.isfinite(image), image, np.nan)
@@ -57,9 +56,9 @@ def predict_scalar(
     table = kernel.cost(offset)
     table[~(table < t_norm.impossible)] = np.inf
     lines = cost[None]
-    source = convolve_table(lines, table, combine)
+    source = convolve_table(lines, table, t_norm.combine)
     if t_norm.additive:
-        left, out, right = (totals(lines, table, source, shift, combine)[0] for shift in (-1, 0, 1))
+        left, out, right = (totals(lines, table, source, shift, t_norm.combine)[0] for shift in (-1, 0, 1))
         with np.errstate(invalid="ignore", divide="ignore"):
             # The likeliest source between the nodes, by the parabola through three of them.
             shift = 0.5 * (left - right) / (left - 2.0 * out + right)
@@ -68,7 +67,8 @@ def predict_scalar(
         position = source[0] + np.where(smooth, shift, 0.0)
         found = _searched(axis, cost, move, target, kernel, position, ())
         rough = np.flatnonzero((out < t_norm.impossible) & ~(np.abs(found - expected) <= ROUGH))
-        found[rough] = _searched(axis, cost, move, target[rough], kernel, position[rough], HALVINGS)
+        if rough.size:
+            found[rough] = _searched(axis, cost, move, target[rough], kernel, position[rough], HALVINGS)
         out = np.fmin(out, found)
     else:
         out = meeting(lines, image, target, kernel, source)[0]
@@ -96,7 +96,8 @@ def _searched(
     def total(position: FloatArray) -> FloatArray:
         with np.errstate(all="ignore"):
             offset = target - move((axis[0] + position * step)[:, None])[:, 0]
-            return t_norm.combine(interpolate(cost, position[:, None], t_norm.scale), kernel.cost(offset))
+            at_source = interpolate(cost, position[:, None], t_norm.scale)
+            return np.asarray(t_norm.combine(at_source, kernel.cost(offset)))
 
     best = total(position)
     for width in widths:

@@ -1,4 +1,4 @@
-"""The image of a membership under a map, on a lattice.
+"""Where a map takes the nodes of a lattice, and the image of the membership on another.
 
 With an inverse, each node of the new lattice looks up its pre-image.  Without one, the
 cells of the old lattice are mapped forward and drawn with interpolation, the largest
@@ -18,32 +18,36 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.numpy.raster import samples, tangents
-from fuzzykf.engine.numpy.scales import scaled
 from fuzzykf.engine.selected import (
     continue_tails,
     corrected,
     cover,
     flat_cells,
     interpolate,
+    least_outside,
     live_cells,
     pull_back,
+    samples,
+    scaled,
+    span,
     stranded,
+    tangents,
 )
-from fuzzykf.possibility.grid.landing import landing
+from fuzzykf.errors import SupportLostError
 from fuzzykf.possibility.grid.noise import Kernel
+from fuzzykf.possibility.mapping import grid_points
 from fuzzykf.possibility.memberships import GaussianMembership, ParabolicMembership
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.possibility.grid.lattice import Lattice
-    from fuzzykf.possibility.grid.propagation import Universe
+    from fuzzykf.possibility.grid.universe import Universe
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import Membership
 
-__all__ = ["Image", "warp"]
+__all__ = ["Image", "Landing", "landing", "warp"]
 
 #: A spread of images below this part of their size is none.
 CONSTANT = 1e-13
@@ -53,6 +57,77 @@ SLAB = 1 << 15
 
 #: About so many live nodes try a user's inverse.
 TRIALS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Landing:
+    """Where a map takes the nodes of a lattice.
+
+    Attributes
+    ----------
+    image : ndarray, shape (n_1, ..., n_s, d)
+        Of all nodes.
+    live : ndarray of bool, shape (n_1, ..., n_s)
+        The nodes that matter.
+    low, high : ndarray, shape (d,)
+        Bounds of the images of live nodes and of their neighbours.
+    reached : list of (float, float)
+        Bounds per axis of what the noise will reach.
+    lost : float
+        Least cost of a state mapped out of the domain.
+    """
+
+    image: FloatArray
+    live: BoolArray
+    low: FloatArray
+    high: FloatArray
+    reached: list[tuple[float, float]]
+    lost: float
+
+    def nothing_left(self, universe: Universe) -> SupportLostError:
+        """Return the error for a prediction without any possible state."""
+        if universe.domain is None:
+            return SupportLostError("points: the possible states fall between the nodes; ask for more points")
+        where = ", ".join(f"[{a:.6g}, {b:.6g}]" for a, b in zip(self.low, self.high, strict=True))
+        return SupportLostError(
+            f"domain: all possible states have left {universe.domain.tolist()}, they are within {where}"
+        )
+
+
+def landing(source: Lattice, move: Mapping, kernels: Sequence[Kernel | None], universe: Universe) -> Landing:
+    """Map the nodes of a lattice, and find how far the noise will carry them.
+
+    Raises
+    ------
+    ParameterError
+        If the map returns something inadmissible at a possible state.
+    """
+    live = source.live(universe.limit if universe.domain is None else np.inf)
+    image = move.on_grid(source.axes, live)
+    low, high = span(image, live)
+    reached = list(zip(low.tolist(), high.tolist(), strict=True))
+    if universe.domain is not None:
+        return Landing(image, live, low, high, reached, _lost(source, image, universe.domain, low, high))
+    # State and noise are judged together.
+    cost = source.cost[live]
+    left = universe.limit - cost if source.t_norm.additive else np.full(cost.shape, universe.limit)
+    for k, kernel in enumerate(kernels):
+        if kernel is not None:
+            there = image[..., k][live]
+            below, above = kernel.reach(left)
+            inner, outer = float(there.min()) - low[k], high[k] - float(there.max())
+            lowest, highest = float((there + below).min()) - inner, float((there + above).max()) + outer
+            reached[k] = min(reached[k][0], lowest), max(reached[k][1], highest)
+    return Landing(image, live, low, high, reached, np.inf)
+
+
+def _lost(source: Lattice, image: FloatArray, domain: FloatArray, low: FloatArray, high: FloatArray) -> float:
+    """Least cost of a possible node mapped out of the domain."""
+    slack = 1e-9 * (domain[:, 1] - domain[:, 0])
+    if (low >= domain[:, 0] - slack).all() and (high <= domain[:, 1] + slack).all():
+        return np.inf
+    least = least_outside(image, source.cost, domain + slack[:, None] * [-1.0, 1.0])
+    return least if least < source.t_norm.impossible else np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +223,7 @@ def warp(
 def _extra_axes(
     source: Lattice,
     image: FloatArray,
-    live: np.ndarray,
+    live: BoolArray,
     moving: list[int],
     kernels: Sequence[Kernel | None],
     reached: list[tuple[float, float]],
@@ -207,7 +282,7 @@ def _pull_back(source: Lattice, move: Mapping, axes: tuple[FloatArray, ...]) -> 
     rows = max(1, SLAB * axes[0].size // int(np.prod([axis.size for axis in axes])))
     for start in range(0, axes[0].size, rows):
         with np.errstate(all="ignore"):
-            points = move.inverse_on_grid((axes[0][start : start + rows], *axes[1:]))
+            points = move.inverse(grid_points((axes[0][start : start + rows], *axes[1:])))
         cost.append(source.at(points.reshape(-1, len(axes))))
     return np.concatenate(cost)
 
@@ -305,9 +380,7 @@ class _Drawing:
 def _offsets(kernel: Kernel, k: int, image: FloatArray, universe: Universe) -> FloatArray:
     """Nodes along an axis of noise: all that is possible at all, or within the domain."""
     if universe.domain is None:
-        floor = np.clip(kernel.t_norm.membership(universe.limit), np.finfo(float).tiny, 1.0)
-        below, above = kernel.reach(np.atleast_1d(floor))
-        low, high = float(below[0]), float(above[0])
+        (low,), (high,) = kernel.reach(np.array([universe.limit]))
     else:
         low = max(kernel.lower, universe.domain[k, 0] - float(np.nanmax(image[..., k])))
         high = min(kernel.upper, universe.domain[k, 1] - float(np.nanmin(image[..., k])))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import reduce
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.possibility.memberships.base import Membership, as_level
+from fuzzykf.possibility.memberships.bounded import SingletonMembership
 from fuzzykf.possibility.memberships.sampled import GridMembership
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["CutMembership", "JointMembership", "sampled"]
+__all__ = ["CutMembership", "JointMembership", "as_membership", "sampled"]
 
 #: Memberships on the very edge of a cut may fall below its level by rounding.
 ROUNDING = 1e-12
@@ -184,6 +185,47 @@ class JointMembership(Membership):
     def project(self, components: Sequence[int]) -> JointMembership:
         """Return the membership of some components."""
         return JointMembership([self.components[k] for k in components], self.t_norm)
+
+
+def as_membership(
+    name: str, value: Membership | Sequence[Membership | None] | None, dim: int, t_norm: TNorm
+) -> Membership:
+    """Turn what a user gave for a state or a noise into one membership of that dimension.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument.
+    value : Membership, sequence of Membership or None, or None
+        One membership, or one scalar membership or None (no noise) per component.
+    dim : int
+    t_norm : TNorm
+        How the components combine.
+
+    Raises
+    ------
+    ParameterError
+        If the dimension or the number of components is another.
+    """
+    if value is None:
+        return SingletonMembership(np.zeros(dim))
+    if isinstance(value, Membership):
+        if value.dim != dim:
+            raise ParameterError(f"{name}: got a membership of {value.dim} dimensions, expected {dim}")
+        return value
+    try:
+        components: list[Any] = list(value)
+    except TypeError as error:
+        raise ParameterError(
+            f"{name}: got {value!r}, expected a membership, or a sequence of memberships or None"
+        ) from error
+    if len(components) != dim:
+        raise ParameterError(f"{name}: got {len(components)} components, expected {dim}")
+    for k, component in enumerate(components):
+        if component is not None and not (isinstance(component, Membership) and component.dim == 1):
+            raise ParameterError(f"{name}[{k}]: got {component!r}, expected a scalar membership or None")
+    filled = [SingletonMembership(0.0) if c is None else c for c in components]
+    return filled[0] if dim == 1 else JointMembership(filled, t_norm)
 
 
 def sampled(membership: Membership, level: float = 1e-8) -> GridMembership:
