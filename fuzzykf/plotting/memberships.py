@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.possibility.attributes import EstimatorState
+    from fuzzykf.possibility.estimator import FuzzyRelationEstimator
 
 __all__ = ["plot_estimate", "plot_membership"]
 
@@ -96,7 +96,7 @@ def plot_membership(
 
 
 def plot_estimate(
-    est: EstimatorState,
+    est: FuzzyRelationEstimator,
     ax: Axes | None = None,
     *,
     components: Sequence[int] | None = None,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError
+from fuzzykf.errors import EmptyIntersectionError, UnreachableMeasurementError
 from fuzzykf.possibility import closed_form
 from fuzzykf.possibility.grid import conditioning
 from fuzzykf.possibility.grid.lattice import Lattice
@@ -15,7 +15,7 @@ from fuzzykf.possibility.grid.noise import decompose
 from fuzzykf.possibility.grid.propagation import propagate
 from fuzzykf.possibility.intervals import boxes
 from fuzzykf.possibility.mapping import matrix_of
-from fuzzykf.possibility.representation import FAMILIES, as_box, as_quadratic
+from fuzzykf.possibility.representation import FAMILIES, required_box, required_quadratic
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -29,8 +29,9 @@ if TYPE_CHECKING:
         Membership,
     )
     from fuzzykf.possibility.norms import TNorm
+    from fuzzykf.possibility.representation import Representation
 
-__all__ = ["Belief", "BoxBelief", "GridBelief", "Outcome", "QuadraticBelief"]
+__all__ = ["Belief", "BoxBelief", "GridBelief", "Outcome", "QuadraticBelief", "believe", "nothing_explains"]
 
 #: The loss of states at an edge is reported from this membership on: of unbounded
 #: memberships, which every domain cuts somewhere, and of bounded ones.
@@ -129,13 +130,13 @@ class QuadraticBelief:
 
     def predict(self, move: Mapping, noise: Membership) -> Outcome:
         """Linear prediction."""
-        center, Q = _quadratic(noise, self.family)
+        center, Q = required_quadratic("noise", noise, self.family)
         x, P = closed_form.predict(self.x.ravel(), self.P, matrix_of(move), Q, move.shift + center)
         return Outcome(self._with(x, P))
 
     def update(self, measure: Mapping, noise: Membership, z: FloatArray) -> Outcome:
         """Linear update."""
-        center, R = _quadratic(noise, self.family)
+        center, R = required_quadratic("noise", noise, self.family)
         H = matrix_of(measure)
         found = closed_form.condition(self.x.ravel(), self.P, z - center, H, R, self.family)
         belief = None if found.x is None or found.P is None else self._with(found.x, found.P)
@@ -144,21 +145,12 @@ class QuadraticBelief:
 
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> QuadraticBelief | None:
         """Return what the measurement says of H x, and the prediction of the rest."""
-        center, R = _quadratic(noise, self.family)
+        center, R = required_quadratic("noise", noise, self.family)
         found = closed_form.restart(self.x.ravel(), self.P, z - center, matrix_of(measure), R)
         return None if found is None else self._with(*found)
 
     def _with(self, x: FloatArray, P: FloatArray) -> QuadraticBelief:
         return QuadraticBelief(self.family, x.reshape(self.x.shape), P)
-
-
-def _quadratic(noise: Membership, family: str) -> tuple[FloatArray, FloatArray]:
-    found = as_quadratic(noise, family)
-    if found is None:
-        raise ParameterError(
-            f"noise: this estimator keeps {family} memberships, expected noise of that shape"
-        )
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,26 +181,19 @@ class BoxBelief:
 
     def predict(self, move: Mapping, noise: Membership) -> Outcome:
         """Image of the box, enlarged by the noise."""
-        return Outcome(BoxBelief(boxes.predict(self.box, move, _box(noise))))
+        return Outcome(BoxBelief(boxes.predict(self.box, move, required_box("noise", noise))))
 
     def update(self, measure: Mapping, noise: Membership, z: FloatArray) -> Outcome:
         """Part of the box that explains a measurement."""
-        found = boxes.update(self.box, measure, _box(noise), z)
+        found = boxes.update(self.box, measure, required_box("noise", noise), z)
         if found is None:
-            return Outcome(None, 0.0, boxes.is_reachable(self.box, measure, _box(noise), z))
+            return Outcome(None, 0.0, boxes.is_reachable(self.box, measure, required_box("noise", noise), z))
         return Outcome(BoxBelief(found))
 
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> BoxBelief | None:
         """All states that explain the measurement."""
-        found = boxes.restart(self.box, measure, _box(noise), z)
+        found = boxes.restart(self.box, measure, required_box("noise", noise), z)
         return None if found is None else BoxBelief(found)
-
-
-def _box(noise: Membership) -> IntervalMembership:
-    box = as_box(noise)
-    if box is None:
-        raise ParameterError("noise: this estimator keeps intervals, expected crisp noise memberships")
-    return box
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,3 +266,51 @@ class GridBelief:
 
     def _with(self, lattice: Lattice) -> GridBelief:
         return GridBelief(lattice, self.universe, self.noise)
+
+
+def believe(
+    name: str,
+    membership: Membership,
+    representation: Representation,
+    t_norm: TNorm,
+    universe: Universe | None,
+) -> Belief:
+    """Bring a membership of the state into a representation.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for messages.
+    membership : Membership
+    representation : str
+    t_norm : TNorm
+    universe : Universe or None
+        Of a grid.
+
+    Raises
+    ------
+    ParameterError
+        If the membership has no such representation.
+    """
+    if universe is not None:
+        return GridBelief.of(name, membership, t_norm, universe)
+    if representation == "interval":
+        return BoxBelief(required_box(name, membership))
+    center, matrix = required_quadratic(name, membership, representation)
+    return QuadraticBelief(representation, center.reshape(-1, 1).copy(), matrix.copy())
+
+
+def nothing_explains(
+    z: FloatArray, measure: Mapping, belief: Belief, outcome: Outcome, note: str
+) -> EmptyIntersectionError:
+    """Return the error for a measurement that no possible state explains."""
+    if not outcome.reachable:
+        return UnreachableMeasurementError(
+            f"z: got {z.tolist()}, which {measure.name} does not reach from any state, whatever the "
+            f"admissible noise{note}"
+        )
+    lower, upper = belief.bounds()
+    return EmptyIntersectionError(
+        f"z: got {z.tolist()}, which no possible state explains; these are within {lower.tolist()} and "
+        f"{upper.tolist()}{note}"
+    )

@@ -31,9 +31,9 @@ import numpy as np
 from fuzzykf.gaussian import LOG_2PI, RANK_TOLERANCE, symmetrize, whitening
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, IntArray
 
-__all__ = ["Posterior", "condition", "possibility", "predict", "restart"]
+__all__ = ["Posterior", "condition", "over_all", "possibility", "predict", "restart"]
 
 #: A residual in a direction without spread contradicts it beyond this relative rounding error.
 CONTRADICTION = 1e-9
@@ -125,6 +125,24 @@ def condition(
     factor = {"gaussian": 1.0, "cauchy": 1.0 + surprise, "parabolic": 1.0 - surprise}[family]
     P = symmetrize(A @ P @ A.T + K @ R @ K.T) * factor
     return Posterior(x + K @ y, P, y, S, SI, K, surprise, log_likelihood)
+
+
+def over_all(
+    found: Posterior | None, seen: IntArray, dim_x: int, dim_z: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residual (dim_z,), inverse (dim_z, dim_z) and gain (dim_x, dim_z), zero for what was not seen.
+
+    Parameters
+    ----------
+    found : Posterior or None
+        Of the components seen; None if there are none.
+    seen : ndarray of int
+    dim_x, dim_z : int
+    """
+    y, SI, K = np.zeros(dim_z), np.zeros((dim_z, dim_z)), np.zeros((dim_x, dim_z))
+    if found is not None:
+        y[seen], K[:, seen], SI[np.ix_(seen, seen)] = found.y, found.K, found.SI
+    return y, SI, K
 
 
 def possibility(surprise: float, family: str) -> float:

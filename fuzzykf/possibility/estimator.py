@@ -8,33 +8,43 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fuzzykf.base import as_observation
-from fuzzykf.errors import (
-    EmptyIntersectionError,
-    ParameterError,
-    SupportWarning,
-    UnreachableMeasurementError,
-)
-from fuzzykf.gaussian import as_array, is_whole
-from fuzzykf.possibility.attributes import EstimatorState, as_map
-from fuzzykf.possibility.mapping import Mapping
+from fuzzykf.base import Filter, as_observation
+from fuzzykf.errors import ParameterError, SupportWarning
+from fuzzykf.gaussian import is_whole
+from fuzzykf.possibility.beliefs import QuadraticBelief, believe, nothing_explains
+from fuzzykf.possibility.closed_form import over_all
+from fuzzykf.possibility.mapping import Mapping, as_map, control
+from fuzzykf.possibility.memberships import as_membership
 from fuzzykf.possibility.norms import as_t_conorm, as_t_norm
-from fuzzykf.possibility.representation import choose, universe_of
+from fuzzykf.possibility.representation import (
+    FAMILIES,
+    as_center,
+    as_matrix,
+    as_used,
+    choose,
+    required_quadratic,
+    universe_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.possibility.beliefs import Belief, Outcome
+    from fuzzykf.possibility.closed_form import Posterior
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TConorm, TNorm
 
 __all__ = ["FuzzyRelationEstimator"]
 
+#: The components of a measurement that is missing.
+NONE_SEEN = np.zeros(0, dtype=np.intp)
 
-class FuzzyRelationEstimator(EstimatorState):
+
+class FuzzyRelationEstimator(Filter):
     """Recursive state estimation with membership functions in place of densities.
 
     The membership mu of the state x is propagated by the extension principle and
@@ -210,20 +220,17 @@ class FuzzyRelationEstimator(EstimatorState):
         self.F = np.eye(self.dim_x) if fx is None else None
         self.H = np.zeros((self.dim_z, self.dim_x)) if hx is None else None
         self.B = None
-        self._process_noise = self._as_used("process_noise", choice.process_noise)
-        self._measurement_noise = self._as_used("measurement_noise", choice.measurement_noise)
-        self._universe = None
-        if self.representation == "grid":
-            self._universe = universe_of(choice, self.t_norm, points, domain, floor)
-        self._belief = self._believe("state", choice.state)
+        self._process_noise = self._as_used("process_noise", choice.process_noise, self.dim_x)
+        self._measurement_noise = self._as_used("measurement_noise", choice.measurement_noise, self.dim_z)
+        on_grid = choice.representation == "grid"
+        self._universe = universe_of(choice, self.t_norm, points, domain, floor) if on_grid else None
+        self._belief = believe("state", choice.state, choice.representation, self.t_norm, self._universe)
         self.possibility = 1.0
         self.z: Any = np.full((dim_z, 1), None, dtype=object)
-        self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
-        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+        self.x_prior, self.P_prior = self._estimate()
+        self.x_post, self.P_post = self._estimate()
         if self.is_closed_form:
-            self.y = np.zeros((dim_z, 1))
-            self.S, self.SI = np.zeros((dim_z, dim_z)), np.zeros((dim_z, dim_z))
-            self.K = np.zeros((dim_x, dim_z))
+            self._set_gain(None, NONE_SEEN, np.zeros((self.dim_z, self.dim_z)))
         if self.representation == "gaussian":
             self._set_likelihood(float(np.log(sys.float_info.min)), 0.0)
 
@@ -255,16 +262,16 @@ class FuzzyRelationEstimator(EstimatorState):
         SupportLostError
             All states have left the domain.
         """
-        given = {k: v for k, v in (("u", u), ("B", B), ("F", F), ("Q", Q)) if v is not None}
         noise = self._process_noise
         if self.fx is None:
             _refuse_arguments("predict", fx_arguments, "fx")
             matrix = as_map("F", self.F if F is None else F, (self.dim_x, self.dim_x))
-            move = Mapping("F", self.dim_x, self.dim_x, matrix=matrix, shift=self._control(u, B))
+            shift = control(u, self.B if B is None else B, self.dim_x)
+            move = Mapping("F", self.dim_x, self.dim_x, matrix=matrix, shift=shift)
             if Q is not None:
-                self._require_closed_form("Q", "process_noise")
                 noise = self._with_matrix("Q", noise, Q)
         else:
+            given = {k: v for k, v in (("u", u), ("B", B), ("F", F), ("Q", Q)) if v is not None}
             move = Mapping(
                 "fx",
                 self.dim_x,
@@ -279,7 +286,7 @@ class FuzzyRelationEstimator(EstimatorState):
         self._remember()
         assert outcome.belief is not None
         self._belief = outcome.belief
-        self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
+        self.x_prior, self.P_prior = self._estimate()
 
     def update(
         self,
@@ -318,10 +325,9 @@ class FuzzyRelationEstimator(EstimatorState):
             matrix = as_map("H", self.H if H is None else H, (self.dim_z, self.dim_x))
             measure = Mapping("H", self.dim_x, self.dim_z, matrix=matrix, components=seen)
             if R is not None:
-                self._require_closed_form("R", "measurement_noise")
                 noise = self._with_matrix("R", noise, R)
             if self.is_closed_form:
-                S = matrix @ self.P @ matrix.T + self._quadratic("R", noise)[1]
+                S = matrix @ self.P @ matrix.T + required_quadratic("R", noise, self.representation)[1]
         else:
             given = {k: v for k, v in (("R", R), ("H", H)) if v is not None}
             measure = Mapping(
@@ -337,53 +343,219 @@ class FuzzyRelationEstimator(EstimatorState):
         outcome = self._belief.update(measure, observed, value[seen])
         belief = outcome.belief or self._resolve(outcome, measure, observed, value[seen])
         _warn(outcome)
-        self._remember()
-        self._belief, self.possibility = belief, outcome.possibility
-        self.z = value.reshape(-1, 1)
-        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+        self._learn(belief, outcome.possibility, value.reshape(-1, 1))
         if self.is_closed_form:
             self._set_gain(outcome.posterior, seen, S)
 
     def _skip(self) -> None:
         """Let a missing measurement pass: nothing is learned from it."""
-        self._remember()
-        self.possibility = 1.0
-        self.z = np.full((self.dim_z, 1), None, dtype=object)
-        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+        self._learn(self._belief, 1.0, np.full((self.dim_z, 1), None, dtype=object))
         if self.is_closed_form:
-            self._set_gain(None, np.zeros(0, dtype=np.intp), np.zeros((self.dim_z, self.dim_z)))
+            self._set_gain(None, NONE_SEEN, np.zeros((self.dim_z, self.dim_z)))
 
     def _resolve(self, outcome: Outcome, measure: Mapping, noise: Membership, z: FloatArray) -> Belief:
         """Do what `on_empty` says when nothing is left."""
         if self.on_empty == "keep":
             return self._belief
+        note = ""
         if self.on_empty == "reset":
             restarted = self._belief.restart(measure, noise, z)
             if restarted is not None:
                 return restarted
             note = "; nor does it bound the state, so that there is nothing to restart from"
-        else:
-            note = ""
-        if not outcome.reachable:
-            raise UnreachableMeasurementError(
-                f"z: got {z.tolist()}, which {measure.name} does not reach from any state, whatever the "
-                f"admissible noise{note}"
-            )
-        lower, upper = self._belief.bounds()
-        raise EmptyIntersectionError(
-            f"z: got {z.tolist()}, which no possible state explains; these are within {lower.tolist()} and "
-            f"{upper.tolist()}{note}"
-        )
+        raise nothing_explains(z, measure, self._belief, outcome, note)
 
-    def _control(self, u: ArrayLike | None, B: ArrayLike | None) -> FloatArray:
-        """Return B u, or zero without one of them, as in filterpy."""
-        matrix = self.B if B is None else B
-        if u is None or matrix is None:
-            return np.zeros(self.dim_x)
-        control = np.asarray(u, dtype=np.float64).ravel()
-        array = np.asarray(matrix, dtype=np.float64)
-        array = array * np.eye(self.dim_x) if array.ndim == 0 else array
-        return as_array("B", array, (self.dim_x, control.size)) @ as_array("u", control, (None,))
+    def _learn(self, belief: Belief, possibility: float, z: Any) -> None:
+        """Keep what an update has found."""
+        self._remember()
+        self._belief, self.possibility, self.z = belief, possibility, z
+        self.x_post, self.P_post = self._estimate()
+
+    def _estimate(self) -> tuple[Any, Any]:
+        """Copy x and P."""
+        x, P = self._belief.moments()
+        return x.copy(), P.copy()
+
+    def _set_likelihood(self, log_likelihood: float, mahalanobis: float) -> None:
+        """Set what only a Gaussian membership, read as a density, has."""
+        self.log_likelihood = log_likelihood
+        # As in filterpy, a likelihood too small for a float is the smallest one.
+        self.likelihood = max(float(np.exp(log_likelihood)), sys.float_info.min)
+        self.mahalanobis = mahalanobis
+
+    def _set_gain(self, found: Posterior | None, seen: IntArray, S: FloatArray) -> None:
+        """Keep residual and gain of an update; those of missing components are zero."""
+        y, self.SI, self.K = over_all(found, seen, self.dim_x, self.dim_z)
+        self.y, self.S = y if self.x.ndim == 1 else y.reshape(-1, 1), S
+        if self.representation == "gaussian":
+            if found is None:
+                self._set_likelihood(0.0, 0.0)
+            else:
+                self._set_likelihood(found.log_likelihood, float(np.sqrt(found.surprise)))
+
+    # ------------------------------------------------------------------ the state
+
+    @property
+    def is_closed_form(self) -> bool:
+        """Whether the membership is that of a quadratic form, with the attributes of a Kalman filter."""
+        return self.representation not in {"interval", "grid"}
+
+    @property
+    def x(self) -> Any:
+        """Centroid of the membership (dim_x, 1); flat if assigned flat."""
+        return self._belief.moments()[0]
+
+    @x.setter
+    def x(self, value: ArrayLike) -> None:
+        self._require_closed_form("x", "membership")
+        x = as_center(value, self.dim_x)
+        if x.shape != self.x.shape:  # flat or column: everything follows x
+            self.x_prior, self.x_post = self.x_prior.reshape(x.shape), self.x_post.reshape(x.shape)
+            self.y = self.y.reshape((-1,) if x.ndim == 1 else (-1, 1))
+        self._belief = QuadraticBelief(self.representation, x, self.P)
+
+    @property
+    def P(self) -> Any:
+        """Spread of the membership (dim_x, dim_x)."""
+        return self._belief.moments()[1]
+
+    @P.setter
+    def P(self, value: ArrayLike) -> None:
+        self._require_closed_form("P", "membership")
+        self._belief = QuadraticBelief(self.representation, self.x, as_matrix("P", value, self.dim_x))
+
+    @property
+    def membership(self) -> Membership:
+        """Membership of the state; assign one to go on from there."""
+        return self._belief.as_membership()
+
+    @membership.setter
+    def membership(self, value: Membership | Sequence[Membership | None]) -> None:
+        given = as_membership("membership", value, self.dim_x, self.t_norm)
+        self._belief = believe("membership", given, self.representation, self.t_norm, self._universe)
+
+    @property
+    def lower(self) -> FloatArray:
+        """Lower bounds (dim_x,) of the states that are possible at all (grid: above the floor)."""
+        return self._belief.bounds()[0]
+
+    @property
+    def upper(self) -> FloatArray:
+        """Upper bounds (dim_x,) of the states that are possible at all (grid: above the floor)."""
+        return self._belief.bounds()[1]
+
+    def defuzzify(self, method: Literal["centroid", "mean_of_maximum", "peak"] = "centroid") -> FloatArray:
+        """Turn the membership into one state.
+
+        Parameters
+        ----------
+        method : {"centroid", "mean_of_maximum", "peak"}
+            The centre of gravity is the robust choice.  The mean of the likeliest nodes
+            of a grid cannot be finer than its cells; the peak is that of a parabola
+            through the best node and its neighbours.
+
+        Returns
+        -------
+        ndarray, shape (dim_x, 1)
+
+        Raises
+        ------
+        ParameterError
+            If there is no such method.
+
+        Examples
+        --------
+        >>> from fuzzykf import FuzzyRelationEstimator, TriangularMembership
+        >>> est = FuzzyRelationEstimator(
+        ...     1, 1, state=TriangularMembership(0.0, 0.0, 3.0), points=301,
+        ...     measurement_noise=TriangularMembership(-1.0, 0.0, 1.0),
+        ... )
+        >>> est.defuzzify("centroid").round(3).item(), est.defuzzify("mean_of_maximum").item()
+        (1.0, 0.0)
+        """
+        if method == "centroid":
+            return np.array(self.x).reshape(-1, 1)
+        if method == "mean_of_maximum":
+            return self._belief.mean_of_maximum().reshape(-1, 1)
+        if method == "peak":
+            return self._belief.peak().reshape(-1, 1)
+        raise ParameterError(f"method: got {method!r}, expected 'centroid', 'mean_of_maximum' or 'peak'")
+
+    def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
+        """Draw the membership of the state, with the estimate marked.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; by default a new figure.
+        **options
+            See `fuzzykf.plotting.plot_estimate`: components, level, truth, label, unit.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from fuzzykf.plotting.memberships import plot_estimate
+
+        return plot_estimate(self, ax, **options)
+
+    # ------------------------------------------------------------------ the noise
+
+    @property
+    def Q(self) -> Any:
+        """Matrix of the process noise in the closed forms, else None."""
+        return getattr(self._process_noise, "matrix", None) if self.is_closed_form else None
+
+    @Q.setter
+    def Q(self, value: ArrayLike) -> None:
+        self._process_noise = self._with_matrix("Q", self._process_noise, value)
+
+    @property
+    def R(self) -> Any:
+        """Matrix of the measurement noise in the closed forms, else None."""
+        return getattr(self._measurement_noise, "matrix", None) if self.is_closed_form else None
+
+    @R.setter
+    def R(self, value: ArrayLike) -> None:
+        self._measurement_noise = self._with_matrix("R", self._measurement_noise, value)
+
+    @property
+    def process_noise(self) -> Membership:
+        """Membership of the process noise; assign one for noise that changes with time."""
+        return self._current(self._process_noise)
+
+    @process_noise.setter
+    def process_noise(self, value: Membership | Sequence[Membership | None] | None) -> None:
+        self._process_noise = self._as_used("process_noise", value, self.dim_x)
+
+    @property
+    def measurement_noise(self) -> Membership:
+        """Membership of the measurement noise; assign one for noise that changes with time."""
+        return self._current(self._measurement_noise)
+
+    @measurement_noise.setter
+    def measurement_noise(self, value: Membership | Sequence[Membership | None]) -> None:
+        self._measurement_noise = self._as_used("measurement_noise", value, self.dim_z)
+
+    def _as_used(self, name: str, value: Any, dim: int) -> Membership:
+        """Bring what a user gives for a noise into the form in which it is used."""
+        return as_used(name, as_membership(name, value, dim, self.t_norm), self.representation)
+
+    def _current(self, noise: Membership) -> Membership:
+        """Return a noise after edits of its matrix in place, as `Q` and `R` allow them."""
+        return as_used("noise", noise, self.representation) if self.is_closed_form else noise
+
+    def _with_matrix(self, name: Literal["Q", "R"], noise: Membership, value: ArrayLike) -> Membership:
+        """Return the noise with another matrix."""
+        self._require_closed_form(name, "process_noise" if name == "Q" else "measurement_noise")
+        return FAMILIES[self.representation](noise.peak, as_matrix(name, value, noise.dim))
+
+    def _require_closed_form(self, name: str, instead: str) -> None:
+        if not self.is_closed_form:
+            raise ParameterError(
+                f"{name}: has no meaning of its own in the representation {self.representation!r}; "
+                f"use {instead}"
+            )
 
 
 def _refuse_arguments(verb: str, arguments: dict[str, Any], function: str) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_array
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import BoolArray, FloatArray
 
-__all__ = ["Mapping", "grid_points", "matrix_of"]
+__all__ = ["Mapping", "as_map", "control", "grid_points", "matrix_of"]
 
 
 class Mapping:
@@ -234,6 +235,28 @@ def _apply_to_grid(matrix: FloatArray, axes: tuple[FloatArray, ...], shift: Floa
         along = axes[last].reshape([-1 if m == last else 1 for m in range(len(axes))])
         np.add(total, row[last] * along, out=value[..., i])
     return value
+
+
+def as_map(name: str, value: Any, shape: tuple[int, int]) -> FloatArray:
+    """Check the matrix of a linear map; a number will do for a 1 x 1 matrix.
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        Wrong shape; not finite.
+    """
+    array = np.asarray(value, dtype=np.float64)
+    return as_array(name, array.reshape(1, 1) if array.ndim == 0 and shape == (1, 1) else array, shape)
+
+
+def control(u: ArrayLike | None, B: ArrayLike | None, dim: int) -> FloatArray:
+    """Return B u (dim,), or zero without one of them, as in filterpy."""
+    if u is None or B is None:
+        return np.zeros(dim)
+    vector = np.asarray(u, dtype=np.float64).ravel()
+    matrix = np.asarray(B, dtype=np.float64)
+    matrix = matrix * np.eye(dim) if matrix.ndim == 0 else matrix
+    return as_array("B", matrix, (dim, vector.size)) @ as_array("u", vector, (None,))
 
 
 def matrix_of(mapping: Mapping) -> FloatArray:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import check_covariance
 from fuzzykf.possibility.grid.universe import Universe
 from fuzzykf.possibility.memberships import (
     CauchyMembership,
@@ -24,10 +25,25 @@ from fuzzykf.possibility.memberships import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import ArrayLike
+
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["FAMILIES", "Choice", "Representation", "as_box", "as_quadratic", "choose", "universe_of"]
+__all__ = [
+    "FAMILIES",
+    "Choice",
+    "Representation",
+    "as_box",
+    "as_center",
+    "as_matrix",
+    "as_quadratic",
+    "as_used",
+    "choose",
+    "required_box",
+    "required_quadratic",
+    "universe_of",
+]
 
 Representation: TypeAlias = Literal["gaussian", "cauchy", "parabolic", "interval", "grid"]
 
@@ -159,6 +175,82 @@ def as_quadratic(membership: Membership, family: str) -> tuple[FloatArray, Float
     if box is not None and np.array_equal(box.lower, box.upper):
         return box.lower, np.zeros((box.dim, box.dim))
     return None
+
+
+def required_box(name: str, membership: Membership) -> IntervalMembership:
+    """Return a crisp membership as a box.
+
+    Raises
+    ------
+    ParameterError
+        If it is not crisp.
+    """
+    box = as_box(membership)
+    if box is None:
+        raise ParameterError(f"{name}: this estimator keeps intervals, expected a crisp membership")
+    return box
+
+
+def required_quadratic(name: str, membership: Membership, family: str) -> tuple[FloatArray, FloatArray]:
+    """Center and matrix of a membership of a closed family.
+
+    Raises
+    ------
+    ParameterError
+        If it is none.
+    """
+    found = as_quadratic(membership, family)
+    if found is None:
+        raise ParameterError(f"{name}: this estimator keeps {family} memberships, expected one of that shape")
+    return found
+
+
+def as_used(name: str, noise: Membership, representation: Representation) -> Membership:
+    """Bring a noise into the form in which a representation uses it.
+
+    Raises
+    ------
+    ParameterError
+        If the noise has no such form.
+    """
+    if representation == "grid":
+        return noise
+    if representation == "interval":
+        return required_box(name, noise)
+    return FAMILIES[representation](*required_quadratic(name, noise, representation))
+
+
+def as_matrix(name: str, value: ArrayLike, dim: int) -> FloatArray:
+    """Check a covariance-like matrix; a number stands for that multiple of the identity.
+
+    Raises
+    ------
+    ShapeError, ParameterError, NotPositiveDefiniteError
+        Wrong shape; not finite or not symmetric; indefinite.
+    """
+    array = np.asarray(value, dtype=np.float64)
+    return check_covariance(name, array * np.eye(dim) if array.ndim == 0 else array, (dim, dim))
+
+
+def as_center(value: ArrayLike, dim: int) -> FloatArray:
+    """Copy a state that a user assigns, flat or a column; a number will do in one dimension.
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        Wrong shape; not finite.
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"x: expected {dim} numbers, got {value!r}") from error
+    if array.ndim == 0 and dim == 1:
+        array = array.reshape(1, 1)
+    if array.shape not in {(dim,), (dim, 1)}:
+        raise ShapeError(f"x: got shape {array.shape}, expected ({dim}, 1) or ({dim},)")
+    if not np.isfinite(array).all():
+        raise ParameterError(f"x: got {array.ravel().tolist()}, expected finite numbers")
+    return array
 
 
 def universe_of(

@@ -154,9 +154,9 @@ class Lattice:
         """Warn of a membership that is far narrower than the cells of a grid that may follow it."""
         if follows and self._is_lone():
             return [
-                "points: the likeliest states lie between neighbouring nodes of a grid that covers all states "
-                "above the floor; centroid and spread are inaccurate (ask for more points, or raise the "
-                "floor)"
+                "points: the likeliest states lie between neighbouring nodes of a grid that covers all "
+                "states above the floor; centroid and spread are inaccurate (ask for more points, or "
+                "raise the floor)"
             ]
         if self.parts > MOST_PARTS:
             return [
