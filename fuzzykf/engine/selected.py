@@ -148,7 +148,6 @@ else:
     from fuzzykf.engine.numpy.switching_many import step_many
 
 
-
 def best_sources(cost: FloatArray, table: FloatArray, combine: np.ufunc) -> IntArray:
     """Best source of each target, found in the way that is fastest for this engine, size and kernel.
 
@@ -210,9 +209,9 @@ __all__ = [
     "refine",
     "rts_gains",
     "run",
-    "seen_components",
     "samples",
     "scaled",
+    "seen_components",
     "sharpness",
     "smooth_back",
     "smooth_linear",

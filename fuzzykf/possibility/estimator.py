@@ -14,7 +14,7 @@ from fuzzykf.gaussian import is_whole
 from fuzzykf.possibility.beliefs import QuadraticBelief, believe, nothing_explains
 from fuzzykf.possibility.closed_form import over_all
 from fuzzykf.possibility.mapping import Mapping, as_map, control
-from fuzzykf.possibility.memberships import as_membership
+from fuzzykf.possibility.memberships.derived import as_membership
 from fuzzykf.possibility.norms import as_t_conorm, as_t_norm
 from fuzzykf.possibility.representation import (
     FAMILIES,

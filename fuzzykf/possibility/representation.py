@@ -19,8 +19,8 @@ from fuzzykf.possibility.memberships import (
     Membership,
     ParabolicMembership,
     SingletonMembership,
-    as_membership,
 )
+from fuzzykf.possibility.memberships.derived import as_membership
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -99,6 +99,20 @@ def test_systems_of_any_size_have_a_kernel(n, m) -> None:
     np.testing.assert_allclose(modes["x"], stored["x"], rtol=1e-10)  # both modes are the one system
 
 
+@pytest.mark.parametrize("lines", [3, 300])  # NumPy tries every source of a few lines
+@pytest.mark.parametrize("combine", [np.add, np.maximum])
+@pytest.mark.parametrize("kernel", [np.square, lambda x: np.log1p(x * x)], ids=["convex", "bell"])
+def test_the_best_sources_are_the_best_however_they_are_found(lines, combine, kernel) -> None:
+    rng = np.random.default_rng(1)
+    cost, table = (
+        rng.uniform(0.0, 9.0, (lines, 120)),
+        kernel(0.1 * (np.arange(130)[:, None] - np.arange(120))),
+    )
+    source = selected.best_sources(cost, table, combine)
+    least = combine(np.take_along_axis(cost, source, axis=1), table[np.arange(130), source])
+    np.testing.assert_array_equal(least, [combine(table, line).min(axis=1) for line in cost])
+
+
 def test_filters_inherit_the_selected_steppers() -> None:
     for cls, stepper in ((KalmanFilter, selected.LinearStepper), (IMMEstimator, selected.BankStepper)):
         assert cls.step is stepper.step

@@ -573,6 +573,10 @@ def test_noises_may_change_with_time():
     est.measurement_noise = [GaussianMembership(0.0, 1.0)]
     est.predict()
     assert est.P.item() > 4.0
+    before = est.x.item()
+    est.process_noise = GaussianMembership(10.0, 4.0)  # after a prediction with another one
+    est.predict()
+    assert est.x.item() > before + 8.0
     closed = gaussian()
     closed.process_noise = None
     np.testing.assert_array_equal(closed.Q, np.zeros((2, 2)))

@@ -188,7 +188,7 @@ def warp(
     invertible = len(moving) == len(source.free) == d and move.is_invertible
     extra: dict[int, Kernel] = {}
     if moving and not (invertible or in_place):
-        extra = _extra_axes(source, image, live, moving, kernels, reached, universe)
+        extra = _extra_axes(source, found, moving, kernels, universe)
     axes: list[FloatArray] = [np.array([0.5 * (low[k] + high[k])]) for k in range(d)]
     for k in moving:
         if in_place or k in extra:
@@ -221,13 +221,7 @@ def warp(
 
 
 def _extra_axes(
-    source: Lattice,
-    image: FloatArray,
-    live: BoolArray,
-    moving: list[int],
-    kernels: Sequence[Kernel | None],
-    reached: list[tuple[float, float]],
-    universe: Universe,
+    source: Lattice, found: Landing, moving: list[int], kernels: Sequence[Kernel | None], universe: Universe
 ) -> dict[int, Kernel]:
     """Axes that have to join the source for the image to have full dimension.
 
@@ -235,9 +229,9 @@ def _extra_axes(
     without volume that is oblique to the axes cannot be kept on a grid otherwise.  Its
     width, half a step, is entered into ``reached``.
     """
-    unit = np.array([reached[k][1] - reached[k][0] for k in moving])
-    values = image.reshape(*(source.axes[k].size for k in source.free), -1)[..., moving] / unit
-    spanned = tangents(values, live.reshape(values.shape[:-1]))
+    unit = np.array([found.reached[k][1] - found.reached[k][0] for k in moving])
+    values = found.image.reshape(*(source.axes[k].size for k in source.free), -1)[..., moving] / unit
+    spanned = tangents(values, found.live.reshape(values.shape[:-1]))
     extra: dict[int, Kernel] = {}
     while spanned.shape[1] < len(moving):
         outside = 1.0 - (spanned**2).sum(axis=1)
@@ -246,7 +240,7 @@ def _extra_axes(
         k = moving[best]
         kernel = kernels[k]
         if kernel is None or not noisy:
-            kernel = _blur(source, reached, k, universe)
+            kernel = _blur(source, found.reached, k, universe)
         extra[k] = kernel
         direction = np.eye(len(moving))[:, best] - spanned @ spanned[best]
         spanned = np.column_stack([spanned, direction / np.linalg.norm(direction)])

@@ -6,7 +6,7 @@ from fuzzykf.possibility.memberships.bounded import (
     SingletonMembership,
     TriangularMembership,
 )
-from fuzzykf.possibility.memberships.derived import CutMembership, JointMembership, as_membership, sampled
+from fuzzykf.possibility.memberships.derived import CutMembership, JointMembership, sampled
 from fuzzykf.possibility.memberships.elliptical import (
     CauchyMembership,
     EllipticalMembership,
@@ -28,6 +28,5 @@ __all__ = [
     "ParabolicMembership",
     "SingletonMembership",
     "TriangularMembership",
-    "as_membership",
     "sampled",
 ]
