@@ -22,6 +22,11 @@ __all__ = ["MODULES", "NAMES", "install", "lookup"]
 #: Old module path: the module that holds its names today.
 MODULES = {
     "fuzzykf._progress": "fuzzykf.progress",
+    "fuzzykf.comparison.linear": "fuzzykf.comparison.candidates.linear",
+    "fuzzykf.comparison.methods": "fuzzykf.comparison.run",
+    "fuzzykf.comparison.regression": "fuzzykf.comparison.candidates.regression",
+    "fuzzykf.comparison.rolling": "fuzzykf.comparison.evaluation",
+    "fuzzykf.comparison.switching": "fuzzykf.comparison.candidates.switching",
     "fuzzykf.engine.backward": "fuzzykf.engine.numpy.backward",
     "fuzzykf.engine.convolution": "fuzzykf.engine.numpy.convolution",
     "fuzzykf.engine.grid": "fuzzykf.engine.numpy.grid",

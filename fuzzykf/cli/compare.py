@@ -30,6 +30,8 @@ __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = "Example: fuzzykf compare meters.csv --state demand --obs temperature --train 0.7 --out result"
 
+CSV_HEADER = "method,rmse,rmse_low,rmse_high,coverage_90,log_likelihood_per_step,microseconds_per_step\n"
+
 
 class SwitchSource(StrEnum):
     """Where the switch of the learning part comes from."""
@@ -140,6 +142,15 @@ def command(
             help="Values of the fuzzy switch between 0 and 1; the time of a step grows as (nodes + 2)^2.",
         ),
     ] = 5,
+    also: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Compare one more candidate: hard3, fmc1, ... (an unknown name is answered with those that "
+            "there are); may be repeated.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Compare filters with fuzzy and hard switches, IMM, Kalman filter and regressions on one series.
 
@@ -160,7 +171,7 @@ def command(
             profile=data is None if profile is None else profile,
             switch=switch.value,
         )
-        methods = comparison.main_methods(law.value)
+        methods = (*comparison.main_methods(law.value), *map(comparison.candidate, also or []))
         check_folder(out)
         if report is not None:
             _check_report(report, data)
@@ -184,7 +195,7 @@ def command(
                     "--nodes": nodes,
                     "--seed": seed,
                 }
-                settings = _settings(result, source, data, time, repeat)
+                settings = _settings(result, source, data, time, repeat, also or [])
                 page = report_page(
                     result, title=source.title, state_label=label, unit=source.unit, settings=settings
                 )
@@ -205,10 +216,10 @@ def command(
 def _packaged(state: str | None, obs: str | None, time: str | None) -> Source:
     from fuzzykf.datasets import load_victoria
 
-    victoria = load_victoria(hourly=True)
+    v = load_victoria(hourly=True)
     columns = {
-        "demand_gw": (victoria.demand, "demand", "GW"),
-        "temperature_c": (victoria.temperature, "temperature", "°C"),
+        "demand_gw": (v.demand, "demand", "GW"),
+        "temperature_c": (v.temperature, "temperature", "°C"),
     }
     state, obs = state or "demand_gw", obs or "temperature_c"
     for option, name in (("--state", state), ("--obs", obs)):
@@ -220,15 +231,7 @@ def _packaged(state: str | None, obs: str | None, time: str | None) -> Source:
         raise ParameterError("--time: the packaged data bring their own times; give a file to name a column")
     values, label, unit = columns[state]
     return Source(
-        "Victoria, 2014, hourly means",
-        state,
-        obs,
-        values,
-        columns[obs][0],
-        label,
-        unit,
-        victoria.time,
-        victoria.workday,
+        "Victoria, 2014, hourly means", state, obs, values, columns[obs][0], label, unit, v.time, v.workday
     )
 
 
@@ -241,18 +244,9 @@ def _from_file(path: Path, state: str | None, obs: str | None, time: str | None)
         missing = "--state" if state is None else "--obs"
         raise ParameterError(f"{missing}: name a column of {path.name}; its columns are {names}")
     time = time_column(table) if time is None else time
+    times = None if time is None else table.times(time)
     workday = table.numbers("workday") == 1.0 if "workday" in table.columns else None
-    return Source(
-        path.name,
-        state,
-        obs,
-        table.numbers(state),
-        table.numbers(obs),
-        state,
-        "",
-        None if time is None else table.times(time),
-        workday,
-    )
+    return Source(path.name, state, obs, table.numbers(state), table.numbers(obs), state, "", times, workday)
 
 
 # --------------------------------------------------------------------------- output
@@ -266,7 +260,12 @@ def _check_report(report: Path, data: Path | None) -> None:
 
 
 def _settings(
-    result: Comparison, source: Source, data: Path | None, time: str | None, options: dict[str, object]
+    result: Comparison,
+    source: Source,
+    data: Path | None,
+    time: str | None,
+    options: dict[str, object],
+    also: list[str],
 ) -> dict[str, str]:
     """Say what a reader needs to repeat the comparison."""
     import platform
@@ -279,6 +278,7 @@ def _settings(
     words += ["--state", source.state_column, "--obs", source.observation_column]
     words += [] if time is None else ["--time", time]
     words += [str(word) for pair in options.items() for word in pair]
+    words += [f"--also={name}" for name in also]
     words += ["--profile" if task.profile else "--no-profile"]
     return {
         "data": source.title,
@@ -297,22 +297,12 @@ def _settings(
 
 def _as_csv(result: Comparison) -> str:
     text = io.StringIO()
+    text.write(CSV_HEADER)
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        [
-            "method",
-            "rmse",
-            "rmse_low",
-            "rmse_high",
-            "coverage_90",
-            "log_likelihood_per_step",
-            "microseconds_per_step",
-        ]
-    )
     for s in result.scores:
         likelihood = "" if s.log_likelihood is None else repr(s.log_likelihood)
         row = [s.rmse, s.rmse_low, s.rmse_high, s.coverage]
-        writer.writerow([s.name, *map(repr, row), likelihood, f"{s.microseconds:.3g}"])
+        writer.writerow([s.title, *map(repr, row), likelihood, f"{s.microseconds:.3g}"])
     return text.getvalue()
 
 
@@ -328,7 +318,7 @@ def _print(result: Comparison, source: Source, label: str, files: list[Path]) ->
     for title in (rmse_title, "95 %\ninterval", "90 %\ncovers", "log-lik.\nper step", "µs per\nstep"):
         grid.add_column(title, justify="right")
     for s in result.scores:
-        grid.add_row(Text(s.name, "bold" if s.name == result.best else ""), *cells(s))
+        grid.add_row(Text(s.title, "bold" if s.name == result.best else ""), *cells(s))
     console.print(grid)
     console.print(Text(about_intervals(result), "dim"))
     for sentence in about_choices(result):

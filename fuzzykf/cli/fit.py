@@ -159,8 +159,8 @@ def _learn(
 
 def _test(rows: Rows, n_train: int, fit: FitResult[Any], nodes: int) -> tuple[str, tuple[str, ...]]:
     """Say how the filter does on the other rows, and what to know about the model."""
+    from fuzzykf.comparison.candidates.switching import LearnedSwitching
     from fuzzykf.comparison.scores import INTERVAL_FACTOR
-    from fuzzykf.comparison.switching import LearnedSwitching
 
     learned = LearnedSwitching(fit, nodes)
     truth, zs = rows.values["--state"][n_train:], rows.values["--obs"]

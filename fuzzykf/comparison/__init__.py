@@ -1,24 +1,22 @@
 """How much do switches help?  Filters side by side on a series whose state was measured.
 
-`prepare` turns columns into a `Task`: a part to learn on and a part in which
-the methods see the observation alone.  `compare` runs the methods and scores
-them.  The command ``fuzzykf compare`` only reads, prints and writes.
-
 A method is a `Candidate`: from a `LearningPart` it makes something `Learned`, which gives
-`Estimates` of any later stretch.  `fuzzykf.compare_models` takes the same candidates
-to several held-out parts.
+`Estimates` of any later stretch.  `candidate` knows those of fuzzykf by name.
+
+`compare_models` judges candidates on several held-out parts, `compare` on the one of a `Task`,
+into which `prepare` turns columns.  The command ``fuzzykf compare`` only reads, prints and writes.
 """
 
 from __future__ import annotations
 
-from fuzzykf.comparison.candidates import Candidate, Estimates, Learned, LearningPart
-from fuzzykf.comparison.methods import Restoration, main_methods
+from fuzzykf.comparison.candidates import Candidate, Estimates, Learned, LearningPart, Restoration
+from fuzzykf.comparison.candidates.registry import candidate, candidate_names
+from fuzzykf.comparison.evaluation import Fold, ModelComparison, ModelScore
 from fuzzykf.comparison.models import compare_models
 from fuzzykf.comparison.picture import plot_comparison
 from fuzzykf.comparison.prepare import ClockSwitch, Task, prepare, quantile_switch
 from fuzzykf.comparison.report import report_page
-from fuzzykf.comparison.rolling import Fold, ModelComparison, ModelScore
-from fuzzykf.comparison.run import Comparison, compare, score
+from fuzzykf.comparison.run import Comparison, compare, main_methods, score
 from fuzzykf.comparison.scores import (
     Bootstrap,
     Score,
@@ -43,6 +41,8 @@ __all__ = [
     "Task",
     "block_length",
     "bootstrap_rmse",
+    "candidate",
+    "candidate_names",
     "circular_block_means",
     "compare",
     "compare_models",

@@ -8,7 +8,6 @@ errors leave.
 
 from __future__ import annotations
 
-import re
 from contextlib import nullcontext
 from functools import partial
 from itertools import pairwise
@@ -16,14 +15,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fuzzykf.comparison.candidates import Candidate, LearningPart
-from fuzzykf.comparison.linear import learn_imm, learn_kalman
-from fuzzykf.comparison.methods import KNOTS
+from fuzzykf.comparison.candidates import LearningPart
+from fuzzykf.comparison.candidates.registry import chosen
+from fuzzykf.comparison.evaluation import Fold, HeldOut, restore, summarise
 from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN
-from fuzzykf.comparison.regression import learn_regression
-from fuzzykf.comparison.rolling import Fold, Round, summarise
-from fuzzykf.comparison.switching import LAWS, learn_fuzzy, learn_hard
-from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
 from fuzzykf.preprocessing import DailyProfile, as_columns, as_times
 from fuzzykf.progress import progress_bar
 
@@ -33,13 +29,13 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.comparison.candidates import Learned
-    from fuzzykf.comparison.rolling import ModelComparison
+    from fuzzykf.comparison.candidates import Candidate
+    from fuzzykf.comparison.evaluation import ModelComparison
 
 __all__ = ["CANDIDATES", "compare_models"]
 
 #: The candidates of `compare_models`, unless others are named.
-CANDIDATES = ("hard1", "hard2", "hard3", *LAWS, "imm", "kalman", "regression", "piecewise")
+CANDIDATES = ("hard1", "hard2", "hard3", "fmc1", "fmc2", "free", "imm", "kalman", "regression", "piecewise")
 
 
 def compare_models(
@@ -74,11 +70,8 @@ def compare_models(
     rng : numpy.random.Generator
         For the bootstrap.
     candidates : sequence of str or Candidate
-        "hard1", "hard2", "hard3", ...: `CGOMSModel` of so many regimes; "fmc1", "fmc2",
-        "free": `CGOFMSModel` with a law of this family; "imm": `IMMEstimator` on a linear
-        model in each regime of "hard2"; "kalman": `KalmanFilter` on the best single linear
-        model; "regression" and "piecewise": linear and piecewise-linear regression on the
-        observation and earlier ones.  Your own: a `fuzzykf.comparison.Candidate`.
+        By name: "kalman", "hard2", "fmc1", ..., see `fuzzykf.comparison.candidate_names` and
+        `fuzzykf.comparison.candidate`; your own: a `fuzzykf.comparison.Candidate`.
     n_folds : int
         Stretches that are held out, one after the other.
     first : float
@@ -131,7 +124,7 @@ def compare_models(
     n = len(states)
     if len(observations) != n:
         raise ShapeError(f"y: got {len(observations)} rows, expected {n}, as many as x has")
-    methods = _methods(candidates)
+    methods = chosen(candidates)
     folds = _folds(n, n_folds, first, window)
     moments = as_times(time, x, n) if profile else None
     days = None if workday is None else np.asarray(workday)
@@ -142,53 +135,44 @@ def compare_models(
     scale = np.ones(1) if states.shape[1] == 1 else np.nanstd(states[: folds[0].split], axis=0)
 
     pieces = n_folds * sum(method.pieces for method in methods) + 1
-    rounds: list[Round] = []
+    parts: list[HeldOut] = []
     with progress_bar(pieces) if progress else nullcontext(lambda _: None) as tell:
         for number, fold in enumerate(folds, 1):
             target = states[fold.begin : fold.end]
             if moments is not None:
                 target = _without_profile(target, moments, days, fold)
+            split = fold.split - fold.begin
             part = LearningPart(
-                x=target[: fold.split - fold.begin],
+                x=target[:split],
                 y=observations[fold.begin : fold.split],
                 n_nodes=n_nodes,
                 max_iter=max_iter,
                 tolerance=tolerance,
                 progress=partial(_tell_fold, tell, number, n_folds),
             )
-            held_out = observations[fold.split : fold.end]
-            rounds.append(Round(part, target[fold.split - fold.begin :], held_out, scale, methods))
+            parts.append(_hold_out(part, target[split:], observations[fold.split : fold.end], methods))
         tell("bootstrap")
-        return summarise(methods, folds, rounds, n_resamples, rng)
+        known = sum(int(part.known.sum()) for part in parts)
+        if known < MIN_TEST:
+            raise ParameterError(f"x: {known} held-out states are known, expected at least {MIN_TEST}")
+        return summarise(methods, folds, parts, scale, n_resamples, rng, no_law=float("nan"))
+
+
+def _hold_out(part: LearningPart, truth: FloatArray, zs: FloatArray, methods: Sequence[Candidate]) -> HeldOut:
+    """Let the candidates learn on a part and restore the one after it; failures are kept."""
+    if not np.isfinite(part.x).any(axis=0).all():
+        raise ParameterError(f"x: a component is missing in all {len(part)} rows to learn on")
+    result = HeldOut(truth=truth, zs=zs, centre=np.nanmean(part.x, axis=0))
+    for method in methods:
+        part.progress(method.name)
+        try:
+            result.found[method.name] = restore(method, part, zs)
+        except FuzzykfError as error:
+            result.failures[method.name] = str(error)
+    return result
 
 
 # --------------------------------------------------------------------------- arguments
-
-
-def _methods(candidates: Sequence[str | Candidate]) -> list[Candidate]:
-    methods = [_candidate(c) if isinstance(c, str) else c for c in candidates]
-    names = [method.name for method in methods]
-    if not names or len(set(names)) < len(names):
-        raise ParameterError(f"candidates: got {names}, expected one at least and each name once")
-    return methods
-
-
-def _candidate(name: str) -> Candidate:
-    """Return a candidate by its name."""
-    learn: Callable[[LearningPart], Learned]
-    if hard := re.fullmatch(r"hard([1-9]\d*)", name):
-        learn = partial(learn_hard, n_switches=int(hard[1]))
-    elif name in LAWS:
-        learn = partial(learn_fuzzy, law=name)
-    elif name == "imm":
-        learn = learn_imm
-    elif name == "kalman":
-        learn = learn_kalman
-    elif name in ("regression", "piecewise"):
-        learn = partial(learn_regression, n_knots=KNOTS if name == "piecewise" else 0)
-    else:
-        raise ParameterError(f"candidates: got {name!r}, expected names of {', '.join(CANDIDATES)}")
-    return Candidate(name, learn)
 
 
 def _folds(n: int, n_folds: int, first: float, window: str) -> tuple[Fold, ...]:

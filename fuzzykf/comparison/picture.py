@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import textwrap
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fuzzykf.comparison.scores import INTERVAL_FACTOR
 from fuzzykf.errors import ParameterError
-from fuzzykf.plotting.style import BLUE, ORANGE, TRUTH, figure_class
 
 if TYPE_CHECKING:
     from typing import Any
@@ -48,6 +49,8 @@ def plot_comparison(
     ParameterError
         If ``steps`` is less than 2.
     """
+    from fuzzykf.plotting.style import figure_class
+
     if steps < 2:
         raise ParameterError(f"steps: got {steps}, expected at least 2")
     task = comparison.task
@@ -84,12 +87,10 @@ def plot_comparison(
 
 
 def _main_and_rival(comparison: Comparison) -> tuple[Restoration, Restoration]:
-    """Return the fuzzy filter, and the best of the others."""
-    by_rmse = sorted(
-        zip(comparison.scores, comparison.restorations, strict=True), key=lambda pair: pair[0].rmse
-    )
-    fuzzy = next(r for r in comparison.restorations if r.name == "OFSRFilter")
-    return fuzzy, next(r for _, r in by_rmse if r is not fuzzy)
+    """Return the first method (the fuzzy filter), and the best of the others."""
+    by_name = {one.name: one for one in comparison.restorations}
+    main = comparison.restorations[0]
+    return main, next(by_name[s.name] for s in comparison.ranked if s.name != main.name)
 
 
 def _draw_state(
@@ -102,19 +103,21 @@ def _draw_state(
     band: bool,
     part: slice = slice(None),
 ) -> None:
-    from fuzzykf.comparison.scores import INTERVAL_FACTOR
+    from fuzzykf.plotting.style import BLUE, ORANGE, TRUTH
 
     mean, half = main.mean[part], INTERVAL_FACTOR * main.std[part]
     if band:
         axes.fill_between(
-            time, mean - half, mean + half, color=BLUE, alpha=0.2, linewidth=0, label=f"{main.name}, 90 %"
+            time, mean - half, mean + half, color=BLUE, alpha=0.2, linewidth=0, label=f"{main.title}, 90 %"
         )
     axes.plot(time, truth, color=TRUTH, linewidth=0.9, label="measured")
-    axes.plot(time, rival.mean[part], color=ORANGE, linewidth=1.1, linestyle=(0, (4, 1.5)), label=rival.name)
-    axes.plot(time, mean, color=BLUE, linewidth=1.5, label=main.name)
+    axes.plot(time, rival.mean[part], color=ORANGE, linewidth=1.1, linestyle=(0, (4, 1.5)), label=rival.title)
+    axes.plot(time, mean, color=BLUE, linewidth=1.5, label=main.title)
 
 
 def _draw_switch(axes: Axes, comparison: Comparison, time: Any, excerpt: slice) -> None:
+    from fuzzykf.plotting.style import BLUE, ORANGE, TRUTH
+
     task = comparison.task
     if task.switch is not None:
         axes.plot(
@@ -127,14 +130,14 @@ def _draw_switch(axes: Axes, comparison: Comparison, time: Any, excerpt: slice) 
         )
     styles = [(BLUE, "-", 1.5), (ORANGE, (0, (1.5, 1)), 1.1)]
     with_switch = [r for r in comparison.restorations if r.switch is not None]
-    for (color, style, width), restoration in zip(styles, with_switch, strict=True):
+    for (color, style, width), restoration in zip(cycle(styles), with_switch, strict=False):
         axes.plot(
             time[excerpt],
             restoration.switch[excerpt],  # type: ignore[index]
             color=color,
             linestyle=style,
             linewidth=width,
-            label=f"{restoration.name},\nposterior mean",
+            label=f"{restoration.title},\nposterior mean",
         )
 
 

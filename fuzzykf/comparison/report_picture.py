@@ -15,7 +15,7 @@ from fuzzykf.errors import MissingDependencyError
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.comparison.methods import Restoration
+    from fuzzykf.comparison.candidates import Restoration
     from fuzzykf.comparison.run import Comparison
 
 __all__ = ["Layer", "Picture", "draw", "plotly_script"]
@@ -131,7 +131,7 @@ def draw(comparison: Comparison, *, state_label: str, unit: str) -> Picture:
         style = _STYLES[k % len(_STYLES)]
         layers.append(
             _layer(
-                traces, restoration.name, style, restoration.name in shown, _method(restoration, style, part)
+                traces, restoration.title, style, restoration.name in shown, _method(restoration, style, part)
             )
         )
     if task.switch is not None:
@@ -158,7 +158,7 @@ def draw(comparison: Comparison, *, state_label: str, unit: str) -> Picture:
 
 
 def _shown_at_first(comparison: Comparison) -> set[str]:
-    """Return the best two, and the fuzzy filter in any case: what the verdict is about."""
+    """Return the best two, and the first method (the fuzzy filter) in any case."""
     return {comparison.best, comparison.second, comparison.restorations[0].name}
 
 
@@ -182,19 +182,19 @@ _DASHES = {
 
 def _method(restoration: Restoration, style: tuple[str, str], part: slice) -> list[Any]:
     mean, half = restoration.mean[part], INTERVAL_FACTOR * restoration.std[part]
-    lower = _line(mean - half, restoration.name, style, line={"width": 0}, hoverinfo="skip")
+    lower = _line(mean - half, restoration.title, style, line={"width": 0}, hoverinfo="skip")
     upper = _line(
         mean + half,
-        restoration.name,
+        restoration.title,
         style,
         line={"width": 0},
         fill="tonexty",
         fillcolor=_translucent(style[0]),
         hoverinfo="skip",
     )
-    found = [lower, upper, _line(mean, restoration.name, style)]
+    found = [lower, upper, _line(mean, restoration.title, style)]
     if restoration.switch is not None:
-        found.append(_line(restoration.switch[part], f"{restoration.name}, mean", style, axis="y2"))
+        found.append(_line(restoration.switch[part], f"{restoration.title}, mean", style, axis="y2"))
     return found
 
 

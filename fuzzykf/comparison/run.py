@@ -1,64 +1,67 @@
-"""Run the methods on a task, score them, and say who won and whether that means anything."""
+"""All of `compare`: candidates on one held-out part, and who won."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.comparison.candidates import LearningPart
-from fuzzykf.comparison.methods import main_methods, restore
-from fuzzykf.comparison.scores import INTERVAL_FACTOR, LIMITS, Score, bootstrap_rmse, difference_in_words
-from fuzzykf.errors import FuzzykfError
+from fuzzykf.comparison.candidates import LearningPart, Restoration
+from fuzzykf.comparison.candidates.linear import learn_kalman
+from fuzzykf.comparison.candidates.registry import candidate, chosen
+from fuzzykf.comparison.candidates.switching import LAWS
+from fuzzykf.comparison.evaluation import Fold, HeldOut, ModelComparison, restore, summarise
+from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from fuzzykf.comparison.candidates import Candidate
-    from fuzzykf.comparison.methods import Restoration
     from fuzzykf.comparison.prepare import Task
 
-__all__ = ["Comparison", "compare", "score"]
+__all__ = ["RIVALS", "Comparison", "Restoration", "compare", "main_methods", "score"]
+
+#: What `compare` sets beside the filter on a fuzzy switch, in the order of its table.
+RIVALS = ("hard2", "imm", "kalman", "line", "regression", "piecewise")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison:
+class Comparison(ModelComparison):
     """The scores of all methods on one task, and how far the best two are apart.
+
+    All of a `ModelComparison` of one fold, and:
 
     Attributes
     ----------
     task : Task
     restorations : tuple of Restoration
         What each method said.
-    scores : tuple of Score
-        In the same order.
-    baseline_rmse : float
-        Error of somebody who always answers the mean of the learning part.
-    best, second : str
-        The methods of the least, and the next to least, RMSE.
-    difference, difference_low, difference_high : float
-        RMSE of ``second`` less that of ``best``, and its interval of 95 % by the paired
-        block bootstrap.
-    block_length : int
-        Steps in a block of the bootstrap.
     """
 
     task: Task
     restorations: tuple[Restoration, ...]
-    scores: tuple[Score, ...]
-    baseline_rmse: float
-    best: str
-    second: str
-    difference: float
-    difference_low: float
-    difference_high: float
-    block_length: int
 
     @property
-    def is_certain(self) -> bool:
-        """Whether the difference between the best two exceeds its uncertainty."""
-        return self.difference_low > 0.0
+    def second(self) -> str:
+        """The method of the next to least RMSE."""
+        return self.ranked[1].name
+
+    @property
+    def difference(self) -> float:
+        """RMSE of ``second`` less that of ``best``."""
+        return self.ranked[1].difference
+
+    @property
+    def difference_low(self) -> float:
+        """Lower end of its interval of 95 % by the paired block bootstrap."""
+        return self.ranked[1].difference_low
+
+    @property
+    def difference_high(self) -> float:
+        """Upper end of this interval."""
+        return self.ranked[1].difference_high
 
     def verdict(self, unit: str = "") -> str:
         """Say in one sentence which method won and whether the difference means anything.
@@ -68,16 +71,47 @@ class Comparison:
         unit : str
             Unit of the state.
         """
-        rmse = next(score.rmse for score in self.scores if score.name == self.best)
-        limits = self.difference_low, self.difference_high
-        return difference_in_words(self.best, rmse, self.second, self.difference, limits, unit) + "."
+        return self._lead("title", unit) + "."
+
+
+def main_methods(law: str = "auto") -> tuple[Candidate, ...]:
+    """Return the candidates that `compare` sets side by side, in the order of its table.
+
+    Parameters
+    ----------
+    law : {"auto", "fmc1", "fmc2", "free"}
+        Family of the law of the fuzzy switch; "auto" is the one that filters best on
+        the last quarter of the learning part, which takes four times as long.
+
+    Raises
+    ------
+    ParameterError
+        If ``law`` is none of these.
+    MissingDependencyError
+        If filterpy is not installed.
+    """
+    try:
+        from filterpy.kalman import KalmanFilter
+    except ImportError as error:
+        raise MissingDependencyError(
+            "the comparison needs filterpy: pip install 'fuzzykf[compare]'"
+        ) from error
+    if law not in ("auto", *LAWS):
+        raise ParameterError(f"law: got {law!r}, expected 'auto', {', '.join(map(repr, LAWS))}")
+    fuzzy = candidate("fuzzy")
+    if law != "auto":
+        fuzzy = replace(candidate(law), title=fuzzy.title)
+    rivals = {name: candidate(name) for name in RIVALS}
+    learn = partial(learn_kalman, kalman_filter=KalmanFilter)  # whose time of a step is of interest
+    rivals["kalman"] = replace(rivals["kalman"], learn=learn, title="KalmanFilter (filterpy)")
+    return (fuzzy, *rivals.values())
 
 
 def compare(
     task: Task,
     rng: np.random.Generator,
     *,
-    methods: Sequence[Candidate] | None = None,
+    methods: Sequence[str | Candidate] | None = None,
     n_nodes: int = 5,
     n_resamples: int = 2000,
     progress: Callable[[str], None] = lambda _: None,
@@ -94,8 +128,8 @@ def compare(
     task : Task
     rng : numpy.random.Generator
         For the bootstrap.
-    methods : sequence of Candidate
-        By default those of `main_methods`.
+    methods : sequence of str or Candidate
+        By default those of `main_methods`; see `candidate_names`.
     n_nodes : int
         Nodes of the fuzzy switch between 0 and 1; time grows as ``(n_nodes + 2) ** 2``.
     n_resamples : int
@@ -125,24 +159,15 @@ def compare(
     r = None if task.switch is None else task.switch[:n]
     part = LearningPart(x=x[:n], y=y[:n], r=r, n_nodes=n_nodes, progress=progress)
     restorations = []
-    for method in main_methods() if methods is None else methods:
-        progress(method.name)
+    for method in chosen(main_methods() if methods is None else methods):
+        progress(method.title)
         try:
-            learned = method.learn(part)
+            found = restore(method, part, y[n:], step="step", timed=True)
         except FuzzykfError as error:
-            raise FuzzykfError(f"{method.name}: {error}") from error
-        restorations.append(restore(method.name, learned, y[:n], y[n:]))
-        _check_finite(restorations[-1])
+            raise FuzzykfError(f"{method.title}: {error}") from error
+        restorations.append(replace(found, mean=found.mean[:, 0], std=found.std[:, 0]))
     progress("bootstrap")
     return score(task, tuple(restorations), rng, n_resamples=n_resamples)
-
-
-def _check_finite(restoration: Restoration) -> None:
-    for quantity in ("mean", "std", "log_likelihood"):
-        values = getattr(restoration, quantity)
-        if values is not None and not np.isfinite(values).all():
-            step = int(np.flatnonzero(~np.isfinite(values))[0])
-            raise FuzzykfError(f"{restoration.name}: its {quantity} at step {step} is {values[step]}")
 
 
 def score(
@@ -167,36 +192,19 @@ def score(
     Raises
     ------
     ParameterError
-        If ``n_resamples`` is less than 100: quantiles of 2.5 % would mean nothing.
+        If there is one restoration alone, or two have one name, or ``n_resamples`` is less
+        than 100: quantiles of 2.5 % would mean nothing.
     """
-    truth = task.state[task.n_train :]
-    errors = np.column_stack([r.mean - truth for r in restorations])
-    found = bootstrap_rmse(errors**2, n_resamples, rng)
-    low, high = np.quantile(found.resampled, LIMITS, axis=0)
-    scores = tuple(
-        Score(
-            name=r.name,
-            rmse=float(found.rmse[k]),
-            rmse_low=float(low[k]),
-            rmse_high=float(high[k]),
-            coverage=float((np.abs(errors[:, k]) <= INTERVAL_FACTOR * r.std).mean()),
-            log_likelihood=None if r.log_likelihood is None else float(r.log_likelihood.mean()),
-            microseconds=r.microseconds,
-        )
-        for k, r in enumerate(restorations)
+    names = [one.name for one in restorations]
+    if len(names) < 2 or len(set(names)) < len(names):
+        raise ParameterError(f"restorations: got {names}, expected two at least and each name once")
+    n = task.n_train
+    part = HeldOut(
+        truth=task.state[n:, None],
+        zs=task.observation[n:, None],
+        centre=task.state[:n].mean(keepdims=True),
+        found={one.name: one for one in restorations},
     )
-    best, second = (int(k) for k in np.argsort(found.rmse, kind="stable")[:2])
-    difference_low, difference_high = found.difference(second, best)
-    baseline = task.state[: task.n_train].mean()
-    return Comparison(
-        task=task,
-        restorations=restorations,
-        scores=scores,
-        baseline_rmse=float(np.sqrt(((truth - baseline) ** 2).mean())),
-        best=restorations[best].name,
-        second=restorations[second].name,
-        difference=float(found.rmse[second] - found.rmse[best]),
-        difference_low=difference_low,
-        difference_high=difference_high,
-        block_length=found.block_length,
-    )
+    fold = Fold(begin=0, split=n, end=len(task.state))
+    found = summarise(restorations, (fold,), [part], np.ones(1), n_resamples, rng)
+    return Comparison(**vars(found), task=task, restorations=restorations)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fuzzykf.comparison.candidates import Named
 from fuzzykf.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -20,45 +21,54 @@ __all__ = [
     "block_length",
     "bootstrap_rmse",
     "circular_block_means",
-    "difference_in_words",
 ]
 
 #: Half the width of a central interval of 90 % of a normal law, in standard deviations.
 INTERVAL_FACTOR = 1.6448536269514722
-
 
 #: Shares of the resamples below the ends of an interval of 95 %.
 LIMITS = (0.025, 0.975)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score:
-    """How well one method restored the state.
+class Score(Named):
+    """How well one candidate restored the held-out states.
 
     Attributes
     ----------
-    name : str
-        Name of the method.
+    name, title : str
+        Of the candidate; the name is the title unless said otherwise.
     rmse : float
-        Root of the mean squared error, in the unit of the state.
+        Root mean squared error: in the unit of the state if it has one component, else in
+        standard deviations of each (in the first part learned on).
     rmse_low, rmse_high : float
         Its interval of 95 % by the block bootstrap.
+    difference : float
+        RMSE less that of the best candidate.
+    difference_low, difference_high : float
+        Its interval of 95 % by the paired block bootstrap.
     coverage : float
-        Share of the steps in which the state lay in the interval of nominal 90 %.
+        Share of the states inside the candidate's own interval of nominal 90 %.
     log_likelihood : float or None
-        Mean over the steps of the logarithm of the density of each observation given the
-        earlier ones; None from a method that has no law of the observation.
+        Mean over the steps of the log-density of each held-out observation given the earlier
+        ones; from a candidate that has no law of the observation None in a `Comparison`, and
+        NaN in a `ModelComparison`.
+    seconds : float
+        Time of learning, over all folds.
     microseconds : float
-        Time of one step.
+        Time of one step; NaN where it is not measured.
     """
 
-    name: str
     rmse: float
     rmse_low: float
     rmse_high: float
+    difference: float = float("nan")
+    difference_low: float = float("nan")
+    difference_high: float = float("nan")
     coverage: float
     log_likelihood: float | None
-    microseconds: float
+    seconds: float = field(default=float("nan"), compare=False)
+    microseconds: float = field(default=float("nan"), compare=False)
 
 
 def block_length(series: FloatArray) -> int:
@@ -200,28 +210,3 @@ def bootstrap_rmse(squared: FloatArray, n_resamples: int, rng: np.random.Generat
     length = max(block_length(column) for column in squared.T)
     resampled = np.sqrt(circular_block_means(squared, length, n_resamples, rng))
     return Bootstrap(np.sqrt(squared.mean(axis=0)), resampled, length)
-
-
-def difference_in_words(
-    best: str, rmse: float, second: str, difference: float, limits: tuple[float, float], unit: str
-) -> str:
-    """Say which method has the lowest error, and whether its lead exceeds its uncertainty.
-
-    Parameters
-    ----------
-    best, second : str
-    rmse : float
-        Of the best method.
-    difference : float
-        RMSE of the second method less that of the best.
-    limits : tuple of float
-        Interval of 95 % of the difference.
-    unit : str
-        Unit of the error; may be empty.
-    """
-    space = f" {unit}" if unit else ""
-    certainty = "more than its uncertainty" if limits[0] > 0.0 else "no more than its uncertainty"
-    return (
-        f"{best} has the lowest RMSE, {rmse:.4g}{space}: {difference:.2g}{space} below {second}, which is "
-        f"{certainty} (95 % interval of the difference {limits[0]:.2g} to {limits[1]:.2g}{space})"
-    )

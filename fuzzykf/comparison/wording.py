@@ -35,8 +35,8 @@ def about_intervals(comparison: Comparison) -> str:
 def about_choices(comparison: Comparison) -> tuple[str, ...]:
     """Say what was chosen while learning, and what a reader should know before trusting a method."""
     found = comparison.restorations
-    choices = [f"{one.name}: {one.description}." for one in found if one.description]
-    notes = [f"Note on {one.name}: {note}." for one in found for note in one.notes]
+    choices = [f"{one.title}: {one.description}." for one in found if one.description]
+    notes = [f"Note on {one.title}: {note}." for one in found for note in one.notes]
     return (*choices, *notes)
 
 

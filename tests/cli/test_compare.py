@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fuzzykf.cli.app import app
-from fuzzykf.comparison import switching
+from fuzzykf.comparison.candidates import switching
 
 METHODS = [
     "OFSRFilter",
@@ -170,6 +170,20 @@ def test_notes_are_printed_with_the_name_of_the_method(write, tmp_path, monkeypa
     result = quick(write(), "--out", tmp_path / "out")
     assert "Note on OFSRFilter: it has 7 nodes." in result.output
     assert "Note on CGOMSMFilter: it has 2 nodes." in result.output
+
+
+def test_further_candidates_are_compared_by_their_names(write, tmp_path) -> None:
+    path = write()
+    result = quick(path, "--also", "hard1", "--also", "regression", "--out", tmp_path / "twice")
+    assert result.exit_code == 1
+    assert "each name once" in " ".join(result.output.split())
+    result = quick(path, "--also", "hard4x", "--out", tmp_path / "unknown")
+    assert "candidates: got 'hard4x', expected names of hard1, hard2" in " ".join(result.output.split())
+    assert list(tmp_path.iterdir()) == [path]
+    result = quick(path, "--law", "fmc1", "--also", "hard1", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    methods = [row["method"] for row in table_of(tmp_path / "out" / "comparison.csv")]
+    assert methods == [*METHODS, "CGOMSMFilter, K = 1"]
 
 
 def test_a_terminal_that_knows_ascii_only_gets_its_table(write, tmp_path) -> None:

@@ -47,7 +47,7 @@ def compare(data, *arguments: object):
 @pytest.fixture(scope="module")
 def report(data):
     path = data.parent / "pages" / "report.html"  # a folder that the command makes
-    result = compare(data, "--report", path, "--seed", 3)
+    result = compare(data, "--report", path, "--seed", 3, "--also", "hard1")
     assert result.exit_code == 0, result.output
     assert f"Wrote {path}" in result.output
     return path
@@ -64,7 +64,7 @@ def test_the_page_has_the_settings_and_the_numbers_of_the_table(report) -> None:
         assert setting in page
     with (report.parents[1] / "out" / "comparison.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 7
+    assert len(rows) == 8
     for row in rows:
         assert f"{float(row['rmse']):.4g}</td>" in page
 
@@ -159,7 +159,7 @@ def test_the_page_draws_without_errors_and_without_a_network(browser, report) ->
 
     # What is drawn at first: the measured state, three methods at most, and what can be switched on.
     boxes = browser.find_elements("css selector", "input[data-traces]")
-    assert len(boxes) == 9  # measured, seven methods, and the rule of the clock
+    assert len(boxes) == 10  # measured, eight methods, and the rule of the clock
     traces = [json.loads(box.get_attribute("data-traces")) for box in boxes]
     at_first = sum(len(new) for box, new in zip(boxes, traces, strict=True) if box.is_selected())
     assert drawn(browser) == at_first > 0

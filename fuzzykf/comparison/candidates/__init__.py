@@ -1,4 +1,7 @@
-"""What every method that is compared has in common: it learns on one part and restores another."""
+"""What every method that is compared has in common: it learns on one part and restores another.
+
+A module of this folder holds a family of candidates; `registry` knows them all by name.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +20,23 @@ if TYPE_CHECKING:
     from fuzzykf.results import FitResult
     from fuzzykf.switching import CGOFMSModel, CGOMSModel
 
-__all__ = ["WARM_UP", "Candidate", "Estimates", "Learned", "LearningPart"]
+__all__ = [
+    "TRIAL_SHARE",
+    "WARM_UP",
+    "Candidate",
+    "Estimates",
+    "Learned",
+    "LearningPart",
+    "Named",
+    "Restoration",
+]
 
 #: A filter is run over so many observations before those that it is judged on, so that it
 #: does not matter where it starts.
 WARM_UP = 100
+
+#: Share of a learning part on which what is to be chosen is tried; it is judged on the rest.
+TRIAL_SHARE = 0.75
 
 
 def _quiet(_: str) -> None:
@@ -88,6 +103,11 @@ class LearningPart:
                 lambda: CGOMSModel.fit(self.x, self.y, r, n_switches=n_switches, **self._effort)
             )
         return self._hard[n_switches]
+
+    def trial_error(self, learned: Learned, cut: int) -> float:
+        """Return the RMSE, in standard deviations, after ``cut`` rows, of what was learned on them."""
+        missed = learned.restore(self.y[:cut], self.y[cut:]).mean - self.x[cut:]
+        return float(np.sqrt(np.nanmean((missed / np.nanstd(self.x, axis=0)) ** 2)))
 
     @property
     def _effort(self) -> dict[str, Any]:
@@ -157,8 +177,27 @@ class Learned(ABC):
         """Return a function that takes the next observation, as in real time."""
 
 
+@dataclass(frozen=True, eq=False)
+class Named:
+    """Something of a candidate: its name, and what readers of tables and pictures know it as.
+
+    Attributes
+    ----------
+    name : str
+    title : str
+        The name, unless said otherwise.
+    """
+
+    name: str
+    title: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Let the name be the title where there is no other."""
+        object.__setattr__(self, "title", self.title or self.name)
+
+
 @dataclass(frozen=True)
-class Candidate:
+class Candidate(Named):
     """A method by name.
 
     Attributes
@@ -168,8 +207,40 @@ class Candidate:
         From a `LearningPart` to a `Learned`.  It must not look elsewhere.
     pieces : int
         Of work, as it tells them to ``LearningPart.progress``; the first is told by the caller.
+    title : str
+        What tables and pictures of `compare` call it; the name, unless said otherwise.
     """
 
-    name: str
     learn: Callable[[LearningPart], Learned]
     pieces: int = 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Restoration(Estimates, Named):
+    """What one candidate says of a held-out part.
+
+    Attributes
+    ----------
+    name, title : str
+        Of the candidate; the name is the title unless said otherwise.
+    mean, std : ndarray, shape (n,) or (n, m)
+        Its estimate of the state, and the standard deviation that it claims.
+    log_likelihood : ndarray, shape (n,), or None
+        Logarithm of the density of each observation given the earlier ones.
+    switch : ndarray, shape (n,), or None
+        Posterior mean of the switch.
+    notes : tuple of str
+        What a reader should know before trusting the method.
+    description : str
+        What was chosen while learning, in words; may be empty.
+    learned : Learned or None
+        What it has learned, if it is known.
+    seconds, microseconds : float
+        Time of learning, and of one step; NaN if it was not measured.
+    """
+
+    notes: tuple[str, ...] = ()
+    description: str = ""
+    learned: Learned | None = None
+    seconds: float = float("nan")
+    microseconds: float = float("nan")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.comparison.candidates import Estimates, Learned
+from fuzzykf.comparison.candidates import TRIAL_SHARE, Candidate, Estimates, Learned
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.preprocessing import Standardizer
 
@@ -16,16 +17,16 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import LearningPart
 
-__all__ = ["LAGS", "LagRegression", "learn_regression"]
+__all__ = ["CANDIDATES", "LAGS", "LagRegression", "learn_regression"]
 
 #: Numbers of earlier observations between which a regression with lags chooses.
 LAGS = (0, 1, 2, 4, 8, 16, 32, 64)
 
+#: Knots of the piecewise-linear regression, at the quartiles of the observation.
+KNOTS = 3
+
 #: A regression has at least this many rows per coefficient.
 ROWS_PER_COEFFICIENT = 10
-
-#: Share of a learning part on which the numbers of lags are tried before they are judged.
-TRIAL_SHARE = 0.75
 
 
 class LagRegression(Learned):
@@ -140,11 +141,8 @@ def learn_regression(part: LearningPart, lags: Sequence[int] = LAGS, n_knots: in
     cut = round(TRIAL_SHARE * len(part))
     per_lag = part.y.shape[1] * (1 + n_knots)
     possible = [k for k in lags if ROWS_PER_COEFFICIENT * (1 + per_lag * (k + 1)) <= cut - k] or [min(lags)]
-    errors = []
-    for k in possible if len(possible) > 1 else ():
-        trial = LagRegression(part.x[:cut], part.y[:cut], k, n_knots)
-        missed = trial.restore(part.y[:cut], part.y[cut:]).mean - part.x[cut:]
-        errors.append(float(np.nanmean((missed / np.nanstd(part.x, axis=0)) ** 2)))
+    trials = possible if len(possible) > 1 else ()
+    errors = [part.trial_error(LagRegression(part.x[:cut], part.y[:cut], k, n_knots), cut) for k in trials]
     best = possible[int(np.argmin(errors))] if errors else possible[0]
     found = LagRegression(part.x, part.y, best, n_knots)
     if len(lags) > 1:
@@ -153,3 +151,10 @@ def learn_regression(part: LearningPart, lags: Sequence[int] = LAGS, n_knots: in
             "last quarter of the learning part"
         )
     return found
+
+
+CANDIDATES = (
+    Candidate("line", partial(learn_regression, lags=(0,)), title="linear regression"),
+    Candidate("regression", learn_regression, title="regression with lags"),
+    Candidate("piecewise", partial(learn_regression, n_knots=KNOTS), title="piecewise-linear with lags"),
+)

@@ -7,8 +7,8 @@ import pytest
 
 from fuzzykf import CGOFMSModel, CGOMSModel, FuzzykfError
 from fuzzykf.comparison import LearningPart
-from fuzzykf.comparison import switching as candidates
-from fuzzykf.comparison.switching import growth_notes, learn_chosen_law, learn_fuzzy, learn_hard
+from fuzzykf.comparison.candidates import switching as candidates
+from fuzzykf.comparison.candidates.switching import growth_notes, learn_chosen_law, learn_fuzzy, learn_hard
 
 
 @pytest.fixture(scope="module")

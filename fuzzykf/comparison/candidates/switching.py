@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.comparison.candidates import WARM_UP, Estimates, Learned
+from fuzzykf.comparison.candidates import TRIAL_SHARE, WARM_UP, Candidate, Estimates, Learned
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.switching.laws.registry import learned_laws
 
@@ -19,15 +20,21 @@ if TYPE_CHECKING:
     from fuzzykf.results import FitResult
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
 
-__all__ = ["LAWS", "LearnedSwitching", "growth_notes", "learn_chosen_law", "learn_fuzzy", "learn_hard"]
+__all__ = [
+    "CANDIDATES",
+    "LAWS",
+    "LearnedSwitching",
+    "growth_notes",
+    "hard_candidate",
+    "learn_chosen_law",
+    "learn_fuzzy",
+    "learn_hard",
+]
 
 #: Families of laws of a fuzzy switch.
 LAWS = learned_laws()
 
-#: Share of a learning part on which the laws are learned before they are judged on its rest.
-TRIAL_SHARE = 0.75
-
-#: Tolerance of these trials.
+#: Tolerance of the trials in which a law is chosen.
 TRIAL_TOLERANCE = 1e-4
 
 
@@ -101,21 +108,16 @@ def learn_chosen_law(part: LearningPart) -> Learned:
     if part.r is not None:
         return learn_fuzzy(part, LAWS[0])
     cut = round(TRIAL_SHARE * len(part))
-    trial = part.first(cut)
+    cheap = replace(part.first(cut), tolerance=max(part.tolerance, TRIAL_TOLERANCE))
     errors: dict[str, float] = {}
     failures = []
     for law in LAWS:
         if law != LAWS[0]:
             part.progress(f"trying the law {law}")
         try:
-            fit = _cheaper(trial).fuzzy(law)
-            found = LearnedSwitching(fit, part.n_nodes).restore(part.y[:cut], part.y[cut:])
+            errors[law] = part.trial_error(LearnedSwitching(cheap.fuzzy(law), part.n_nodes), cut)
         except FuzzykfError as error:
             failures.append(f"{law}: {error}")
-            continue
-        errors[law] = float(
-            np.sqrt(np.nanmean(((found.mean - part.x[cut:]) / np.nanstd(part.x, axis=0)) ** 2))
-        )
     if not errors:
         raise FuzzykfError(f"no law of the switch could be learned ({'; '.join(failures)})")
     best = min(errors, key=lambda law: errors[law])
@@ -123,10 +125,6 @@ def learn_chosen_law(part: LearningPart) -> Learned:
     told = ", ".join(f"{law} {error:.3g}" for law, error in errors.items())
     description = f"law {best}, of least error on the last quarter of the learning part (RMSE {told} std)"
     return LearnedSwitching(part.fuzzy(best), part.n_nodes, description)
-
-
-def _cheaper(part: LearningPart) -> LearningPart:
-    return replace(part, tolerance=max(part.tolerance, TRIAL_TOLERANCE), _hard={})
 
 
 def growth_notes(system: SwitchingSystem) -> list[str]:
@@ -155,3 +153,16 @@ def growth_notes(system: SwitchingSystem) -> list[str]:
         f"while the switch stays at {system.chain.nodes[worst]:.3g}, the error of the state grows by "
         f"{growth[worst] - 1.0:.2g} of itself in a step, and no observation corrects it"
     ]
+
+
+def hard_candidate(n_switches: int) -> Candidate:
+    """Return the candidate of so many hard regimes."""
+    title = "CGOMSMFilter" if n_switches == 2 else f"CGOMSMFilter, K = {n_switches}"
+    return Candidate(f"hard{n_switches}", partial(learn_hard, n_switches=n_switches), title=title)
+
+
+CANDIDATES = (
+    *map(hard_candidate, (1, 2, 3)),
+    *(Candidate(law, partial(learn_fuzzy, law=law), title=f"OFSRFilter, {law}") for law in LAWS),
+    Candidate("fuzzy", learn_chosen_law, pieces=len(LAWS) + 1, title="OFSRFilter"),
+)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.comparison.candidates import WARM_UP, Estimates, Learned
+from fuzzykf.comparison.candidates import WARM_UP, Candidate, Estimates, Learned
 from fuzzykf.errors import FuzzykfError
 
 if TYPE_CHECKING:
@@ -16,7 +17,15 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import LearningPart
 
-__all__ = ["LearnedIMM", "LearnedKalman", "LinearModel", "fit_linear_model", "learn_imm", "learn_kalman"]
+__all__ = [
+    "CANDIDATES",
+    "LearnedIMM",
+    "LearnedKalman",
+    "LinearModel",
+    "fit_linear_model",
+    "learn_imm",
+    "learn_kalman",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,17 +49,19 @@ class LinearModel:
     mean: FloatArray
     covariance: FloatArray
 
-    def place(self, kalman_filter: Any, dim_z: int) -> None:
-        """Assign the model to a Kalman filter with the interface of filterpy's.
+    def new_filter(self, kalman_filter: Any, dim_x: int) -> Any:
+        """Return a Kalman filter on the model: fuzzykf's or filterpy's; the calls are the same.
 
         Its state is (X, Y), of which Y is observed without noise; the offset is a control
         that is always one.
         """
         d = len(self.mean)
-        kalman_filter.x, kalman_filter.P = self.mean[:, None].copy(), self.covariance.copy()
-        kalman_filter.F, kalman_filter.Q = self.transition.copy(), self.noise.copy()
-        kalman_filter.B = self.offset[:, None].copy()
-        kalman_filter.H, kalman_filter.R = np.eye(d)[d - dim_z :], np.zeros((dim_z, dim_z))
+        f = kalman_filter(dim_x=d, dim_z=d - dim_x, dim_u=1)
+        f.x, f.P = self.mean[:, None].copy(), self.covariance.copy()
+        f.F, f.Q = self.transition.copy(), self.noise.copy()
+        f.B = self.offset[:, None].copy()
+        f.H, f.R = np.eye(d)[dim_x:], np.zeros((d - dim_x, d - dim_x))
+        return f
 
 
 #: The control that multiplies the offset.
@@ -101,11 +112,10 @@ def fit_linear_model(x: FloatArray, y: FloatArray, weight: FloatArray | None = N
 class _LearnedLinear(Learned):
     """A filter of (X, Y) with predict(u), update(z), x, P and log_likelihood."""
 
-    def __init__(self, dim_x: int) -> None:
-        self.dim_x = dim_x
+    dim_x: int
 
-    def _new_filter(self) -> Any:
-        raise NotImplementedError
+    @abstractmethod
+    def _new_filter(self) -> Any: ...
 
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
         """Run the filter, beginning a little earlier."""
@@ -140,18 +150,14 @@ class LearnedKalman(_LearnedLinear):
     model : LinearModel
     dim_x : int
     kalman_filter : type
-        fuzzykf's KalmanFilter or filterpy's; the calls are the same.
+        fuzzykf's KalmanFilter or filterpy's.
     """
 
     def __init__(self, model: LinearModel, dim_x: int, kalman_filter: Any) -> None:
-        super().__init__(dim_x)
-        self.model, self._class = model, kalman_filter
+        self.model, self.dim_x, self._class = model, dim_x, kalman_filter
 
     def _new_filter(self) -> Any:
-        d = len(self.model.mean)
-        f = self._class(dim_x=d, dim_z=d - self.dim_x, dim_u=1)
-        self.model.place(f, d - self.dim_x)
-        return f
+        return self.model.new_filter(self._class, self.dim_x)
 
 
 def learn_kalman(part: LearningPart, kalman_filter: Any = None) -> Learned:
@@ -182,18 +188,12 @@ class LearnedIMM(_LearnedLinear):
     def __init__(
         self, models: list[LinearModel], transition: FloatArray, initial: FloatArray, dim_x: int
     ) -> None:
-        super().__init__(dim_x)
-        self.models, self.transition, self.initial = models, transition, initial
+        self.models, self.transition, self.initial, self.dim_x = models, transition, initial, dim_x
 
     def _new_filter(self) -> Any:
         from fuzzykf.kalman import IMMEstimator, KalmanFilter
 
-        members = []
-        for model in self.models:
-            d = len(model.mean)
-            f = KalmanFilter(dim_x=d, dim_z=d - self.dim_x, dim_u=1)
-            model.place(f, d - self.dim_x)
-            members.append(f)
+        members = [model.new_filter(KalmanFilter, self.dim_x) for model in self.models]
         return IMMEstimator(members, self.initial, self.transition)
 
 
@@ -220,3 +220,9 @@ def learn_imm(part: LearningPart) -> Learned:
         except FuzzykfError as error:
             raise FuzzykfError(f"regime {regime} of the hard model is too rare: {error}") from error
     return LearnedIMM(models, fit.model.transition, fit.model.initial, part.x.shape[1])
+
+
+CANDIDATES = (
+    Candidate("imm", learn_imm, title="IMMEstimator"),
+    Candidate("kalman", learn_kalman, title="KalmanFilter"),
+)

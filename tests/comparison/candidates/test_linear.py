@@ -8,7 +8,13 @@ from filterpy.kalman import KalmanFilter as FilterpyKalmanFilter
 
 from fuzzykf import FuzzykfError
 from fuzzykf.comparison import LearningPart
-from fuzzykf.comparison.linear import LearnedIMM, LearnedKalman, fit_linear_model, learn_imm, learn_kalman
+from fuzzykf.comparison.candidates.linear import (
+    LearnedIMM,
+    LearnedKalman,
+    fit_linear_model,
+    learn_imm,
+    learn_kalman,
+)
 from fuzzykf.kalman import KalmanFilter
 
 TRANSITION = np.array([[0.9, 0.05], [0.2, 0.7]])

@@ -7,7 +7,7 @@ import pytest
 
 from fuzzykf import FuzzykfError
 from fuzzykf.comparison import LearningPart
-from fuzzykf.comparison.regression import LagRegression, learn_regression
+from fuzzykf.comparison.candidates.regression import LagRegression, learn_regression
 
 
 def moving_average(n, weights, seed=0):

@@ -1,0 +1,78 @@
+"""The one registry of candidates: what is compared is known here by its name."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from fuzzykf.comparison.candidates.switching import hard_candidate
+from fuzzykf.errors import ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fuzzykf.comparison.candidates import Candidate
+
+__all__ = ["FAMILIES", "candidate", "candidate_names", "chosen"]
+
+#: Modules of this folder with a tuple ``CANDIDATES``, in the order in which names are told.  A new
+#: family is a module and its line here.
+FAMILIES = (
+    "switching",
+    "linear",
+    "regression",
+)
+
+
+@cache
+def _registry() -> dict[str, Candidate]:
+    modules = [import_module(f"{__package__}.{family}") for family in FAMILIES]
+    return {one.name: one for module in modules for one in module.CANDIDATES}
+
+
+def candidate_names() -> tuple[str, ...]:
+    """Return the names by which `compare`, `compare_models` and the command line know candidates."""
+    return tuple(_registry())
+
+
+def candidate(name: str) -> Candidate:
+    """Return a candidate by its name.
+
+    Parameters
+    ----------
+    name : str
+        One of `candidate_names`, or "hard4", "hard5", ...
+
+    Raises
+    ------
+    ParameterError
+        If there is no such candidate.
+
+    Examples
+    --------
+    >>> from fuzzykf.comparison import candidate
+    >>> candidate("kalman").title
+    'KalmanFilter'
+    """
+    if name in _registry():
+        return _registry()[name]
+    if hard := re.fullmatch(r"hard([1-9]\d*)", name):
+        return hard_candidate(int(hard[1]))
+    raise ParameterError(f"candidates: got {name!r}, expected names of {', '.join(candidate_names())}")
+
+
+def chosen(candidates: Sequence[str | Candidate]) -> list[Candidate]:
+    """Return candidates of which some are given by name.
+
+    Raises
+    ------
+    ParameterError
+        If there is none, or a name is unknown or comes twice.
+    """
+    found = [candidate(one) if isinstance(one, str) else one for one in candidates]
+    names = [one.name for one in found]
+    if not names or len(set(names)) < len(names):
+        raise ParameterError(f"candidates: got {names}, expected one at least and each name once")
+    return found

@@ -1,0 +1,342 @@
+"""The one way in which candidates are judged, on one held-out part or on several.
+
+They learn on a part (`restore`), say what the states of a later one were, from its observations,
+and their errors there make the scores (`summarise`).
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from fuzzykf.comparison.candidates import Estimates, Restoration
+from fuzzykf.comparison.scores import INTERVAL_FACTOR, LIMITS, Score, bootstrap_rmse
+from fuzzykf.errors import FuzzykfError, MissingDependencyError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    import pandas as pd
+
+    from fuzzykf.arrays import BoolArray, FloatArray
+    from fuzzykf.comparison.candidates import Candidate, Learned, LearningPart, Named
+
+__all__ = ["Fold", "HeldOut", "ModelComparison", "ModelScore", "microseconds", "restore", "summarise"]
+
+#: A method's time per step is the least of this many passes over this many steps.
+TIMED_PASSES, TIMED_STEPS = 5, 500
+
+#: The scores of `compare_models` are those of `compare`.
+ModelScore = Score
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Rows that one round learns on, and the rows after them that it is judged on.
+
+    Attributes
+    ----------
+    begin, split, end : int
+        Rows ``begin`` to ``split - 1`` are learned on, ``split`` to ``end - 1`` held out.
+    """
+
+    begin: int
+    split: int
+    end: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelComparison:
+    """What `compare_models` found.
+
+    Attributes
+    ----------
+    scores : tuple of Score
+        In the order of the candidates, without those that failed.
+    failures : mapping of str to str
+        Candidates that could not be learned in some fold, and why.
+    folds : tuple of Fold
+    fold_rmse : ndarray, shape (folds, candidates)
+        The error of each of `scores` in each fold.
+    learned : tuple of mapping
+        For each fold, what each candidate learned; see `fuzzykf.comparison.Learned`.
+    baseline_rmse : float
+        Error of somebody who always answers the mean of the part learned on.
+    block_length : int
+        Steps in a block of the bootstrap.
+    """
+
+    scores: tuple[Score, ...]
+    failures: Mapping[str, str] = field(default_factory=dict)
+    folds: tuple[Fold, ...]
+    fold_rmse: FloatArray
+    learned: tuple[Mapping[str, Learned], ...]
+    baseline_rmse: float
+    block_length: int
+
+    @property
+    def ranked(self) -> tuple[Score, ...]:
+        """The scores, least error first."""
+        return tuple(sorted(self.scores, key=lambda score: score.rmse))
+
+    @property
+    def best(self) -> str:
+        """The candidate of least error."""
+        return self.ranked[0].name
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the lead of the best candidate exceeds its uncertainty."""
+        return len(self.scores) > 1 and self.ranked[1].difference_low > 0.0
+
+    def verdict(self, unit: str = "") -> str:
+        """Say in one sentence what wins, and whether the difference exceeds its uncertainty.
+
+        Parameters
+        ----------
+        unit : str
+            Unit of the state.
+        """
+        told = self._lead("name", unit)
+        likelihood = np.array([score.log_likelihood for score in self.scores], dtype=np.float64)
+        if len(self.scores) > 1 and not np.isnan(likelihood).all():
+            likeliest = self.scores[int(np.nanargmax(likelihood))].name
+            told += f"; the observations are likeliest under {likeliest}"
+        return told + "."
+
+    def _lead(self, label: Literal["name", "title"], unit: str) -> str:
+        space = f" {unit}" if unit else ""
+        best, *others = self.ranked
+        if not others:
+            return f"{getattr(best, label)} is the only candidate, with an RMSE of {best.rmse:.4g}{space}"
+        second = others[0]
+        certainty = "more than its uncertainty" if self.is_certain else "no more than its uncertainty"
+        limits = f"{second.difference_low:.2g} to {second.difference_high:.2g}{space}"
+        return (
+            f"{getattr(best, label)} has the lowest RMSE, {best.rmse:.4g}{space}: "
+            f"{second.difference:.2g}{space} below {getattr(second, label)}, which is {certainty} "
+            f"(95 % interval of the difference {limits})"
+        )
+
+    def notes(self) -> dict[str, tuple[str, ...]]:
+        """Return what a reader should know before trusting a candidate: notes of its last fold."""
+        return {name: learned.notes for name, learned in self.learned[-1].items() if learned.notes}
+
+    def to_dataframe(self, *, by_fold: bool = False) -> pd.DataFrame:
+        """Return the scores as a pandas DataFrame, one row per candidate, best first.
+
+        Parameters
+        ----------
+        by_fold : bool
+            Return the RMSE of each candidate (columns) in each fold (rows) instead.
+
+        Raises
+        ------
+        MissingDependencyError
+            If pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise MissingDependencyError("to_dataframe needs pandas: pip install 'fuzzykf[cli]'") from error
+        if by_fold:
+            rows = pd.Index([fold.split for fold in self.folds], name="first_held_out")
+            return pd.DataFrame(self.fold_rmse, index=rows, columns=[score.name for score in self.scores])
+        found = pd.DataFrame([vars(score) for score in self.ranked]).set_index("name").drop(columns="title")
+        return found.drop(columns="microseconds") if found["microseconds"].isna().all() else found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeldOut:
+    """One held-out part, and what the candidates say of it.
+
+    Attributes
+    ----------
+    truth, zs : ndarray, shapes (n, m) and (n, q)
+        States and observations, NaN where missing.
+    centre : ndarray, shape (m,)
+        Mean of the states learned on.
+    found : dict of str to Restoration
+        By name of the candidate.
+    failures : dict of str to str
+        Why a candidate found nothing.
+    """
+
+    truth: FloatArray
+    zs: FloatArray
+    centre: FloatArray
+    found: dict[str, Restoration] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def known(self) -> BoolArray:
+        """Rows of which something of the state is known, shape (n,)."""
+        known: BoolArray = np.asarray(np.isfinite(self.truth).any(axis=1))
+        return known
+
+    def squared(self, mean: FloatArray, scale: FloatArray) -> FloatArray:
+        """Return the squared error of an estimate at each known row."""
+        squared: FloatArray = np.nanmean((self._error(mean) / scale) ** 2, axis=1)
+        return squared
+
+    def inside(self, found: Restoration) -> FloatArray:
+        """Return the share of the components inside their intervals, at each known row."""
+        error, std = self._error(found.mean), found.std.reshape(self.truth.shape)[self.known]
+        within = np.where(np.isnan(error), np.nan, np.abs(error) <= INTERVAL_FACTOR * std)
+        share: FloatArray = np.nanmean(within, axis=1)
+        return share
+
+    def log_likelihood(self, found: Restoration) -> FloatArray:
+        """Return the log-density of each observation that there is; empty without a law of them."""
+        if found.log_likelihood is None:
+            return np.empty(0)
+        return found.log_likelihood[np.isfinite(self.zs).any(axis=1)]
+
+    def _error(self, mean: FloatArray) -> FloatArray:
+        return (mean.reshape(self.truth.shape) - self.truth)[self.known]
+
+
+def restore(
+    candidate: Candidate,
+    part: LearningPart,
+    zs: FloatArray,
+    *,
+    step: str = "held-out step",
+    timed: bool = False,
+) -> Restoration:
+    """Let a candidate learn, and say what the states of the rows after that part were.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    part : LearningPart
+    zs : ndarray, shape (n, q)
+        Observations of the held-out part.
+    step : str
+        What an error calls a row of it.
+    timed : bool
+        Measure the time of a step as well.
+
+    Raises
+    ------
+    FuzzykfError
+        If it cannot learn, or finds numbers that are not finite.
+    """
+    begun = time.perf_counter()
+    learned = candidate.learn(part)
+    seconds = time.perf_counter() - begun
+    found = learned.restore(part.y, zs)
+    for quantity in ("mean", "std", "log_likelihood"):
+        values = getattr(found, quantity)
+        if values is not None and not np.isfinite(values).all():
+            k = int(np.argwhere(~np.isfinite(values))[0, 0])
+            raise FuzzykfError(f"its {quantity} at {step} {k} is {np.squeeze(values[k])}")
+    return Restoration(
+        name=candidate.name,
+        title=candidate.title,
+        **{one.name: getattr(found, one.name) for one in fields(Estimates)},
+        notes=learned.notes,
+        description=learned.description,
+        learned=learned,
+        seconds=seconds,
+        microseconds=microseconds(learned.stepper(), zs) if timed else float("nan"),
+    )
+
+
+def microseconds(step: Callable[[FloatArray], object], zs: FloatArray) -> float:
+    """Time of one call of ``step``: the least mean over several passes, in microseconds."""
+    values = list(zs[:TIMED_STEPS])
+    passes = []
+    for _ in range(TIMED_PASSES):
+        start = time.perf_counter()
+        for z in values:
+            step(z)
+        passes.append(time.perf_counter() - start)
+    return 1e6 * min(passes) / len(values)
+
+
+def summarise(
+    candidates: Sequence[Named],
+    folds: tuple[Fold, ...],
+    parts: Sequence[HeldOut],
+    scale: FloatArray,
+    n_resamples: int,
+    rng: np.random.Generator,
+    *,
+    no_law: float | None = None,
+) -> ModelComparison:
+    """Score the candidates on all held-out parts together.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate or Restoration
+        Whose names and titles are wanted.
+    folds : tuple of Fold
+    parts : sequence of HeldOut
+        One for each fold.
+    scale : ndarray, shape (m,) or (1,)
+        Units of the errors.
+    n_resamples : int
+    rng : numpy.random.Generator
+    no_law : float or None
+        What stands for the log-likelihood of a candidate that has no law of the observation.
+
+    Raises
+    ------
+    FuzzykfError
+        If every candidate failed in some fold.
+    """
+    failures = {
+        name: f"fold {number}: {reason}"
+        for number, part in reversed(list(enumerate(parts, 1)))
+        for name, reason in part.failures.items()
+    }
+    left = [one for one in candidates if one.name not in failures]
+    if not left:
+        reasons = "; ".join(f"{name}, {reason}" for name, reason in failures.items())
+        raise FuzzykfError(f"no candidate could be learned: {reasons}")
+    squared = [
+        np.column_stack([part.squared(part.found[one.name].mean, scale) for one in left]) for part in parts
+    ]
+    bootstrap = bootstrap_rmse(np.concatenate(squared), n_resamples, rng)
+    best = int(np.argmin(bootstrap.rmse))
+    low, high = np.quantile(bootstrap.resampled, LIMITS, axis=0)
+    scores = []
+    for k, one in enumerate(left):
+        found = [(part, part.found[one.name]) for part in parts]
+        difference_low, difference_high = bootstrap.difference(k, best)
+        steps = np.concatenate([part.log_likelihood(said) for part, said in found])
+        scores.append(
+            Score(
+                name=one.name,
+                title=one.title,
+                rmse=float(bootstrap.rmse[k]),
+                rmse_low=float(low[k]),
+                rmse_high=float(high[k]),
+                difference=float(bootstrap.rmse[k] - bootstrap.rmse[best]),
+                difference_low=difference_low,
+                difference_high=difference_high,
+                coverage=float(np.concatenate([part.inside(said) for part, said in found]).mean()),
+                log_likelihood=float(steps.mean()) if steps.size else no_law,
+                seconds=sum(said.seconds for _, said in found),
+                microseconds=found[-1][1].microseconds,
+            )
+        )
+    mean = [part.squared(np.broadcast_to(part.centre, part.truth.shape), scale) for part in parts]
+    return ModelComparison(
+        scores=tuple(scores),
+        failures=failures,
+        folds=folds,
+        fold_rmse=np.array(  # a fold without a known state has no error
+            [[np.sqrt(column.mean()) if len(rows) else np.nan for column in rows.T] for rows in squared]
+        ),
+        learned=tuple(
+            {name: said.learned for name, said in part.found.items() if said.learned is not None}
+            for part in parts
+        ),
+        baseline_rmse=float(np.sqrt(np.concatenate(mean).mean())),
+        block_length=bootstrap.block_length,
+    )

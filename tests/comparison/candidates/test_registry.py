@@ -1,0 +1,102 @@
+"""Every candidate has one name, and whatever compares knows it by this name."""
+
+from __future__ import annotations
+
+import re
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fuzzykf import compare_models
+from fuzzykf.cli.compare import Law
+from fuzzykf.comparison import (
+    Candidate,
+    Estimates,
+    Learned,
+    candidate,
+    candidate_names,
+    compare,
+    main_methods,
+    prepare,
+)
+from fuzzykf.comparison.candidates import registry
+from fuzzykf.comparison.candidates.switching import LAWS
+from fuzzykf.comparison.models import CANDIDATES
+from fuzzykf.errors import ParameterError
+
+HOWTO = Path(__file__).parents[3] / "docs" / "howto"
+
+
+class Mean(Learned):
+    """Answers the mean, whatever is observed."""
+
+    def __init__(self, part) -> None:
+        self.mean = part.x.mean(axis=0)
+
+    def restore(self, before, zs):
+        return Estimates(mean=np.tile(self.mean, (len(zs), 1)), std=np.ones((len(zs), 1)))
+
+    def stepper(self):
+        return lambda z: self.mean
+
+
+@pytest.fixture
+def family(monkeypatch):
+    """A family of its own: one module, and one line in the list of them."""
+    module = types.ModuleType("mean")
+    module.CANDIDATES = (Candidate("mean", Mean, title="always the mean"),)
+    monkeypatch.setitem(sys.modules, "fuzzykf.comparison.candidates.mean", module)
+    monkeypatch.setattr(registry, "FAMILIES", (*registry.FAMILIES, "mean"))
+    registry._registry.cache_clear()
+    yield
+    registry._registry.cache_clear()
+
+
+@pytest.mark.usefixtures("family")
+def test_a_module_and_a_line_make_a_candidate_that_everything_knows() -> None:
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=(2, 300))
+    found = compare_models(x, y, rng, candidates=["mean", "line"], n_resamples=100)
+    assert found.scores[0].rmse == pytest.approx(found.baseline_rmse)
+    table = compare(prepare(x, y), rng, methods=["mean", "line"], n_resamples=100)
+    assert [(s.name, s.title) for s in table.scores] == [
+        ("mean", "always the mean"),
+        ("line", "linear regression"),
+    ]
+    with pytest.raises(ParameterError, match=r"candidates: got 'men', expected names of .*, mean$"):
+        candidate("men")
+
+
+def test_names_and_titles_are_told_apart() -> None:
+    found = [candidate(name) for name in candidate_names()]
+    assert [one.name for one in found] == list(candidate_names())
+    assert len({one.name for one in found}) == len({one.title for one in found}) == len(found)
+
+
+def test_what_is_compared_by_default_is_registered() -> None:
+    assert set(CANDIDATES) <= set(candidate_names())
+    for law in ("auto", *LAWS):
+        for one in main_methods(law):
+            assert candidate(one.name).pieces == one.pieces
+    assert [law.value for law in Law] == ["auto", *LAWS]
+
+
+def test_any_number_of_hard_regimes_has_a_name() -> None:
+    assert candidate("hard12").name == "hard12"
+    assert candidate("hard12").learn.keywords == {"n_switches": 12}
+    with pytest.raises(
+        ParameterError, match="candidates: got 'hard0', expected names of hard1, hard2, hard3"
+    ):
+        candidate("hard0")
+
+
+def test_the_pages_tell_of_candidates_by_their_names_and_titles() -> None:
+    fit = (HOWTO / "fit.md").read_text(encoding="utf-8")
+    cells = re.findall(r"^\| (`[^|]*) \|", fit[fit.index("Without `candidates`") :], re.MULTILINE)
+    assert set(re.findall(r"`(\w+)`", " ".join(cells))) == set(candidate_names())
+    page = (HOWTO / "compare.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([^|]+) \| `(\w+)` \|", page, re.MULTILINE)
+    assert rows == [(one.title, one.name) for one in main_methods()]
