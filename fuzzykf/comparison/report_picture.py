@@ -121,23 +121,24 @@ def draw(comparison: Comparison, *, state_label: str, unit: str) -> Picture:
     first = max(0, (n - MAX_STEPS) // 2)
     part = slice(first, min(n, first + MAX_STEPS))
     traces: list[Any] = []
-    layers = [
-        _layer(
-            traces, "measured", _TRUTH, True, [_line(task.state[task.n_train :][part], "measured", _TRUTH)]
-        )
-    ]
+    layers: list[Layer] = []
+
+    def add(name: str, style: tuple[str, str], is_shown: bool, lines: list[Any]) -> None:
+        numbers = list(range(len(traces), len(traces) + len(lines)))
+        layers.append(Layer(name, style[0], _DASHES[style[1]], numbers, is_shown))
+        for line in lines:
+            line.visible = is_shown
+        traces.extend(lines)
+
+    add("measured", _TRUTH, True, [_line(task.state[task.n_train :][part], "measured", _TRUTH)])
     shown = _shown_at_first(comparison)
-    for k, restoration in enumerate(comparison.restorations):
+    for k, one in enumerate(comparison.restorations):
         style = _STYLES[k % len(_STYLES)]
-        layers.append(
-            _layer(
-                traces, restoration.title, style, restoration.name in shown, _method(restoration, style, part)
-            )
-        )
+        add(one.title, style, one.name in shown, _method(one, style, part))
     if task.switch is not None:
         rule, style = task.switch[task.n_train :][part], ("#555555", "dot")
         name = "switch by the rule of the learning part (not seen by any method)"
-        layers.append(_layer(traces, name, style, True, [_line(rule, "rule", style, axis="y2")]))
+        add(name, style, True, [_line(rule, "rule", style, axis="y2")])
     n_steps = part.stop - part.start
     rows = slice(task.n_train + part.start, task.n_train + part.stop)
     x = range(rows.start, rows.stop) if task.time is None else np.datetime_as_string(task.time[rows])
@@ -162,14 +163,6 @@ def _shown_at_first(comparison: Comparison) -> set[str]:
     return {comparison.best, comparison.second, comparison.restorations[0].name}
 
 
-def _layer(traces: list[Any], name: str, style: tuple[str, str], is_shown: bool, new: list[Any]) -> Layer:
-    begin = len(traces)
-    for trace in new:
-        trace.visible = is_shown
-    traces.extend(new)
-    return Layer(name, style[0], _DASHES[style[1]], list(range(begin, len(traces))), is_shown)
-
-
 _DASHES = {
     "solid": "",
     "dash": "7 4",
@@ -182,19 +175,15 @@ _DASHES = {
 
 def _method(restoration: Restoration, style: tuple[str, str], part: slice) -> list[Any]:
     mean, half = restoration.mean[part], INTERVAL_FACTOR * restoration.std[part]
-    lower = _line(mean - half, restoration.title, style, line={"width": 0}, hoverinfo="skip")
-    upper = _line(
-        mean + half,
-        restoration.title,
-        style,
-        line={"width": 0},
-        fill="tonexty",
-        fillcolor=_translucent(style[0]),
-        hoverinfo="skip",
-    )
-    found = [lower, upper, _line(mean, restoration.title, style)]
+    name = restoration.title
+    edge: dict[str, Any] = {"line": {"width": 0}, "hoverinfo": "skip"}
+    found = [
+        _line(mean - half, name, style, **edge),
+        _line(mean + half, name, style, fill="tonexty", fillcolor=_translucent(style[0]), **edge),
+        _line(mean, name, style),
+    ]
     if restoration.switch is not None:
-        found.append(_line(restoration.switch[part], f"{restoration.title}, mean", style, axis="y2"))
+        found.append(_line(restoration.switch[part], f"{name}, mean", style, axis="y2"))
     return found
 
 
