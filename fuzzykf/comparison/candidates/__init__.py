@@ -27,7 +27,6 @@ __all__ = [
     "Estimates",
     "Learned",
     "LearningPart",
-    "Named",
     "Restoration",
 ]
 
