@@ -11,14 +11,9 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 import numpy as np
 
 from fuzzykf import engine
-from fuzzykf.engine.numpy.grid import CUT, sharpness, subgrid_minimum  # these are NumPy on both engines
-from fuzzykf.engine.numpy.raster import samples, tangents
-from fuzzykf.engine.numpy.scales import Scale, from_membership, scaled, to_membership
-
-if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray, IntArray
 
 # what exists in NumPy only
+from fuzzykf.engine.numpy.grid import CUT, sharpness, subgrid_minimum
 from fuzzykf.engine.numpy.imm import correct_bank, log_mixing, move_bank
 from fuzzykf.engine.numpy.imm import filter_many as filter_bank_many
 from fuzzykf.engine.numpy.imm import merge as merge_modes
@@ -36,9 +31,13 @@ from fuzzykf.engine.numpy.kalman import update as update_residual
 from fuzzykf.engine.numpy.kalman_series import filter_many as filter_linear_many
 from fuzzykf.engine.numpy.kalman_series import rts_gains
 from fuzzykf.engine.numpy.kalman_series import smooth as smooth_linear
+from fuzzykf.engine.numpy.raster import samples, tangents
+from fuzzykf.engine.numpy.scales import Scale, from_membership, scaled, to_membership
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from fuzzykf.arrays import FloatArray, IntArray
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")

@@ -283,7 +283,7 @@ class FuzzyRelationEstimator(Filter):
             )
         outcome = self._belief.predict(move, noise)
         _warn(outcome)
-        self._remember()
+        self.remember_origin()
         assert outcome.belief is not None
         self._belief = outcome.belief
         self.x_prior, self.P_prior = self._estimate()
@@ -367,7 +367,7 @@ class FuzzyRelationEstimator(Filter):
 
     def _learn(self, belief: Belief, possibility: float, z: Any) -> None:
         """Keep what an update has found."""
-        self._remember()
+        self.remember_origin()
         self._belief, self.possibility, self.z = belief, possibility, z
         self.x_post, self.P_post = self._estimate()
 
