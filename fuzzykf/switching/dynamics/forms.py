@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import Describe
 
-__all__ = ["FORMS", "CovarianceForm", "GaussianForm", "RegressionForm", "TransitionForm"]
+__all__ = ["CovarianceForm", "GaussianForm", "RegressionForm", "TransitionForm"]
 
 
 def bilinear(values: FloatArray, u1: FloatArray, u2: FloatArray) -> FloatArray:
@@ -65,9 +65,15 @@ class GaussianForm(Immutable, ABC):
 
     #: Name under which the form is written to a file.
     kind: ClassVar[str]
+    #: The forms by that name.
+    kinds: ClassVar[dict[str, Any]] = {}
     n_classes: int
     dim_x: int
     dim_z: int
+
+    def __init_subclass__(cls) -> None:
+        if "kind" in vars(cls):
+            GaussianForm.kinds[cls.kind] = cls
 
     @abstractmethod
     def marginal(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -332,12 +338,6 @@ class RegressionForm(GaussianForm):
         """Return the parameters as plain lists."""
         parameters = {name: value.tolist() for name, value in self.table._asdict().items()}
         return parameters | {"means": self.means.tolist(), "covariances": self.covariances.tolist()}
-
-
-#: The forms by the kind under which they are written to a file.
-FORMS: dict[str, type[GaussianForm]] = {
-    form.kind: form for form in (CovarianceForm, TransitionForm, RegressionForm)
-}
 
 
 def _right_divide(B: FloatArray, S: FloatArray) -> FloatArray:

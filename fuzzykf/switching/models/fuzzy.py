@@ -13,13 +13,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import check_covariance
 from fuzzykf.io import part_from_dict, part_to_dict
-from fuzzykf.switching.dynamics.forms import (
-    FORMS,
-    CovarianceForm,
-    GaussianForm,
-    RegressionForm,
-    TransitionForm,
-)
+from fuzzykf.switching.dynamics.forms import CovarianceForm, GaussianForm, RegressionForm, TransitionForm
 from fuzzykf.switching.dynamics.placed import StationarySystem
 from fuzzykf.switching.laws.law import FuzzyMarkovLaw
 from fuzzykf.switching.laws.registry import LAWS
@@ -332,7 +326,7 @@ class CGOFMSModel(SwitchingModel):
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Make a model from what `to_dict` returned."""
-        form = part_from_dict(values["form"], FORMS)
+        form = part_from_dict(values["form"], GaussianForm.kinds)
         return cls._from_form(part_from_dict(values["law"], LAWS), form)
 
     def __repr__(self) -> str:

@@ -8,13 +8,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.io import part_from_dict, part_to_dict
-from fuzzykf.switching.dynamics.forms import (
-    FORMS,
-    CovarianceForm,
-    GaussianForm,
-    RegressionForm,
-    TransitionForm,
-)
+from fuzzykf.switching.dynamics.forms import CovarianceForm, GaussianForm, RegressionForm, TransitionForm
 from fuzzykf.switching.dynamics.placed import StationarySystem
 from fuzzykf.switching.laws.chain import SwitchChain
 from fuzzykf.switching.models.base import SwitchingModel
@@ -408,7 +402,7 @@ class CGOMSModel(SwitchingModel):
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Make a model from what `to_dict` returned."""
-        form = part_from_dict(values["form"], FORMS | {ConvertedSystem.kind: ConvertedSystem})
+        form = part_from_dict(values["form"], GaussianForm.kinds | {ConvertedSystem.kind: ConvertedSystem})
         if isinstance(form, ConvertedSystem):
             return cls._from_system(form)
         return cls._from_form(values["transition"], form, values["initial"])
