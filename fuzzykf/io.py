@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from os import PathLike
 
 __all__ = [
-    "Document",
     "load_filter",
     "load_model",
     "read_document",

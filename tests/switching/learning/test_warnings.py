@@ -9,7 +9,7 @@ import pytest
 
 from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.learning.chains import FMC1Chain
+from fuzzykf.switching.learning.chains import family_of
 from fuzzykf.switching.learning.em import Estimate
 from fuzzykf.switching.learning.notes import stability_radius, too_gradual
 from fuzzykf.switching.learning.vine import vine_moments
@@ -117,7 +117,7 @@ def test_a_hidden_switch_that_is_too_gradual_for_fmc1():
 
 def test_fmc1_at_its_bound():
     # what the notes say of an estimate whose law is at the bound; no data are needed
-    chain = FMC1Chain(5, FuzzyMarkovLaw.fmc1(0.0005, 0.001, 0.996 * 3 / 8))
+    chain = family_of("fmc1", 5, FuzzyMarkovLaw.fmc1(0.0005, 0.001, 0.996 * 3 / 8))
     (note,) = too_gradual(Estimate(chain, None), None, None)
     assert note.startswith(f"p_hard is {chain.law().p_hard:.3g}, at the bound 3/8 of FMC1")
 
