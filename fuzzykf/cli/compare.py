@@ -19,6 +19,7 @@ from fuzzykf.cli.columns import TIME_COLUMNS, time_column
 from fuzzykf.cli.output import check_file, check_folder, progress_bar, report_errors
 from fuzzykf.errors import ParameterError
 from fuzzykf.io import write_bytes, write_text
+from fuzzykf.switching.laws.registry import learned_laws
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,13 +42,14 @@ class SwitchSource(StrEnum):
     QUANTILES = "quantiles"
 
 
-class Law(StrEnum):
-    """Family of the law of the fuzzy switch."""
+if TYPE_CHECKING:
 
-    AUTO = "auto"
-    FMC1 = "fmc1"
-    FMC2 = "fmc2"
-    FREE = "free"
+    class Law(StrEnum):
+        """Family of the law of the fuzzy switch."""
+
+        AUTO = "auto"
+else:
+    Law = StrEnum("Law", {name.upper(): name for name in ("auto", *learned_laws())})
 
 
 @dataclass(frozen=True, eq=False)
