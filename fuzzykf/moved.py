@@ -19,71 +19,48 @@ if TYPE_CHECKING:
 
 __all__ = ["MODULES", "NAMES", "install", "lookup"]
 
+#: Folders of today, and the modules in them that stood one folder above.
+_FOLDERS = {
+    "fuzzykf.comparison.candidates": "linear regression switching",
+    "fuzzykf.engine.numpy": (
+        "backward convolution grid hmm imm kalman kalman_series kernels moments raster scales stepper "
+        "switching switching_many"
+    ),
+    "fuzzykf.possibility.grid": "conditioning lattice meeting noise propagation scalar warp",
+    "fuzzykf.possibility.intervals": "boxes",
+    "fuzzykf.switching.dynamics": "form_checks forms interpolation simulation",
+    "fuzzykf.switching.filters": "known_switch",
+    "fuzzykf.switching.inference": (
+        "belief forecast gap_smoother many missing recursion series smoother steady"
+    ),
+    "fuzzykf.switching.laws": "chain integration quadrature",
+    "fuzzykf.switching.models": "repair",
+    "fuzzykf.switching.state_space": "cglssm closeness conversion converted",
+}
+
 #: Old module path: the module that holds its names today.
 MODULES = {
+    **{
+        f"{folder.rpartition('.')[0]}.{name}": f"{folder}.{name}"
+        for folder, names in _FOLDERS.items()
+        for name in names.split()
+    },
     "fuzzykf._progress": "fuzzykf.progress",
-    "fuzzykf.comparison.linear": "fuzzykf.comparison.candidates.linear",
     "fuzzykf.comparison.methods": "fuzzykf.comparison.run",
-    "fuzzykf.comparison.regression": "fuzzykf.comparison.candidates.regression",
     "fuzzykf.comparison.rolling": "fuzzykf.comparison.evaluation",
-    "fuzzykf.comparison.switching": "fuzzykf.comparison.candidates.switching",
-    "fuzzykf.engine.backward": "fuzzykf.engine.numpy.backward",
-    "fuzzykf.engine.convolution": "fuzzykf.engine.numpy.convolution",
-    "fuzzykf.engine.grid": "fuzzykf.engine.numpy.grid",
-    "fuzzykf.engine.hmm": "fuzzykf.engine.numpy.hmm",
-    "fuzzykf.engine.imm": "fuzzykf.engine.numpy.imm",
-    "fuzzykf.engine.kalman": "fuzzykf.engine.numpy.kalman",
-    "fuzzykf.engine.kalman_series": "fuzzykf.engine.numpy.kalman_series",
-    "fuzzykf.engine.kernels": "fuzzykf.engine.numpy.kernels",
-    "fuzzykf.engine.moments": "fuzzykf.engine.numpy.moments",
-    "fuzzykf.engine.raster": "fuzzykf.engine.numpy.raster",
-    "fuzzykf.engine.scales": "fuzzykf.engine.numpy.scales",
-    "fuzzykf.engine.stepper": "fuzzykf.engine.numpy.stepper",
-    "fuzzykf.engine.switching": "fuzzykf.engine.numpy.switching",
-    "fuzzykf.engine.switching_many": "fuzzykf.engine.numpy.switching_many",
     "fuzzykf.model_choice": "fuzzykf.comparison.models",
     "fuzzykf.plotting.comparison": "fuzzykf.comparison.picture",
     "fuzzykf.possibility.attributes": "fuzzykf.possibility.estimator",
-    "fuzzykf.possibility.boxes": "fuzzykf.possibility.intervals.boxes",
     "fuzzykf.possibility.choice": "fuzzykf.possibility.representation",
-    "fuzzykf.possibility.conditioning": "fuzzykf.possibility.grid.conditioning",
     "fuzzykf.possibility.landing": "fuzzykf.possibility.grid.warp",
-    "fuzzykf.possibility.lattice": "fuzzykf.possibility.grid.lattice",
-    "fuzzykf.possibility.meeting": "fuzzykf.possibility.grid.meeting",
-    "fuzzykf.possibility.noise": "fuzzykf.possibility.grid.noise",
-    "fuzzykf.possibility.propagation": "fuzzykf.possibility.grid.propagation",
-    "fuzzykf.possibility.scalar": "fuzzykf.possibility.grid.scalar",
-    "fuzzykf.possibility.warp": "fuzzykf.possibility.grid.warp",
-    "fuzzykf.switching.belief": "fuzzykf.switching.inference.belief",
-    "fuzzykf.switching.cglssm": "fuzzykf.switching.state_space.cglssm",
-    "fuzzykf.switching.chain": "fuzzykf.switching.laws.chain",
-    "fuzzykf.switching.closeness": "fuzzykf.switching.state_space.closeness",
-    "fuzzykf.switching.conversion": "fuzzykf.switching.state_space.conversion",
-    "fuzzykf.switching.converted": "fuzzykf.switching.state_space.converted",
     "fuzzykf.switching.filter_base": "fuzzykf.switching.filters.switching_filter",
-    "fuzzykf.switching.forecast": "fuzzykf.switching.inference.forecast",
-    "fuzzykf.switching.form_checks": "fuzzykf.switching.dynamics.form_checks",
-    "fuzzykf.switching.forms": "fuzzykf.switching.dynamics.forms",
     "fuzzykf.switching.fuzzy_model": "fuzzykf.switching.models.fuzzy",
-    "fuzzykf.switching.gap_smoother": "fuzzykf.switching.inference.gap_smoother",
     "fuzzykf.switching.hard_model": "fuzzykf.switching.models.hard",
-    "fuzzykf.switching.integration": "fuzzykf.switching.laws.integration",
-    "fuzzykf.switching.interpolation": "fuzzykf.switching.dynamics.interpolation",
-    "fuzzykf.switching.known_switch": "fuzzykf.switching.filters.known_switch",
     "fuzzykf.switching.law_cells": "fuzzykf.switching.laws.cells",
     "fuzzykf.switching.law_families": "fuzzykf.switching.laws",
     "fuzzykf.switching.learning.result": "fuzzykf.results",
-    "fuzzykf.switching.many": "fuzzykf.switching.inference.many",
-    "fuzzykf.switching.missing": "fuzzykf.switching.inference.missing",
     "fuzzykf.switching.model_base": "fuzzykf.switching.models.base",
-    "fuzzykf.switching.quadrature": "fuzzykf.switching.laws.quadrature",
     "fuzzykf.switching.readings": "fuzzykf.switching.filters.switching_filter",
-    "fuzzykf.switching.recursion": "fuzzykf.switching.inference.recursion",
-    "fuzzykf.switching.repair": "fuzzykf.switching.models.repair",
-    "fuzzykf.switching.series": "fuzzykf.switching.inference.series",
-    "fuzzykf.switching.simulation": "fuzzykf.switching.dynamics.simulation",
-    "fuzzykf.switching.smoother": "fuzzykf.switching.inference.smoother",
-    "fuzzykf.switching.steady": "fuzzykf.switching.inference.steady",
     "fuzzykf.switching.systems": "fuzzykf.switching.dynamics.placed",
     "fuzzykf.switching.tables": "fuzzykf.switching.dynamics.pairs",
     "fuzzykf.switching.values": "fuzzykf.immutable",

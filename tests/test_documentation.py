@@ -23,6 +23,7 @@ PAGES = [
     *sorted((ROOT / "docs" / "howto").glob("*.md")),
     *sorted((ROOT / "docs" / "theory").glob("*.md")),
     ROOT / "docs" / "index.md",
+    ROOT / "docs" / "architecture.md",
     ROOT / "docs" / "performance.md",
     ROOT / "docs" / "reproduction.md",
 ]
