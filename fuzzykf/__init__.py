@@ -43,33 +43,27 @@ moved.install()
 
 __version__ = "0.1.0.dev0"
 
+#: Where each public name stands.
 _HOMES = {
-    "CGLSSM": "fuzzykf.switching",
-    "CGOFMSModel": "fuzzykf.switching",
-    "CGOMSMFilter": "fuzzykf.switching",
-    "CGOMSModel": "fuzzykf.switching",
-    "CauchyMembership": "fuzzykf.possibility",
-    "DailyProfile": "fuzzykf.preprocessing",
-    "ExtendedKalmanFilter": "fuzzykf.kalman",
-    "Filter": "fuzzykf.base",
-    "FilterResult": "fuzzykf.results",
-    "FunctionMembership": "fuzzykf.possibility",
-    "FuzzyMarkovLaw": "fuzzykf.switching",
-    "FuzzyRelationEstimator": "fuzzykf.possibility",
-    "FuzzykfError": "fuzzykf.errors",
-    "GaussianMembership": "fuzzykf.possibility",
-    "GridMembership": "fuzzykf.possibility",
-    "IMMEstimator": "fuzzykf.kalman",
-    "IntervalMembership": "fuzzykf.possibility",
-    "KalmanFilter": "fuzzykf.kalman",
-    "KnownSwitchFilter": "fuzzykf.switching",
-    "OFSRFilter": "fuzzykf.switching",
-    "ParabolicMembership": "fuzzykf.possibility",
-    "SingletonMembership": "fuzzykf.possibility",
-    "Standardizer": "fuzzykf.preprocessing",
-    "SwitchChain": "fuzzykf.switching",
-    "TriangularMembership": "fuzzykf.possibility",
-    "compare_models": "fuzzykf.comparison",
+    name: module
+    for module, names in {
+        "fuzzykf.base": "Filter",
+        "fuzzykf.comparison": "compare_models",
+        "fuzzykf.errors": "FuzzykfError",
+        "fuzzykf.kalman": "ExtendedKalmanFilter IMMEstimator KalmanFilter",
+        "fuzzykf.possibility": (
+            "CauchyMembership FunctionMembership FuzzyRelationEstimator GaussianMembership "
+            "GridMembership IntervalMembership ParabolicMembership SingletonMembership "
+            "TriangularMembership"
+        ),
+        "fuzzykf.preprocessing": "DailyProfile Standardizer",
+        "fuzzykf.results": "FilterResult",
+        "fuzzykf.switching": (
+            "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FuzzyMarkovLaw KnownSwitchFilter OFSRFilter "
+            "SwitchChain"
+        ),
+    }.items()
+    for name in names.split()
 }
 
 __all__ = [

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from fuzzykf.comparison.report_page import PAGE
 from fuzzykf.comparison.report_picture import draw, plotly_script
 from fuzzykf.comparison.wording import about_choices, about_intervals, about_task, cells
 from fuzzykf.errors import MissingDependencyError
@@ -94,7 +94,7 @@ def _template() -> Any:
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["as_json"] = _as_json
-    return environment.from_string(PAGE)
+    return environment.from_string(resources.files(__package__).joinpath("report.html").read_text("utf-8"))
 
 
 def _as_json(text: str) -> Any:
