@@ -53,8 +53,8 @@ MODELS = Registry(
 #: Kinds of documents that hold a filter, with its model and its state.
 FILTERS = Registry(
     {
-        "OFSRFilter": "fuzzykf.switching.filters.exact:OFSRFilter",
-        "CGOMSMFilter": "fuzzykf.switching.filters.exact:CGOMSMFilter",
+        "OFSRFilter": "fuzzykf.switching.filters.ofsr:OFSRFilter",
+        "CGOMSMFilter": "fuzzykf.switching.filters.cgomsm:CGOMSMFilter",
     }
 )
 

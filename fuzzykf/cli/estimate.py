@@ -25,9 +25,6 @@ __all__ = ["FILTER_EXAMPLE", "SMOOTH_EXAMPLE", "filter_command", "smooth_command
 FILTER_EXAMPLE = "Example: fuzzykf filter model.json new.csv --obs temperature -o filtered.csv"
 SMOOTH_EXAMPLE = "Example: fuzzykf smooth model.json new.csv --obs temperature -o smoothed.csv"
 
-#: Nodes of a fuzzy switch, unless the law was learned on so many cells.
-NODES = 5
-
 Model = Annotated[
     Path, typer.Argument(metavar="MODEL.json", help="A model that fuzzykf fit, or save(), has written.")
 ]
@@ -129,28 +126,27 @@ def _run(
             )
         if not 0.0 < level < 1.0:
             raise ParameterError(f"--level: got {level:g}, expected a number between 0 and 1")
-        f, fuzzy = _filter_of(model, nodes)
+        f = _filter_of(model, nodes)
         check_file(output, model_file, data)
         with progress_bar(2) as progress:
             progress(f"{verb}ing")
             result = (f.filter if verb == "filter" else f.smooth)(zs, keep_nodes=True)
             progress("writing")
-            write_text(output, as_csv(rows.index_name, rows.index, _columns(result, zs, level, fuzzy)))
+            write_text(
+                output, as_csv(rows.index_name, rows.index, _columns(result, zs, level, model.is_fuzzy))
+            )
     _print(verb, rows, zs, output)
 
 
-def _filter_of(model: Any, nodes: int | None) -> tuple[Any, bool]:
-    """Return the filter of a model, and whether its switch is fuzzy."""
-    from fuzzykf import CGOFMSModel, CGOMSMFilter, OFSRFilter
+def _filter_of(model: Any, nodes: int | None) -> Any:
+    """Return the filter of a model."""
+    from fuzzykf.switching.models.base import SwitchingModel
 
-    if isinstance(model, CGOFMSModel):
-        if nodes is None:
-            masses = getattr(model.law, "masses", None)  # a free law lives on cells
-            nodes = NODES if masses is None else len(masses) - 2
-        return OFSRFilter(model, n_nodes=nodes), True
-    if nodes is not None:
+    if not isinstance(model, SwitchingModel):
+        raise ParameterError(f"model: got {type(model).__name__}, expected a CGOFMSModel or CGOMSModel")
+    if nodes is not None and not model.is_fuzzy:
         raise ParameterError(f"--nodes: got {nodes}, but the model has {model.n_classes} hard regimes")
-    return CGOMSMFilter(model), False
+    return model.filter(nodes)
 
 
 def _columns(result: FilterResult, zs: FloatArray, level: float, fuzzy: bool) -> dict[str, FloatArray]:

@@ -187,20 +187,15 @@ def _print(
 ) -> None:
     console = Console()
     model = fit.model
-    if hasattr(model, "law"):
-        kind, p_hard = f"fuzzy switch, law {model.law.kind}", f"{model.law.p_hard:.4g}"
-    else:
-        stays = ", ".join(f"{p:.3g}" for p in model.transition.diagonal())
-        kind, p_hard = f"{model.n_classes} hard regimes, which stay with probability {stays}", "1"
     iterations = f"{len(fit.trace) - 1} iterations"
     gaps = n_train - fit.n_observations
     lines = [
         f"Learned {', '.join(state)} from {', '.join(obs)}, on {n_train:,} rows of {rows.source}"
         + (f", of which {gaps:,} lack something." if gaps else "."),
-        f"Model: {kind}; {model.form.kind} form, {fit.n_parameters} parameters.",
+        f"Model: {model.describe_switch()}; {model.form.kind} form, {fit.n_parameters} parameters.",
         f"{'Converged' if fit.converged else 'Stopped'} after {iterations}.",
         f"log-likelihood {fit.log_likelihood:.2f} ({fit.log_likelihood / fit.n_observations:.4f} per row), "
-        f"AIC {fit.aic:.1f}, BIC {fit.bic:.1f}, p_hard {p_hard}.",
+        f"AIC {fit.aic:.1f}, BIC {fit.bic:.1f}, p_hard {model.p_hard:.4g}.",
     ]
     result, notes = tested
     if result:

@@ -49,16 +49,15 @@ def find_observations(
 
 def find_filter(model: Any, n_nodes: int | None, rule: str | None) -> tuple[Any, bool, Filter]:
     """Return what travels to the workers, whether it has to be called there, and a filter."""
-    from fuzzykf.switching import CGOFMSModel, CGOMSMFilter, CGOMSModel, OFSRFilter
+    from fuzzykf.switching.models.base import SwitchingModel
 
     options = {key: value for key, value in (("n_nodes", n_nodes), ("rule", rule)) if value is not None}
-    if isinstance(model, CGOFMSModel):
-        made: Filter = OFSRFilter(model, **options)  # type: ignore[arg-type]
-        return made, False, made
-    for key, value in options.items():
-        raise ParameterError(f"{key}: got {value!r}, expected nothing unless model is a CGOFMSModel")
-    if isinstance(model, CGOMSModel):
-        made = CGOMSMFilter(model)
+    makes_its_own = isinstance(model, SwitchingModel)
+    if not (makes_its_own and model.is_fuzzy):
+        for key, value in options.items():
+            raise ParameterError(f"{key}: got {value!r}, expected nothing unless model is a CGOFMSModel")
+    if makes_its_own:
+        made: Filter = model.filter(**options)
         return made, False, made
     if hasattr(model, "filter_many") and not isinstance(model, type):
         return model, False, model

@@ -8,15 +8,12 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.plotting.style import BLUE, ORANGE, SURFACE, axes_or_new
-from fuzzykf.switching.dynamics.forms import GaussianForm
-from fuzzykf.switching.models.hard import CGOMSModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.laws.law import FuzzyMarkovLaw
-    from fuzzykf.switching.models.fuzzy import CGOFMSModel
+    from fuzzykf.switching.models.base import SwitchingModel
 
 __all__ = ["plot_law", "plot_model"]
 
@@ -80,7 +77,7 @@ def _shades(density: Any) -> Any:
 
 
 def plot_model(
-    model: CGOFMSModel | CGOMSModel,
+    model: SwitchingModel,
     ax: Axes | None = None,
     *,
     component: int = 0,
@@ -125,9 +122,9 @@ def plot_model(
     if not 0 <= component < min(m, q):
         raise ParameterError(f"component: got {component}, expected 0 to {min(m, q) - 1}")
     axes = axes_or_new(ax, figsize=(6.0, 3.5))
-    fuzzy = not isinstance(model, CGOMSModel)
+    fuzzy = model.is_fuzzy
     r = np.linspace(0.0, 1.0, 101) if fuzzy else np.arange(model.n_classes, dtype=np.float64)
-    mean, covariance = _first_law(model, r)
+    mean, covariance = model.form.marginal(model.class_weights(r))
     shown = [f"{label} ({unit})" if unit else label for label, unit in zip(labels, units, strict=True)]
     for name, k, color, style, marker, shift in (
         (shown[0], component, BLUE, "-", "o", -0.06),
@@ -146,12 +143,3 @@ def plot_model(
         axes.set_xticks(r)
     axes.legend(fontsize="small")
     return axes
-
-
-def _first_law(model: CGOFMSModel | CGOMSModel, r: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance of the first (state, observation) for values of the switch."""
-    form = model.form
-    if isinstance(form, GaussianForm):
-        return form.marginal(model.class_weights(r))
-    law = form.initial()
-    return law.mean, law.covariance

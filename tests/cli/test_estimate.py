@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, OFSRFilter
+from fuzzykf import CGLSSM, CGOFMSModel, CGOMSMFilter, OFSRFilter
 from fuzzykf.cli.app import app
 from fuzzykf.switching.laws.cells import CellLaw
 
@@ -128,6 +128,14 @@ def test_a_free_law_is_filtered_on_the_nodes_that_it_was_learned_on(
 
 
 # ------------------------------------------------------------------ bad input
+
+
+def test_a_state_space_model_has_no_filter_yet(data, tmp_path) -> None:
+    matrices = {"A": [[[0.9]]], "B": [[[1.0]]], "C": [[[0.3]]], "D": [[[0.5]]]}
+    CGLSSM([[1.0]], **matrices).save(tmp_path / "model.json")
+    result = run("filter", tmp_path / "model.json", data, "--obs", "temperature", "-o", tmp_path / "out.csv")
+    assert result.exit_code == 1
+    assert "model: got CGLSSM, expected a CGOFMSModel or CGOMSModel" in " ".join(result.output.split())
 
 
 @pytest.mark.parametrize("verb", ["filter", "smooth"])

@@ -4,7 +4,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, FilterResult, FuzzyMarkovLaw, OFSRFilter
+from fuzzykf import CGOFMSModel, CGOMSModel, FilterResult, FuzzyMarkovLaw, OFSRFilter
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.plotting import plot_law, plot_model, plot_result
 
@@ -112,5 +112,8 @@ def test_a_fuzzy_and_a_hard_model_are_drawn_with_their_moments(model):
     np.testing.assert_allclose(curve(axes, "observation").get_ydata()[[0, -1]], [3.0, 0.0])
     hard = plot_model(model.harden())
     assert [label.get_text() for label in hard.get_xticklabels()] == ["0", "1"]
+    matrices = {"A": [[[0.9]], [[0.5]]], "B": [[[1.0]]] * 2, "C": [[[1.0]]] * 2, "D": [[[0.5]]] * 2}
+    converted = CGOMSModel.from_cglssm([[0.9, 0.1], [0.2, 0.8]], **matrices)
+    assert [label.get_text() for label in converted.plot().get_xticklabels()] == ["0", "1"]
     with pytest.raises(ParameterError, match="component: got 1"):
         model.plot(component=1)

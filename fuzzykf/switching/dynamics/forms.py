@@ -8,8 +8,8 @@ r_1, and the regressions of a step given (r_n, r_{n+1}).
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from fuzzykf.gaussian import (
     semidefinite_root,
     symmetrize,
 )
-from fuzzykf.immutable import Immutable
+from fuzzykf.switching.dynamics.base import Dynamics
 from fuzzykf.switching.dynamics.form_checks import (
     CONSISTENCY_TOLERANCE,
     checked_classes,
@@ -31,12 +31,16 @@ from fuzzykf.switching.dynamics.form_checks import (
 )
 from fuzzykf.switching.dynamics.interpolation import LogCovariance
 from fuzzykf.switching.dynamics.pairs import PairCoefficients, regress
+from fuzzykf.switching.dynamics.placed import GaussianPath, StationarySystem
+from fuzzykf.switching.dynamics.simulation import simulate_path
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.results import Simulation
     from fuzzykf.switching.dynamics.pairs import Describe
+    from fuzzykf.switching.laws.chain import SwitchChain
 
 __all__ = ["CovarianceForm", "GaussianForm", "RegressionForm", "TransitionForm"]
 
@@ -55,29 +59,8 @@ def linear(values: FloatArray, u: FloatArray) -> FloatArray:
     return (u @ values.reshape(len(values), -1)).reshape(*u.shape[:-1], *values.shape[1:])
 
 
-class GaussianForm(Immutable, ABC):
-    """Parameters of K hard regimes and their interpolation.
-
-    Attributes
-    ----------
-    n_classes, dim_x, dim_z : int
-    """
-
-    #: Name under which the form is written to a file.
-    kind: ClassVar[str]
-    #: The forms by that name.
-    kinds: ClassVar[dict[str, Any]] = {}
-    n_classes: int
-    dim_x: int
-    dim_z: int
-
-    def __init_subclass__(cls) -> None:
-        if "kind" in vars(cls):
-            GaussianForm.kinds[cls.kind] = cls
-
-    @abstractmethod
-    def marginal(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean (..., d) and covariance (..., d, d) of Z_1 given the shares u (..., K) of r_1."""
+class GaussianForm(Dynamics):
+    """Parameters of K hard regimes and their interpolation."""
 
     @abstractmethod
     def pairs(
@@ -91,14 +74,17 @@ class GaussianForm(Immutable, ABC):
             If the noise is indefinite at a pair that can occur (``where``).
         """
 
-    @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
-        """Return the parameters as plain lists, for a file."""
+    def placed(self, chain: SwitchChain) -> StationarySystem:
+        """Return the form on the nodes of a chain."""
+        return StationarySystem(chain, self)
 
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Make a form from what `to_dict` returned."""
-        return cls(**values)
+    def along(self, shares: FloatArray, r: FloatArray, start: int = 0) -> GaussianPath:
+        """Return the form along a known path of the switch, the same wherever it starts."""
+        return GaussianPath(self, shares, r)
+
+    def simulate(self, shares: FloatArray, r: FloatArray, rng: np.random.Generator) -> Simulation:
+        """Draw states and observations along a path of the switch."""
+        return simulate_path(self, r, shares, rng)
 
 
 class _MeanAndCovariance(GaussianForm):

@@ -1,9 +1,10 @@
-"""Systems: a Gaussian form placed on a chain, or on a known path of the switch."""
+"""Systems: dynamics placed on a chain, or on a known path of the switch."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
@@ -12,9 +13,29 @@ from fuzzykf.switching.laws.chain import SwitchChain
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.dynamics.forms import GaussianForm
+    from fuzzykf.switching.dynamics.pairs import Describe, PairCoefficients
 
-__all__ = ["KnownPath", "StationarySystem"]
+__all__ = ["GaussianPath", "KnownPath", "Pairwise", "StationarySystem"]
+
+
+class Pairwise(Protocol):
+    """What depends on the latest two values of the switch alone: a `GaussianForm`, for instance."""
+
+    @property
+    def dim_x(self) -> int:
+        """Number m of components of the state."""
+
+    @property
+    def dim_z(self) -> int:
+        """Number q of components of an observation."""
+
+    def marginal(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and covariance of Z_1 given the shares of r_1."""
+
+    def pairs(
+        self, u1: FloatArray, u2: FloatArray, describe: Describe, where: np.ndarray | None = None
+    ) -> PairCoefficients:
+        """Regressions of a step given the shares of r_n and r_{n+1}."""
 
 
 class StationarySystem:
@@ -35,7 +56,7 @@ class StationarySystem:
     order: int = 1
     steady_from: int | None = 0
 
-    def __init__(self, chain: SwitchChain, form: GaussianForm) -> None:
+    def __init__(self, chain: SwitchChain, form: Pairwise) -> None:
         self.chain, self.form = chain, form
         self.dim_x, self.dim_z = form.dim_x, form.dim_z
         self.tables, self.first  # noqa: B018  (a system that exists is valid: both are proved now)
@@ -76,8 +97,37 @@ class StationarySystem:
         return self
 
 
-class KnownPath:
-    """A form along a known path of the switch: one node, one pair of values per step.
+class KnownPath(ABC):
+    """A system along a known path of the switch: one node, one pair of values per step.
+
+    Parameters
+    ----------
+    dim_x, dim_z : int
+    r : ndarray, shape (n,)
+        Values of the switch.
+    order : int
+    """
+
+    steady_from: int | None = None
+
+    def __init__(self, dim_x: int, dim_z: int, r: FloatArray, order: int = 1) -> None:
+        self.dim_x, self.dim_z, self.order, self.r = dim_x, dim_z, order, r
+        self.chain = _ONE_NODE
+
+    @abstractmethod
+    def initial(self) -> InitialLaw:
+        """Return the law of Z_1 at the first value of the switch."""
+
+    @abstractmethod
+    def pair_tables(self, n: int) -> PairTables:
+        """Return the tables of the step from the ``n``-th value of the path to the next."""
+
+
+_ONE_NODE = SwitchChain([0.0], [1.0], [1.0], [[1.0]])
+
+
+class GaussianPath(KnownPath):
+    """A form along a known path of the switch.
 
     Parameters
     ----------
@@ -88,13 +138,9 @@ class KnownPath:
         Values of the switch, for messages.
     """
 
-    order: int = 1
-    steady_from: int | None = None
-
-    def __init__(self, form: GaussianForm, shares: FloatArray, r: FloatArray) -> None:
-        self.form, self.shares, self.r = form, shares, r
-        self.dim_x, self.dim_z = form.dim_x, form.dim_z
-        self.chain = SwitchChain([0.0], [1.0], [1.0], [[1.0]])
+    def __init__(self, form: Pairwise, shares: FloatArray, r: FloatArray) -> None:
+        super().__init__(form.dim_x, form.dim_z, r)
+        self.form, self.shares = form, shares
 
     def initial(self) -> InitialLaw:
         """Return the law of Z_1 at the first value of the switch."""

@@ -13,23 +13,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.dynamics.forms import GaussianForm
-    from fuzzykf.switching.laws.chain import SwitchChain
+    from fuzzykf.switching.dynamics.placed import Pairwise
 
-__all__ = ["sample_classes", "simulate_path"]
+__all__ = ["simulate_path"]
 
 #: Pairs whose tables are held at once.
 _CHUNK = 4096
 
 
-def sample_classes(chain: SwitchChain, n: int, rng: np.random.Generator) -> FloatArray:
-    """Draw ``n`` nodes of a chain and return their values."""
-    return chain.sample(n, rng)
-
-
-def simulate_path(
-    form: GaussianForm, r: FloatArray, shares: FloatArray, rng: np.random.Generator
-) -> Simulation:
+def simulate_path(form: Pairwise, r: FloatArray, shares: FloatArray, rng: np.random.Generator) -> Simulation:
     """Draw states and observations along a path of the switch.
 
     Parameters

@@ -1,7 +1,8 @@
 """The filters, as users meet them."""
 
-from fuzzykf.switching.filters.exact import CGOMSMFilter, OFSRFilter
+from fuzzykf.switching.filters.cgomsm import CGOMSMFilter
 from fuzzykf.switching.filters.known_switch import KnownSwitchFilter
+from fuzzykf.switching.filters.ofsr import OFSRFilter
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
 
 __all__ = ["CGOMSMFilter", "KnownSwitchFilter", "OFSRFilter", "SwitchingFilter"]

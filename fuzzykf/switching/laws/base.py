@@ -30,6 +30,8 @@ class Law(Immutable, ABC):
     kind: ClassVar[str]
     #: Whether laws of the family can be learned.
     learned: ClassVar[bool] = False
+    #: Number of nodes on which alone the law can be discretised; None where any will do.
+    own_nodes: int | None = None
 
     @abstractmethod
     def discretize(self, n_nodes: int, rule: str = "cell") -> SwitchChain:

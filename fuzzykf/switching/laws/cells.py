@@ -51,7 +51,7 @@ class CellLaw(FuzzyMarkovLaw):
         self.masses = masses / masses.sum()
         self.masses.flags.writeable = False
         self.corners = self.masses[np.ix_([0, -1], [0, -1])]
-        self._n_cells = len(masses) - 2
+        self._n_cells = self.own_nodes = len(masses) - 2
 
     @property
     def parameters(self) -> dict[str, float]:

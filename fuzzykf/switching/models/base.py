@@ -1,28 +1,45 @@
-"""What the switching models share: a Gaussian form, files, and value semantics."""
+"""What the switching models share: dynamics, files, value semantics, and the way to a filter."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from fuzzykf.immutable import Immutable
 from fuzzykf.io import Document
-from fuzzykf.switching.dynamics.forms import GaussianForm
-from fuzzykf.switching.dynamics.placed import KnownPath
 
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.state_space.converted import ConvertedPath, ConvertedSystem
+    from fuzzykf.results import Simulation
+    from fuzzykf.switching.dynamics.base import Dynamics
+    from fuzzykf.switching.dynamics.pairs import SwitchingSystem
+    from fuzzykf.switching.dynamics.placed import KnownPath
 
-__all__ = ["SwitchingModel"]
+__all__ = ["NODES", "SwitchingModel"]
+
+#: Nodes between the hard values of a fuzzy switch, unless told otherwise.
+NODES = 5
 
 
 class SwitchingModel(Immutable, Document):
-    """What the fuzzy and the hard model share: a Gaussian form, files, and value semantics."""
+    """A switch and dynamics.
 
-    form: GaussianForm | ConvertedSystem
+    The law of the switch becomes a chain on nodes, the dynamics are placed on the chain,
+    and a filter takes what was placed: the same way for every model.
+
+    Attributes
+    ----------
+    form : Dynamics
+        What state and observation do, given the switch.
+    """
+
+    #: Whether the switch takes values between the regimes, of which ``n_nodes`` stand for all.
+    is_fuzzy: ClassVar[bool]
+    form: Dynamics
 
     @property
     def dim_x(self) -> int:
@@ -39,11 +56,50 @@ class SwitchingModel(Immutable, Document):
         """Number K of hard regimes."""
         return self.form.n_classes
 
+    # ------------------------------------------------------------------ the switch
+
+    @property
+    @abstractmethod
+    def p_hard(self) -> float:
+        """Probability that the switch is in a hard regime."""
+
+    @abstractmethod
+    def describe_switch(self) -> str:
+        """Say in words how the switch moves."""
+
+    @abstractmethod
     def class_weights(self, r: ArrayLike) -> FloatArray:
         """Return the shares of the regimes in values of the switch: (..., K)."""
-        raise NotImplementedError
 
-    def along(self, r: FloatArray, start: int = 0) -> KnownPath | ConvertedPath:
+    @abstractmethod
+    def _sample_switch(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """Draw ``n`` consecutive values of the switch."""
+
+    # ------------------------------------------------------------------ the way to a filter
+
+    @abstractmethod
+    def placed(self, n_nodes: int = NODES, rule: str = "cell") -> SwitchingSystem:
+        """Place the dynamics on the nodes of the switch.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Nodes strictly between the regimes.  A model of hard regimes has nothing in
+            between: it is placed on its regimes, exactly, whatever is asked for.
+        rule : {"cell", "midpoint", "gauss", "product"}
+            How the nodes stand for the values between, see `FuzzyMarkovLaw.discretize`.
+
+        Returns
+        -------
+        SwitchingSystem
+            What `fuzzykf.switching.SwitchingFilter` takes.
+        """
+
+    def on_nodes(self, n_nodes: int = NODES, rule: str = "cell") -> SwitchingSystem:
+        """Return `placed`, of which this is the older name."""
+        return self.placed(n_nodes, rule)
+
+    def along(self, r: FloatArray, start: int = 0) -> KnownPath:
         """Return the model along a known path of the switch, as the recursion takes it.
 
         Parameters
@@ -53,10 +109,42 @@ class SwitchingModel(Immutable, Document):
         start : int
             Index of the observation to which the first of them belongs.
         """
-        shares = self.class_weights(r)
-        if isinstance(self.form, GaussianForm):
-            return KnownPath(self.form, shares, r)
-        return self.form.along(r, start)
+        return self.form.along(self.class_weights(r), r, start)
+
+    @abstractmethod
+    def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
+        """Make the filter of the model.
+
+        Parameters
+        ----------
+        n_nodes, rule
+            As in `placed`; by default 5 nodes, or those on which a free law was learned.
+
+        Returns
+        -------
+        OFSRFilter or CGOMSMFilter
+            The exact filter, before any observation.
+        """
+
+    # ------------------------------------------------------------------ data and pictures
+
+    def simulate(self, n: int, rng: np.random.Generator) -> Simulation:
+        """Draw a series of switches, states and observations.
+
+        Parameters
+        ----------
+        n : int
+            Number of steps.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        Simulation
+            ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,): values in [0, 1] of a fuzzy
+            switch, regimes 0, ..., K - 1 of a hard one.
+        """
+        r = self._sample_switch(n, rng)
+        return self.form.simulate(self.class_weights(r), r, rng)
 
     def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
         """Draw mean and spread of state and observation for every value of the switch.
@@ -74,5 +162,4 @@ class SwitchingModel(Immutable, Document):
         """
         from fuzzykf.plotting.laws import plot_model
 
-        model: Any = self
-        return plot_model(model, ax, **options)
+        return plot_model(self, ax, **options)

@@ -13,11 +13,16 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import check_covariance
 from fuzzykf.io import part_from_dict, part_to_dict
-from fuzzykf.switching.dynamics.forms import CovarianceForm, GaussianForm, RegressionForm, TransitionForm
-from fuzzykf.switching.dynamics.placed import StationarySystem
+from fuzzykf.switching.dynamics.forms import (
+    CovarianceForm,
+    GaussianForm,
+    RegressionForm,
+    TransitionForm,
+)
+from fuzzykf.switching.dynamics.registry import FORMS
 from fuzzykf.switching.laws.law import FuzzyMarkovLaw
 from fuzzykf.switching.laws.registry import LAWS
-from fuzzykf.switching.models.base import SwitchingModel
+from fuzzykf.switching.models.base import NODES, SwitchingModel
 from fuzzykf.switching.models.hard import CGOMSModel
 
 if TYPE_CHECKING:
@@ -26,7 +31,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.results import FitResult, Simulation
+    from fuzzykf.results import FitResult
+    from fuzzykf.switching.dynamics.placed import StationarySystem
 
 __all__ = ["CGOFMSModel"]
 
@@ -89,6 +95,7 @@ class CGOFMSModel(SwitchingModel):
     (100, 1)
     """
 
+    is_fuzzy = True
     form: GaussianForm
 
     def __init__(
@@ -278,7 +285,16 @@ class CGOFMSModel(SwitchingModel):
             raise ParameterError(f"r: got values from {value.min()} to {value.max()}, expected [0, 1]")
         return np.stack([1.0 - value, value], axis=-1)
 
-    def on_nodes(self, n_nodes: int = 5, rule: str = "cell") -> StationarySystem:
+    @property
+    def p_hard(self) -> float:
+        """Probability that the switch is in a hard regime."""
+        return self.law.p_hard
+
+    def describe_switch(self) -> str:
+        """Say in words how the switch moves."""
+        return f"fuzzy switch, law {self.law.kind}"
+
+    def placed(self, n_nodes: int = NODES, rule: str = "cell") -> StationarySystem:
         """Place the model on the nodes of the discretised law.
 
         Parameters
@@ -288,7 +304,25 @@ class CGOFMSModel(SwitchingModel):
         rule : {"cell", "midpoint", "gauss", "product"}
             See `FuzzyMarkovLaw.discretize`.
         """
-        return StationarySystem(self.law.discretize(n_nodes, rule), self.form)
+        return self.form.placed(self.law.discretize(n_nodes, rule))
+
+    def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
+        """Make the filter of the model.
+
+        Parameters
+        ----------
+        n_nodes, rule
+            As in `placed`; by default 5 nodes, or those on which a free law was learned.
+
+        Returns
+        -------
+        OFSRFilter
+        """
+        from fuzzykf.switching.filters.ofsr import OFSRFilter
+
+        if n_nodes is None:
+            n_nodes = NODES if self.law.own_nodes is None else self.law.own_nodes
+        return OFSRFilter(self, n_nodes, rule)
 
     def harden(self) -> CGOMSModel:
         """Return the model of abrupt switches that is nearest in law.
@@ -300,24 +334,8 @@ class CGOFMSModel(SwitchingModel):
         initial = joint.sum(axis=1)
         return CGOMSModel._from_form(joint / initial[:, None], self.form, initial / initial.sum())
 
-    def simulate(self, n: int, rng: np.random.Generator) -> Simulation:
-        """Draw a series of switches, states and observations.
-
-        Parameters
-        ----------
-        n : int
-            Number of steps.
-        rng : numpy.random.Generator
-
-        Returns
-        -------
-        Simulation
-            ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,).
-        """
-        from fuzzykf.switching.dynamics.simulation import simulate_path
-
-        r = self.law.sample(n, rng)
-        return simulate_path(self.form, r, self.class_weights(r), rng)
+    def _sample_switch(self, n: int, rng: np.random.Generator) -> FloatArray:
+        return self.law.sample(n, rng)
 
     def to_dict(self) -> dict[str, Any]:
         """Return law and Gaussian form as plain values."""
@@ -326,7 +344,7 @@ class CGOFMSModel(SwitchingModel):
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Make a model from what `to_dict` returned."""
-        form = part_from_dict(values["form"], GaussianForm.kinds)
+        form = part_from_dict(values["form"], FORMS)
         return cls._from_form(part_from_dict(values["law"], LAWS), form)
 
     def __repr__(self) -> str:

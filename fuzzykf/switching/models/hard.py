@@ -8,13 +8,13 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.io import part_from_dict, part_to_dict
-from fuzzykf.switching.dynamics.forms import CovarianceForm, GaussianForm, RegressionForm, TransitionForm
-from fuzzykf.switching.dynamics.placed import StationarySystem
+from fuzzykf.switching.dynamics.forms import CovarianceForm, RegressionForm, TransitionForm
+from fuzzykf.switching.dynamics.registry import FORMS
 from fuzzykf.switching.laws.chain import SwitchChain
-from fuzzykf.switching.models.base import SwitchingModel
+from fuzzykf.switching.models.base import NODES, SwitchingModel
 from fuzzykf.switching.state_space.cglssm import CGLSSM
-from fuzzykf.switching.state_space.closeness import error_ratio, warn_if_far
-from fuzzykf.switching.state_space.converted import ConvertedSystem
+from fuzzykf.switching.state_space.closeness import warn_if_far
+from fuzzykf.switching.state_space.converted_form import ConvertedForm
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.results import FitResult, Simulation
+    from fuzzykf.results import FitResult
+    from fuzzykf.switching.dynamics.base import Dynamics
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
     from fuzzykf.switching.state_space.converted import Construction, Mode, Noise
 
@@ -65,6 +66,8 @@ class CGOMSModel(SwitchingModel):
     >>> model.n_classes
     2
     """
+
+    is_fuzzy = False
 
     def __init__(
         self,
@@ -232,30 +235,24 @@ class CGOMSModel(SwitchingModel):
             initial_probability=initial_probability,
             initial_covariance=initial_covariance,
         )
-        system = ConvertedSystem(cglssm, construction, noise, order, mode)
-        warn_if_far(system)
-        return cls._from_system(system)
+        form = ConvertedForm(cglssm, construction, noise, order, mode)
+        warn_if_far(form.system)
+        return cls._from_form(cglssm.transition, form, cglssm.initial_probability)
 
     @classmethod
-    def _from_form(cls, transition: ArrayLike, form: GaussianForm, initial: ArrayLike | None = None) -> Self:
+    def _from_form(cls, transition: ArrayLike, form: Dynamics, initial: ArrayLike | None = None) -> Self:
         model = cls.__new__(cls)
         model._build(transition, form, initial)
         return model
 
-    def _build(self, transition: ArrayLike, form: GaussianForm, initial: ArrayLike | None) -> None:
+    def _build(self, transition: ArrayLike, form: Dynamics, initial: ArrayLike | None) -> None:
         chain = SwitchChain.from_classes(transition, initial)
         if len(chain) != form.n_classes:
             raise ParameterError(
                 f"transition: got {len(chain)} regimes, expected {form.n_classes}, as many as rows of means"
             )
         self.form = form
-        self._system: SwitchingSystem = StationarySystem(chain, form)
-
-    @classmethod
-    def _from_system(cls, system: ConvertedSystem) -> Self:
-        model = cls.__new__(cls)
-        model.form = model._system = system
-        return model
+        self._system: SwitchingSystem = form.placed(chain)
 
     @classmethod
     def fit(
@@ -323,35 +320,51 @@ class CGOMSModel(SwitchingModel):
         one_hot: FloatArray = np.eye(self.n_classes)[value.astype(int)]
         return one_hot
 
-    def on_nodes(self) -> SwitchingSystem:
-        """Return the model on its regimes, as the recursion takes it."""
-        return self._system
+    @property
+    def p_hard(self) -> float:
+        """Probability that the switch is in a hard regime: always one."""
+        return 1.0
 
-    def simulate(self, n: int, rng: np.random.Generator) -> Simulation:
-        """Draw a series of switches, states and observations.
+    def describe_switch(self) -> str:
+        """Say in words how the switch moves."""
+        stays = ", ".join(f"{p:.3g}" for p in self.transition.diagonal())
+        return f"{self.n_classes} hard regimes, which stay with probability {stays}"
+
+    def placed(self, n_nodes: int = NODES, rule: str = "cell") -> SwitchingSystem:
+        """Return the model on its regimes, as the recursion takes it.
 
         Parameters
         ----------
-        n : int
-            Number of steps.
-        rng : numpy.random.Generator
+        n_nodes, rule
+            For models whose switch has values between the regimes; this one is placed
+            exactly without them, and passes over both.
+        """
+        return self._system
+
+    def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
+        """Make the filter of the model.
+
+        Parameters
+        ----------
+        n_nodes, rule
+            Passed over, as in `placed`.
 
         Returns
         -------
-        Simulation
-            ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,), regimes as 0, ..., K - 1.
+        CGOMSMFilter
         """
-        from fuzzykf.switching.dynamics.simulation import sample_classes, simulate_path
+        from fuzzykf.switching.filters.cgomsm import CGOMSMFilter
 
-        if isinstance(self.form, ConvertedSystem):
-            return self.form.simulate(n, rng)
-        r = sample_classes(self._system.chain, n, rng)
-        return simulate_path(self.form, r, self.class_weights(r), rng)
+        return CGOMSMFilter(self)
+
+    def _sample_switch(self, n: int, rng: np.random.Generator) -> FloatArray:
+        return self._system.chain.sample(n, rng)
 
     @property
     def cglssm(self) -> CGLSSM | None:
         """The state-space model from which `from_cglssm` made this one, or None."""
-        return self.form.cglssm if isinstance(self.form, ConvertedSystem) else None
+        given: CGLSSM | None = self.form.cglssm
+        return given
 
     def closeness(self, weights: ArrayLike | None = None) -> float:
         """Compare the filter of a model made by `from_cglssm` with the optimal one.
@@ -385,11 +398,7 @@ class CGOMSModel(SwitchingModel):
         >>> [round(CGOMSModel.from_cglssm([[1.0]], **matrices, order=k).closeness(), 4) for k in (1, 2, 5)]
         [1.0286, 1.0034, 1.0]
         """
-        if not isinstance(self.form, ConvertedSystem):
-            raise ParameterError(
-                "closeness: got a model that stands for itself, expected one made by CGOMSModel.from_cglssm"
-            )
-        return error_ratio(self.form, np.ones(self.dim_x) if weights is None else weights)
+        return self.form.closeness(np.ones(self.dim_x) if weights is None else weights)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the chain and the Gaussian form as plain values."""
@@ -402,9 +411,7 @@ class CGOMSModel(SwitchingModel):
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Make a model from what `to_dict` returned."""
-        form = part_from_dict(values["form"], GaussianForm.kinds | {ConvertedSystem.kind: ConvertedSystem})
-        if isinstance(form, ConvertedSystem):
-            return cls._from_system(form)
+        form = part_from_dict(values["form"], FORMS)
         return cls._from_form(values["transition"], form, values["initial"])
 
     def __repr__(self) -> str:

@@ -10,7 +10,6 @@ from fuzzykf.errors import NotStableError, ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, check_covariance, semidefinite_root
 from fuzzykf.io import Document
 from fuzzykf.results import Simulation
-from fuzzykf.switching.dynamics.simulation import sample_classes
 from fuzzykf.switching.laws.chain import SUM_TOLERANCE, SwitchChain, stationary_distribution
 from fuzzykf.switching.state_space import conversion
 from fuzzykf.switching.state_space.conversion import StateSpace
@@ -252,7 +251,7 @@ class CGLSSM(Document):
         Simulation
             ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,), regimes as 0, ..., K - 1.
         """
-        r = sample_classes(self.chain, n, rng)
+        r = self.chain.sample(n, rng)
         j = r.astype(np.intp)
         A, B, C, D = self.space
         x = (C[j] @ rng.standard_normal((n, C.shape[-1], 1)))[..., 0]

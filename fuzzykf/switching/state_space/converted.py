@@ -9,10 +9,8 @@ import numpy as np
 
 from fuzzykf.errors import NotStableError, ParameterError
 from fuzzykf.gaussian import check_definite, is_whole, semidefinite_root
-from fuzzykf.results import Simulation
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables
-from fuzzykf.switching.dynamics.simulation import sample_classes
-from fuzzykf.switching.laws.chain import SwitchChain
+from fuzzykf.switching.dynamics.placed import KnownPath
 from fuzzykf.switching.state_space import conversion
 from fuzzykf.switching.state_space.cglssm import CGLSSM
 
@@ -61,9 +59,6 @@ class ConvertedSystem:
     carried from step to step.  Of a time-varying model the latest tables are kept, and
     the law at every 64th step, from which it can be resumed.
     """
-
-    #: Name under which the system is written to a file.
-    kind = "cglssm"
 
     def __init__(
         self, cglssm: CGLSSM, construction: Construction, noise: Noise, order: int, mode: Mode
@@ -214,52 +209,15 @@ class ConvertedSystem:
             return conversion.prove_noise(pairs, moments, describe, where)
         return pairs
 
-    def along(self, r: FloatArray, start: int = 0) -> ConvertedPath:
-        """Return the system along known regimes ``r``, the first of them that of observation ``start``."""
-        return ConvertedPath(self, r, start)
-
-    def simulate(self, n: int, rng: np.random.Generator) -> Simulation:
-        """Draw a series of regimes, states and observations of the converted model.
-
-        Parameters
-        ----------
-        n : int
-            Number of observations.
-        rng : numpy.random.Generator
-        """
-        r = sample_classes(self.chain, n, rng)
-        m, q = self.dim_x, self.dim_z
-        x, y = np.empty((n, m)), np.empty((n, q))
-        noise = rng.standard_normal((n, q + m))
-        for k in range(n):
-            j = int(r[k])
-            if k == 0:
-                first = self.law(0).factor[j] @ noise[0]
-                y[0], x[0] = first[:q], first[q:]
-                continue
-            step = [value[int(r[k - 1]), j] for value in self.pair_tables(k - 1).pairs]
-            Axx, H, G, _, C, Ayy, _, Qyy = step
-            window = y[max(0, k - self.order) : k][::-1].reshape(-1)
-            y[k] = Ayy @ window + np.linalg.cholesky(Qyy) @ noise[k, :q]
-            x[k] = Axx @ x[k - 1] + H @ window + G @ y[k] + semidefinite_root(C) @ noise[k, q:]
-        return Simulation(x, y, r)
-
     # ------------------------------------------------------------------ values
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return what the system is made from as plain values."""
-        options = {name: getattr(self, name) for name in ("construction", "noise", "order", "mode")}
-        return self.cglssm.to_dict() | options
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> ConvertedSystem:
-        """Make a system from what `to_dict` returned."""
-        parameters = dict(values)
-        options = {name: parameters.pop(name) for name in ("construction", "noise", "order", "mode")}
-        return cls(CGLSSM(**parameters), **options)
+    @property
+    def options(self) -> dict[str, Any]:
+        """How the model is converted, as plain values."""
+        return {name: getattr(self, name) for name in ("construction", "noise", "order", "mode")}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self).from_dict, (self.to_dict(),)
+        return _restored, (self.cglssm.to_dict(), self.options)
 
     def __copy__(self) -> Self:
         return self
@@ -268,12 +226,16 @@ class ConvertedSystem:
         return self
 
 
+def _restored(cglssm: dict[str, Any], options: dict[str, Any]) -> ConvertedSystem:
+    return ConvertedSystem(CGLSSM.from_dict(cglssm), **options)
+
+
 def _regimes(pair: tuple[int, ...]) -> str:
     return f"regimes ({pair[0]}, {pair[1]})"
 
 
-class ConvertedPath:
-    """A converted model along known regimes: one node, one pair of regimes per step.
+class ConvertedPath(KnownPath):
+    """A converted model along known regimes.
 
     Parameters
     ----------
@@ -284,12 +246,9 @@ class ConvertedPath:
         Index of the observation to which the first of them belongs.
     """
 
-    steady_from: int | None = None
-
     def __init__(self, system: ConvertedSystem, r: FloatArray, start: int = 0) -> None:
-        self.system, self.r, self.start = system, r, start
-        self.dim_x, self.dim_z, self.order = system.dim_x, system.dim_z, system.order
-        self.chain = SwitchChain([0.0], [1.0], [1.0], [[1.0]])
+        super().__init__(system.dim_x, system.dim_z, r, system.order)
+        self.system, self.start = system, start
 
     def initial(self) -> InitialLaw:
         """Return the law of (X_1, Y_1) in the first regime."""

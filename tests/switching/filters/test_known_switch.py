@@ -1,35 +1,17 @@
-"""The filters of the two models, and the filter of a known switch."""
+"""The filter of a switch that is known."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from fuzzykf import CGOMSMFilter, KnownSwitchFilter, OFSRFilter
+from fuzzykf import CGOMSMFilter, KnownSwitchFilter
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
 
 
-def test_each_filter_takes_its_model(fuzzy_model, hard_model):
-    with pytest.raises(ParameterError, match="model: got CGOMSModel, expected a CGOFMSModel"):
-        OFSRFilter(hard_model)
-    with pytest.raises(ParameterError, match="model: got CGOFMSModel, expected a CGOMSModel"):
-        CGOMSMFilter(fuzzy_model)
+def test_it_takes_a_switching_model():
     with pytest.raises(ParameterError, match="model: got NoneType, expected a CGOFMSModel or CGOMSModel"):
         KnownSwitchFilter(None)
-
-
-def test_options(fuzzy_model):
-    f = OFSRFilter(fuzzy_model)
-    assert (f.n_nodes, f.rule) == (5, "cell")
-    assert OFSRFilter(fuzzy_model, 0).nodes.tolist() == [0.0, 1.0]
-    for n_nodes in (-1, 2.5, None):
-        with pytest.raises(ParameterError, match=r"n_nodes: got .*, expected a whole number of at least 0"):
-            OFSRFilter(fuzzy_model, n_nodes)
-    with pytest.raises(ParameterError, match="rule: got 'best', expected one of"):
-        OFSRFilter(fuzzy_model, 5, "best")
-
-
-# --------------------------------------------------------------------------- known switches
 
 
 @pytest.fixture

@@ -1,0 +1,41 @@
+"""The filter of hard regimes."""
+
+from __future__ import annotations
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.switching.filters.saved import SavedFilter
+from fuzzykf.switching.models.hard import CGOMSModel
+
+__all__ = ["CGOMSMFilter"]
+
+
+class CGOMSMFilter(SavedFilter):
+    """Exact recursive filter for K hard regimes.
+
+    Parameters
+    ----------
+    model : CGOMSModel
+
+    See Also
+    --------
+    fuzzykf.switching.filters.switching_filter.SwitchingFilter : Verbs and attributes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import CGOMSMFilter, CGOMSModel
+    >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])
+    >>> pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
+    >>> model = CGOMSModel(
+    ...     [[0.9, 0.1], [0.1, 0.9]], [[0.0, 3.0], [0.0, 0.0]], np.broadcast_to(pair, (2, 2, 4, 4)), 1
+    ... )
+    >>> f = CGOMSMFilter(model)
+    >>> f.step(2.5).shape, f.switch
+    ((1, 1), 0.0)
+    """
+
+    def __init__(self, model: CGOMSModel) -> None:
+        if not isinstance(model, CGOMSModel):
+            raise ParameterError(f"model: got {type(model).__name__}, expected a CGOMSModel")
+        self.model = model
+        super().__init__(model.placed())

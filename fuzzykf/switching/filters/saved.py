@@ -1,0 +1,73 @@
+"""Filters that know their model, and how they are written to files."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from fuzzykf.errors import FileFormatError
+from fuzzykf.io import MODELS, Document, decode, encode
+from fuzzykf.switching.filters.switching_filter import SwitchingFilter
+from fuzzykf.switching.inference.belief import Belief, Source, is_sound
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from fuzzykf.switching.models.base import SwitchingModel
+
+__all__ = ["SavedFilter"]
+
+
+class SavedFilter(SwitchingFilter, Document):
+    """A filter that knows its model and can be written to a file."""
+
+    model: SwitchingModel
+
+    def _options(self) -> dict[str, Any]:
+        """Arguments of the constructor beside the model."""
+        return {}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return model, options and state as plain values."""
+        return {
+            "model_kind": type(self.model).__name__,
+            "model": self.model.to_dict(),
+            "options": self._options(),
+            "state": self._export_state(),
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Make a filter from what `to_dict` returned, in the state it was in."""
+        make: Any = cls
+        loaded: Self = make(MODELS[values["model_kind"]].from_dict(values["model"]), **values["options"])
+        loaded._import_state(values["state"])
+        return loaded
+
+    def _export_state(self) -> dict[str, Any]:
+        """Return the state as plain values that `_import_state` restores bit for bit."""
+        return {
+            "n": self._n,
+            "predicted": self._predicted,
+            "belief": None if self._belief is None else self._belief.to_dict(),
+            "before": None if self._before is None else self._before.belief.to_dict(),
+            "z": encode(self._z),
+            "log_likelihood": self._log_likelihood,
+        }
+
+    def _import_state(self, values: dict[str, Any]) -> None:
+        n, belief, before = (
+            values["n"],
+            *(None if values[k] is None else Belief.from_dict(values[k]) for k in ("belief", "before")),
+        )
+        sizes = self.dim_x, self.dim_z, len(self._system.chain), self._system.order
+        sound = all(is_sound(one, *sizes) for one in (belief, before) if one is not None)
+        z, log_likelihood = decode(values["z"], 1), float(values["log_likelihood"])
+        if not sound or (belief is None) != (n == 0) or (before is None) != (n < 2) or n < 0:
+            raise FileFormatError(f"the state after {n} observations does not fit the model")
+        if z.shape != (self.dim_z,) or not np.isfinite(log_likelihood):
+            raise FileFormatError(f"z and log_likelihood: got {z.tolist()} and {log_likelihood}")
+        self._n, self._predicted, self._belief = int(n), bool(values["predicted"]), belief
+        self._z, self._log_likelihood = z, log_likelihood
+        self._before = None if before is None else Source(before, self._system.pair_tables(self._n - 2))
