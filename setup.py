@@ -25,19 +25,26 @@ class BuildOptional(build_ext):
         super().run()
         missing = [extension.name for extension in self.extensions if not self.built(extension)]
         if missing:
+            for extension in self.extensions:  # a part of the core is none
+                for library in self.places(extension):
+                    library.unlink(missing_ok=True)
             self.warn(
                 f"{', '.join(missing)} could not be compiled (see the messages above): fuzzykf is installed "
                 "without the compiled core and runs on NumPy, many times slower (see fuzzykf.engine.info())"
             )
 
+    def places(self, extension):
+        """Where the library of an extension may be."""
+        name = extension.name
+        return Path(self.get_ext_fullpath(name)), Path(self.build_lib, self.get_ext_filename(name))
+
     def built(self, extension):
         """Whether the library of an extension has been made."""
-        return Path(self.get_ext_fullpath(extension.name)).exists() or (
-            Path(self.build_lib, self.get_ext_filename(extension.name)).exists()
-        )
+        return any(library.exists() for library in self.places(extension))
 
 
-CORE = Path("fuzzykf/engine/compiled")
+PACKAGE = Path("fuzzykf")
+CORE = PACKAGE / "engine" / "compiled"
 
 #: Level of optimisation, unless CFLAGS in the environment says another.
 OPTIMIZE = [] if "-O" in os.environ.get("CFLAGS", "") else ["-O3"]
@@ -46,9 +53,9 @@ OPTIMIZE = [] if "-O" in os.environ.get("CFLAGS", "") else ["-O3"]
 def extension(source):
     """Describe a module of the compiled core."""
     return Extension(
-        f"fuzzykf.engine.compiled.{source.stem}",
+        ".".join(source.with_suffix("").parts),
         [str(source)],
-        depends=sorted(str(header) for pattern in ("*.pxd", "src/*.h") for header in CORE.glob(pattern)),
+        depends=sorted(str(header) for pattern in ("*.pxd", "*.h") for header in PACKAGE.rglob(pattern)),
         include_dirs=[str(CORE), numpy.get_include()],
         define_macros=[("NPY_NO_DEPRECATED_API", "NPY_1_7_API_VERSION")],
         extra_compile_args=[*OPTIMIZE, "-Wno-psabi"],
@@ -58,5 +65,5 @@ def extension(source):
 
 setup(
     cmdclass={"build_ext": BuildOptional},
-    ext_modules=[extension(source) for source in sorted(CORE.glob("*.pyx"))],
+    ext_modules=[extension(source) for source in sorted(PACKAGE.rglob("*.pyx"))],
 )

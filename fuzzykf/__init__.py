@@ -106,7 +106,7 @@ if not TYPE_CHECKING:  # type checkers read the imports above instead
             value = getattr(importlib.import_module(_HOMES[name]), name)
             globals()[name] = value
             return value
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return moved.lookup(__name__, name)
 
     def __dir__() -> list[str]:
         """List the public names, imported or not."""

@@ -266,13 +266,15 @@ class Filter(ABC):
         Returns
         -------
         FilterResult
-            All fields that the filter shows as attributes after a step: ``x``, ``P``,
-            ``x_prior``, ``P_prior`` and, from a probabilistic filter, ``log_likelihood``;
-            from a possibilistic one, ``possibility``, ``lower`` and ``upper``; and so on.
+            What the filter shows after a step under the name of a field that is streamed (see
+            `fuzzykf.results.ResultField`): ``x``, ``P``, ``x_prior``, ``P_prior`` and, from a
+            probabilistic filter, ``log_likelihood``; from a possibilistic one,
+            ``possibility``, ``lower`` and ``upper``; with a switch, ``mu`` and ``switch``.
         """
         series = as_observations(zs, self.dim_z)
         names = [name for name, known in FIELDS.items() if known.streamed and hasattr(self, name)]
-        shapes = field_shapes(names, state=self.dim_x, node=np.size(getattr(self, "mu", ())))
+        sizes = {"state": self.dim_x, "observation": self.dim_z, "node": np.size(getattr(self, "mu", ()))}
+        shapes = field_shapes(names, **sizes)
         collected = {name: np.empty((len(series), *shape)) for name, shape in shapes.items()}
         for n, z in enumerate(series):
             self.step(z)

@@ -23,16 +23,13 @@ __all__ = ["MODULES", "NAMES", "install", "lookup"]
 _FOLDERS = {
     "fuzzykf.comparison.candidates": "linear regression switching",
     "fuzzykf.engine.numpy": (
-        "backward convolution grid hmm imm kalman kalman_series kernels moments raster scales stepper "
-        "switching switching_many"
+        "backward convolution grid imm kalman kalman_series kernels moments raster scales switching"
     ),
     "fuzzykf.possibility.grid": "conditioning lattice meeting noise propagation scalar warp",
     "fuzzykf.possibility.intervals": "boxes",
     "fuzzykf.switching.dynamics": "form_checks forms interpolation simulation",
     "fuzzykf.switching.filters": "known_switch",
-    "fuzzykf.switching.inference": (
-        "belief forecast gap_smoother many missing recursion series smoother steady"
-    ),
+    "fuzzykf.switching.inference": ("forecast gap_smoother series smoother"),
     "fuzzykf.switching.laws": "chain integration quadrature",
     "fuzzykf.switching.models": "repair",
     "fuzzykf.switching.state_space": "cglssm closeness conversion converted",
@@ -48,19 +45,27 @@ MODULES = {
     "fuzzykf._progress": "fuzzykf.progress",
     "fuzzykf.comparison.methods": "fuzzykf.comparison.run",
     "fuzzykf.comparison.rolling": "fuzzykf.comparison.evaluation",
+    "fuzzykf.engine.hmm": "fuzzykf.engine.numpy.switching",
+    "fuzzykf.engine.stepper": "fuzzykf.kalman.stepper",
+    "fuzzykf.engine.switching_many": "fuzzykf.engine.numpy.switching",
     "fuzzykf.model_choice": "fuzzykf.comparison.models",
     "fuzzykf.plotting.comparison": "fuzzykf.comparison.picture",
     "fuzzykf.possibility.attributes": "fuzzykf.possibility.estimator",
     "fuzzykf.possibility.choice": "fuzzykf.possibility.representation",
     "fuzzykf.possibility.landing": "fuzzykf.possibility.grid.warp",
+    "fuzzykf.switching.belief": "fuzzykf.switching.inference.mixture",
     "fuzzykf.switching.filter_base": "fuzzykf.switching.filters.switching_filter",
     "fuzzykf.switching.fuzzy_model": "fuzzykf.switching.models.fuzzy",
     "fuzzykf.switching.hard_model": "fuzzykf.switching.models.hard",
     "fuzzykf.switching.law_cells": "fuzzykf.switching.laws.cells",
     "fuzzykf.switching.law_families": "fuzzykf.switching.laws",
     "fuzzykf.switching.learning.result": "fuzzykf.results",
+    "fuzzykf.switching.many": "fuzzykf.switching.inference.series",
+    "fuzzykf.switching.missing": "fuzzykf.switching.inference.exact",
     "fuzzykf.switching.model_base": "fuzzykf.switching.models.base",
     "fuzzykf.switching.readings": "fuzzykf.switching.filters.switching_filter",
+    "fuzzykf.switching.recursion": "fuzzykf.switching.inference.exact",
+    "fuzzykf.switching.steady": "fuzzykf.switching.inference.series",
     "fuzzykf.switching.systems": "fuzzykf.switching.dynamics.placed",
     "fuzzykf.switching.tables": "fuzzykf.switching.dynamics.pairs",
     "fuzzykf.switching.values": "fuzzykf.immutable",
@@ -68,7 +73,7 @@ MODULES = {
 
 #: Module: its names that stand in a higher module today.
 NAMES = {
-    "fuzzykf.plotting": {"plot_comparison": "fuzzykf.comparison.picture"},
+    "fuzzykf.plotting": {"plot_comparison": "fuzzykf.comparison"},
 }
 
 
@@ -84,8 +89,11 @@ class _OldPaths(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def exec_module(self, module: ModuleType) -> None:
         """Let a module of the old name answer with what stands in that of today."""
         new = MODULES[module.__name__]
-        _warn(module.__name__, new, 2)
         today = importlib.import_module(new)
+        package = module.__name__.rpartition(".")[0]
+        shared = set(getattr(today, "__all__", ())) & set(getattr(sys.modules[package], "__all__", ()))
+        hint = f"; {', '.join(sorted(shared))} can be imported from {package}" if shared else ""
+        _warn(module.__name__, new + hint, 2)
         vars(module).update(__doc__=today.__doc__, __getattr__=lambda name: getattr(today, name))
 
 
@@ -96,11 +104,18 @@ def install() -> None:
 
 
 def lookup(module: str, name: str) -> object:
-    """Return a name that has moved up from ``module``; for a module's ``__getattr__``."""
+    """Return what has moved away from ``module``, a name or a module below it; for its ``__getattr__``."""
+    old = f"{module}.{name}"
+    if old in MODULES:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # that would name this line
+            found = importlib.import_module(old)
+        _warn(old, MODULES[old], 3)
+        return found
     new = NAMES.get(module, {}).get(name)
     if new is None:
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
-    _warn(f"{module}.{name}", f"{new}.{name}", 3)  # who asked the module for the name
+    _warn(old, f"{new}.{name}", 3)  # who asked the module for the name
     value: object = getattr(importlib.import_module(new), name)
     setattr(sys.modules[module], name, value)  # so that it warns once
     return value

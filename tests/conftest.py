@@ -11,7 +11,23 @@ import pytest
 
 from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw
 
+try:
+    from fuzzykf.engine.compiled import processor
+except ImportError:
+    SETS = []
+else:
+    SETS = list(processor.available_instructions())
+
 DATA = Path(__file__).parent / "data"
+
+
+@pytest.fixture(params=SETS)
+def instructions(request):
+    """Name of the instruction set in use: one after the other, all of this processor."""
+    before = processor.instructions()
+    processor.use_instructions(request.param)
+    yield request.param
+    processor.use_instructions(before)
 
 
 @pytest.fixture(scope="session")

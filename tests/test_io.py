@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, engine, io
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, io
 from fuzzykf.errors import FileFormatError, ParameterError
 
 DATA = Path(__file__).parent / "data"
@@ -173,7 +173,7 @@ def test_extreme_numbers_survive(fuzzy_model, tmp_path):
         f.step(z)
     f.save(tmp_path / "filter.json")
     g = OFSRFilter.load(tmp_path / "filter.json")
-    np.testing.assert_array_equal(f._belief.state.table, g._belief.state.table)
+    np.testing.assert_array_equal(f._mixture.table, g._mixture.table)
 
 
 # --------------------------------------------------------------------------- damage
@@ -411,15 +411,27 @@ def written():
 
 
 def check_outputs(written, f, expected):
-    """Compare five more estimates: to the bit, if engine and machine round as those did."""
+    """Compare five more estimates: what was read is the same to the bit, what follows may round otherwise."""
     found = written.outputs(f, expected.get("predicted", False))
-    same = engine.info().name == "numpy" and written.arithmetic() == EXPECTED["arithmetic"]
     for step, step_then in zip(found, expected["outputs"], strict=True):
         for name, then in step_then.items():
-            if same:
-                assert step[name] == then, name
-            else:
-                np.testing.assert_allclose(floats(step[name]), floats(then), rtol=1e-12, atol=1e-13)
+            np.testing.assert_allclose(floats(step[name]), floats(then), rtol=1e-12, atol=1e-13)
+
+
+def assert_alike(got, expected):
+    """Compare plain values, numbers to their last bit but one."""
+    if isinstance(expected, dict):
+        assert got.keys() == expected.keys()
+        for key in expected:
+            assert_alike(got[key], expected[key])
+    elif isinstance(expected, list):
+        assert len(got) == len(expected)
+        for pair in zip(got, expected, strict=True):
+            assert_alike(*pair)
+    elif isinstance(expected, float):
+        assert got == pytest.approx(expected, rel=4e-16, abs=1e-16)
+    else:
+        assert got == expected
 
 
 def floats(numbers):
@@ -443,7 +455,11 @@ def test_filters_of_version_1(name, written, tmp_path):
     path = FILES / f"{name}.json"
     f = io.load_filter(path)
     f.save(tmp_path / "again.json")
-    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+    again = json.loads((tmp_path / "again.json").read_text(encoding="utf-8"))
+    then = json.loads(path.read_text(encoding="utf-8"))
+    # what is known of a window was stored after arithmetic, and is itself now: the last bit may differ
+    assert_alike(again.pop("state"), then.pop("state"))
+    assert again == then
     assert type(f).load(path).to_dict() == f.to_dict()
     check_outputs(written, f, EXPECTED["filters"][name])
 

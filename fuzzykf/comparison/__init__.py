@@ -9,6 +9,9 @@ into which `prepare` turns columns.  The command ``fuzzykf compare`` only reads,
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from fuzzykf import moved
 from fuzzykf.comparison.candidates import Candidate, Estimates, Learned, LearningPart, Restoration
 from fuzzykf.comparison.candidates.registry import candidate, candidate_names
 from fuzzykf.comparison.evaluation import Fold, ModelComparison, ModelScore
@@ -53,3 +56,9 @@ __all__ = [
     "report_page",
     "score",
 ]
+
+if not TYPE_CHECKING:  # to type checkers only what is listed is there
+
+    def __getattr__(name: str) -> object:
+        """Find what has moved."""
+        return moved.lookup(__name__, name)

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import os
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from fuzzykf import moved
 from fuzzykf.errors import MissingDependencyError, ParameterError
 
 __all__ = ["EngineInfo", "info"]
@@ -62,9 +63,9 @@ def info() -> EngineInfo:
     name, reason = _choice()
     if name == "numpy":
         return EngineInfo(name, reason, None)
-    from fuzzykf.engine.compiled import processor
+    from fuzzykf.engine.compiled import MODULES
 
-    return EngineInfo(name, reason, processor.instructions())
+    return EngineInfo(name, reason, MODULES["processor"].instructions())
 
 
 @cache
@@ -85,3 +86,10 @@ def _choice() -> tuple[str, str]:
             raise MissingDependencyError(f"{_VARIABLE} is set to 'compiled', but {missing}") from error
         return "numpy", missing
     return "compiled", f"{_VARIABLE} is set to 'compiled'" if wanted else "the compiled core has been built"
+
+
+if not TYPE_CHECKING:  # to type checkers only what is listed is there
+
+    def __getattr__(name: str) -> object:
+        """Find what has moved."""
+        return moved.lookup(__name__, name)

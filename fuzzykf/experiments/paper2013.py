@@ -138,7 +138,7 @@ def restore_told(model: CGOMSModel, y: FloatArray, r: FloatArray) -> FloatArray:
     ndarray, shape (runs, n)
         Filtered means.
     """
-    system = model.on_nodes()
+    system = model.placed()
     law, pairs = system.initial(), system.pair_tables(0).pairs
     F, H, G, c = (np.asarray(M).reshape(2, 2) for M in (pairs.Axx, pairs.H, pairs.G, pairs.c))
     j = r.astype(int)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep
-from fuzzykf.engine.selected import BankStepper, log_mixing, merge_modes, mix_modes, weigh_modes
+from fuzzykf.engine.selected import log_mixing, merge_modes, mix_modes, weigh_modes
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array
 from fuzzykf.kalman import bank, bank_series
@@ -26,6 +26,7 @@ from fuzzykf.kalman.series import (
     given_per_step,
     unchanged_on_error,
 )
+from fuzzykf.kalman.stepper import BankStepper
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

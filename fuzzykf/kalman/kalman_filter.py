@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
-from fuzzykf.engine.selected import LinearStepper, predict_linear
+from fuzzykf.engine.selected import predict_linear
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array
 from fuzzykf.kalman.arguments import (
@@ -34,6 +34,7 @@ from fuzzykf.kalman.series import (
     unchanged_on_error,
 )
 from fuzzykf.kalman.smoothing import rts_smoother, smooth_result
+from fuzzykf.kalman.stepper import LinearStepper
 from fuzzykf.kalman.updates import condition, condition_linear, log_density, observed, zero_where_missing
 from fuzzykf.kalman.variants import (
     block_matrices,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from fuzzykf import moved
 from fuzzykf.plotting.laws import plot_law, plot_model
 from fuzzykf.plotting.memberships import plot_estimate, plot_membership
@@ -19,7 +21,8 @@ __all__ = [
     "plot_result",
 ]
 
+if not TYPE_CHECKING:  # to type checkers only what is listed is there
 
-def __getattr__(name: str) -> object:
-    """Find what has moved up."""
-    return moved.lookup(__name__, name)
+    def __getattr__(name: str) -> object:
+        """Find what has moved."""
+        return moved.lookup(__name__, name)

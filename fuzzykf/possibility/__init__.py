@@ -1,5 +1,10 @@
 """The fuzzy (possibilistic) state estimator: norms, memberships, relations and filters."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fuzzykf import moved
 from fuzzykf.possibility.estimator import FuzzyRelationEstimator
 from fuzzykf.possibility.memberships import (
     CauchyMembership,
@@ -32,3 +37,9 @@ __all__ = [
     "extend",
     "fuzzify",
 ]
+
+if not TYPE_CHECKING:  # to type checkers only what is listed is there
+
+    def __getattr__(name: str) -> object:
+        """Find what has moved."""
+        return moved.lookup(__name__, name)

@@ -1,9 +1,17 @@
 """Exact filters for Gaussian systems whose regime switches abruptly or gradually."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fuzzykf import moved
 from fuzzykf.results import Simulation
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables, SwitchingSystem
 from fuzzykf.switching.dynamics.placed import StationarySystem
 from fuzzykf.switching.filters import CGOMSMFilter, KnownSwitchFilter, OFSRFilter, SwitchingFilter
+from fuzzykf.switching.inference.exact import EXACT
+from fuzzykf.switching.inference.method import Method
+from fuzzykf.switching.inference.mixture import Mixture
 from fuzzykf.switching.laws import FuzzyMarkovLaw, SwitchChain
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 from fuzzykf.switching.models.hard import CGOMSModel
@@ -12,12 +20,15 @@ from fuzzykf.switching.state_space.cglssm import CGLSSM
 
 __all__ = [
     "CGLSSM",
+    "EXACT",
     "CGOFMSModel",
     "CGOMSMFilter",
     "CGOMSModel",
     "FuzzyMarkovLaw",
     "InitialLaw",
     "KnownSwitchFilter",
+    "Method",
+    "Mixture",
     "OFSRFilter",
     "PairCoefficients",
     "PairTables",
@@ -28,3 +39,9 @@ __all__ = [
     "SwitchingSystem",
     "shrink_covariances",
 ]
+
+if not TYPE_CHECKING:  # to type checkers only what is listed is there
+
+    def __getattr__(name: str) -> object:
+        """Find what has moved."""
+        return moved.lookup(__name__, name)

@@ -14,7 +14,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-os.environ.setdefault("FUZZYKF_ENGINE", "numpy")
+if __name__ == "__main__":  # the compiled core is one file, and no walk
+    os.environ.setdefault("FUZZYKF_ENGINE", "numpy")
 
 import numpy as np
 

@@ -5,54 +5,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fuzzykf import IMMEstimator, KalmanFilter, engine
+from fuzzykf import engine
 from fuzzykf.engine import selected
 from fuzzykf.engine.numpy import kalman
-
-NUMPY_HOMES = {
-    "pack": "fuzzykf.engine.numpy.switching",
-    "first_step": "fuzzykf.engine.numpy.switching",
-    "step": "fuzzykf.engine.numpy.switching",
-    "run": "fuzzykf.engine.numpy.switching",
-    "log_pairs": "fuzzykf.engine.numpy.switching",
-    "node_mean": "fuzzykf.engine.numpy.switching",
-    "step_many": "fuzzykf.engine.numpy.switching_many",
-    "forward_backward": "fuzzykf.engine.numpy.hmm",
-    "smooth_back": "fuzzykf.engine.numpy.backward",
-    "best_path": "fuzzykf.engine.numpy.backward",
-    "Kernel": "fuzzykf.engine.numpy.switching",
-    "Stepper": "fuzzykf.engine.numpy.stepper",
-    "convolve_parabola": "fuzzykf.engine.numpy.convolution",
-    "refine": "fuzzykf.engine.numpy.convolution",
-    "continue_tails": "fuzzykf.engine.numpy.grid",
-    "interpolate": "fuzzykf.engine.numpy.grid",
-    "interpolate_lines": "fuzzykf.engine.numpy.grid",
-    "least_outside": "fuzzykf.engine.numpy.grid",
-    "pull_back": "fuzzykf.engine.numpy.grid",
-    "convolve_bounded": "fuzzykf.engine.numpy.kernels",
-    "convolve_convex": "fuzzykf.engine.numpy.kernels",
-    "convolve_joint": "fuzzykf.engine.numpy.kernels",
-    "convolve_table": "fuzzykf.engine.numpy.kernels",
-    "is_convex": "fuzzykf.engine.numpy.kernels",
-    "totals": "fuzzykf.engine.numpy.kernels",
-    "moments_about": "fuzzykf.engine.numpy.moments",
-    "corrected": "fuzzykf.engine.numpy.raster",
-    "cover": "fuzzykf.engine.numpy.raster",
-    "flat_cells": "fuzzykf.engine.numpy.raster",
-    "live_cells": "fuzzykf.engine.numpy.raster",
-    "span": "fuzzykf.engine.numpy.raster",
-    "stranded": "fuzzykf.engine.numpy.raster",
-    "LinearStepper": "fuzzykf.engine.numpy.stepper",
-    "BankStepper": "fuzzykf.engine.numpy.stepper",
-    "predict_linear": "fuzzykf.engine.numpy.kalman",
-    "update_linear": "fuzzykf.engine.numpy.kalman",
-    "filter_linear": "fuzzykf.engine.numpy.kalman_series",
-    "filter_bank": "fuzzykf.engine.numpy.imm",
-}
 
 
 def in_a_new_process(code: str, wanted: str | None) -> subprocess.CompletedProcess[str]:
@@ -69,11 +30,21 @@ def built() -> bool:
 
 
 def test_what_is_selected_is_what_info_says() -> None:
-    # each function comes from the module of the engine that `info` names: none is handed on
-    name = engine.info().name
-    for function, home in NUMPY_HOMES.items():
-        module = getattr(selected, function).__module__
-        assert module.startswith("fuzzykf.engine.compiled.") if name == "compiled" else module == home
+    # each name comes from the module of the engine that `info` names: none is handed on
+    folder, compiled = Path(engine.__file__).parent, {}
+    if engine.info().name == "compiled":
+        compiled = import_module("fuzzykf.engine.compiled").MODULES
+    found = []
+    for path in (folder / "numpy").glob("[a-z]*.py"):
+        home = import_module(f"fuzzykf.engine.numpy.{path.stem}")
+        taken = getattr(compiled.get(path.stem), "__all__", ())
+        for name in home.__all__:
+            if name in taken:
+                assert getattr(selected, name).__module__ == compiled[path.stem].__name__
+            else:
+                assert getattr(selected, name) is getattr(home, name)
+        found += home.__all__
+    assert len(found) == len(set(found))  # so that no name hides another
 
 
 @pytest.mark.parametrize(("n", "m"), [(2, 1), (17, 1), (1, 17)])
@@ -111,11 +82,6 @@ def test_the_best_sources_are_the_best_however_they_are_found(lines, combine, ke
     source = selected.best_sources(cost, table, combine)
     least = combine(np.take_along_axis(cost, source, axis=1), table[np.arange(130), source])
     np.testing.assert_array_equal(least, [combine(table, line).min(axis=1) for line in cost])
-
-
-def test_filters_inherit_the_selected_steppers() -> None:
-    for cls, stepper in ((KalmanFilter, selected.LinearStepper), (IMMEstimator, selected.BankStepper)):
-        assert cls.step is stepper.step
 
 
 def test_the_tests_run_on_the_engine_that_was_asked_for() -> None:

@@ -55,13 +55,8 @@ class LearnedSwitching(Learned):
     """
 
     def __init__(self, fit: FitResult[Any], n_nodes: int, description: str = "") -> None:
-        from fuzzykf.switching import CGOFMSModel, CGOMSMFilter, OFSRFilter
-
-        self.fit = fit
-        fuzzy = isinstance(fit.model, CGOFMSModel)
-        self.filter: Any = OFSRFilter(fit.model, n_nodes=n_nodes) if fuzzy else CGOMSMFilter(fit.model)
-        system = fit.model.on_nodes(n_nodes) if fuzzy else fit.model.on_nodes()
-        self.notes = (*fit.warnings, *growth_notes(system))
+        self.fit, self.filter = fit, fit.model.filter(n_nodes)
+        self.notes = (*fit.warnings, *growth_notes(fit.model.placed(n_nodes)))
         self.description = description
 
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:

@@ -14,6 +14,8 @@ import numpy as np
 
 cnp.import_array()
 
+__all__ = ["best_path", "smooth_back"]
+
 
 cdef inline const fk_engine *engine() noexcept nogil:
     return versions + level

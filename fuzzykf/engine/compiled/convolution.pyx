@@ -9,6 +9,8 @@ import numpy as np
 
 cnp.import_array()
 
+__all__ = ["convolve_parabola", "envelope_of_parabolas", "refine"]
+
 cdef extern from "src/convolution.h" nogil:
     ctypedef Py_ssize_t fk_index
     ctypedef struct fk_parabolas:

@@ -9,6 +9,8 @@ import numpy as np
 
 cnp.import_array()
 
+__all__ = ["continue_tails", "interpolate", "interpolate_lines", "least_outside", "pull_back"]
+
 cdef extern from "src/interpolation.h" nogil:
     enum: FK_LOG
     enum: FK_RECIPROCAL

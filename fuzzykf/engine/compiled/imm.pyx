@@ -1,17 +1,10 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""Banks of Kalman filters that switch: on the attributes of all filters, and along a whole series."""
+"""Banks of Kalman filters that switch, along a whole series; see `fuzzykf.engine.numpy.imm`."""
 
-from cpython.dict cimport PyDict_GetItemWithError, PyDict_SetItem
 from cpython.mem cimport PyMem_Free, PyMem_Malloc
-from cpython.object cimport PyObject
-from libc.math cimport exp
-from libc.string cimport memcmp, memcpy
+from libc.string cimport memcpy
 
 from fuzzykf.engine.compiled.arrays cimport at, at_or_null, doubles
-from fuzzykf.engine.compiled.attributes cimport (
-    ENTRIES, Entry, Member, commit, entry, forget, has_own_verbs, is_begun, is_plain, overrides, posterior_entries,
-    prior_entries, read_motion, read_observation, read_state, read_z, release, reserve,
-)
 from fuzzykf.engine.compiled.kalman cimport fk_kalman_inverse, versions
 from fuzzykf.engine.compiled.processor cimport level
 
@@ -21,11 +14,7 @@ import numpy as np
 
 cnp.import_array()
 
-cdef extern from "Python.h":
-    dict PyObject_GenericGetDict(object, void *)
-
-cdef enum:
-    OWN = 11  # attributes of the bank itself that a step writes
+__all__ = ["filter_bank"]
 
 
 cdef inline const fk_kalman_engine *engine() noexcept nogil:
@@ -33,252 +22,24 @@ cdef inline const fk_kalman_engine *engine() noexcept nogil:
 
 
 cdef class Bank:
-    """Filters at work, with their attributes to be written."""
+    """Filters at work."""
 
     cdef fk_bank b
-    cdef Member *members
-    cdef double *mu
-    cdef double *likelihood
-    cdef Entry *entries
-    cdef Entry *own
-    cdef list dicts  # attributes of the filters
-    cdef dict d  # those of the bank
-    cdef int reserved
+    cdef fk_kalman *filters
 
     def __cinit__(self, int modes):
         cdef int k
-        cdef size_t doubles_ = fk_bank_size(modes) + modes
-        cdef size_t size = modes * (sizeof(Member) + sizeof(fk_kalman *) + ENTRIES * sizeof(Entry))
-        cdef char *memory = <char *> PyMem_Malloc(size + OWN * sizeof(Entry) + doubles_ * sizeof(double))
-        if memory == NULL:
+        cdef size_t size = modes * (sizeof(fk_kalman) + sizeof(fk_kalman *)) + fk_bank_size(modes) * sizeof(double)
+        self.filters = <fk_kalman *> PyMem_Malloc(size)
+        if self.filters == NULL:
             raise MemoryError
-        self.members = <Member *> memory
-        memory += modes * sizeof(Member)
-        self.b.f = <fk_kalman **> memory
-        memory += modes * sizeof(fk_kalman *)
-        self.entries = <Entry *> memory
-        self.own = self.entries + modes * ENTRIES
-        memory = <char *> (self.own + OWN)
-        self.b.modes = modes
-        fk_bank_place(&self.b, <double *> memory)
-        self.likelihood = <double *> memory + fk_bank_size(modes)
+        self.b.modes, self.b.f = modes, <fk_kalman **> (self.filters + modes)
+        fk_bank_place(&self.b, <double *> (self.b.f + modes))
         for k in range(modes):
-            self.b.f[k] = &self.members[k].f
-        self.dicts = []
+            self.b.f[k] = self.filters + k
 
     def __dealloc__(self):
-        PyMem_Free(self.members)
-
-
-cdef inline const double *row(PyObject *value, int rows, int columns) noexcept:
-    """The numbers of a contiguous array, (rows, columns) or flat without columns; else NULL."""
-    cdef cnp.ndarray a
-    if value == NULL or not cnp.PyArray_CheckExact(<object> value):
-        return NULL
-    a = <cnp.ndarray> value
-    if (
-        cnp.PyArray_TYPE(a) == cnp.NPY_DOUBLE and cnp.PyArray_ISCARRAY_RO(a)
-        and cnp.PyArray_NDIM(a) == (2 if columns else 1) and cnp.PyArray_DIM(a, 0) == rows
-        and (columns == 0 or cnp.PyArray_DIM(a, 1) == columns)
-    ):
-        return <const double *> cnp.PyArray_DATA(a)
-    return NULL
-
-
-cdef bint same(const double *a, const double *b, int size) noexcept:
-    return a != NULL and b != NULL and memcmp(a, b, size * sizeof(double)) == 0
-
-
-cdef Bank read_bank(object filter_, dict d, bint motion, bint observation):
-    """Read a bank of plain Kalman filters of one size; None where something is not usual."""
-    cdef PyObject *filters_ = PyDict_GetItemWithError(d, "filters")
-    cdef PyObject *method = PyDict_GetItemWithError(d, "method")
-    cdef PyObject *log_mu
-    cdef Bank bank
-    cdef Member *member
-    cdef Member *first
-    cdef dict one
-    cdef int K, k
-    if filters_ == NULL or not isinstance(<object> filters_, (list, tuple)) or method == NULL:
-        return None
-    K = <int> len(<object> filters_)
-    if K < 2 or <object> method != "imm" or PyDict_GetItemWithError(d, "_branches") != <PyObject *> None:
-        return None
-    bank = Bank(K)
-    first = bank.members
-    for k in range(K):
-        each = (<object> filters_)[k]
-        member = bank.members + k
-        if overrides(each) & 3:
-            return None
-        one = PyObject_GenericGetDict(each, NULL)
-        bank.dicts.append(one)
-        if not (
-            is_plain(each, one, True) and read_state(one, member)
-            and (not motion or read_motion(one, member)) and (not observation or read_observation(one, member))
-            and member.f.n == first.f.n and member.f.m == first.f.m and member.flat == first.flat
-        ):
-            return None
-    # mu and M may have been assigned or written into since their logarithms were taken
-    bank.b.log_M = row(PyDict_GetItemWithError(d, "_log_M"), K, K)
-    log_mu = PyDict_GetItemWithError(d, "_log_mu")
-    if (
-        bank.b.log_M == NULL or row(log_mu, K, 0) == NULL
-        or not same(
-            row(PyDict_GetItemWithError(d, "mu"), K, 0), row(PyDict_GetItemWithError(d, "_known_mu"), K, 0), K
-        )
-        or not same(
-            row(PyDict_GetItemWithError(d, "M"), K, K), row(PyDict_GetItemWithError(d, "_checked_M"), K, K), K * K
-        )
-    ):
-        return None
-    memcpy(bank.b.log_mu, row(log_mu, K, 0), K * sizeof(double))
-    bank.d = d
-    return bank
-
-
-cdef int write(Bank bank, bint prior, bint posterior) except -1:
-    """Write what a prediction, an update, or both have found."""
-    cdef int K = bank.b.modes, n = bank.members[0].f.n, k, count, own = 0
-    cdef int column = 0 if bank.members[0].flat else 1
-    cdef Entry *entries
-    cdef Entry *e = bank.own
-    cdef int counts = 0
-    if prior:
-        entry(e, "x_prior", bank.b.x_prior, n, column)
-        entry(e + 1, "P_prior", bank.b.P_prior, n, n)
-        own = 2
-        if not posterior:
-            entry(e + 2, "x", bank.b.x_prior, n, column)
-            entry(e + 3, "P", bank.b.P_prior, n, n)
-            own = 4
-    if posterior:
-        for k in range(K):
-            bank.likelihood[k] = exp(bank.b.log_likelihood[k])
-        e = bank.own + own
-        entry(e, "x", bank.b.x, n, column)
-        entry(e + 1, "P", bank.b.P, n, n)
-        entry(e + 2, "x_post", bank.b.x, n, column)
-        entry(e + 3, "P_post", bank.b.P, n, n)
-        entry(e + 4, "mu", bank.b.weights, K, 0)
-        entry(e + 5, "_known_mu", bank.b.weights, K, 0)
-        entry(e + 6, "_log_mu", bank.b.log_mu, K, 0)
-        entry(e + 7, "likelihood", bank.likelihood, K, 0)
-        entry(e + 8, "mode_log_likelihood", bank.b.log_likelihood, K, 0)
-        own += 9
-    reserve(bank.d, bank.own, own)
-    try:
-        for k in range(K):
-            entries = bank.entries + k * ENTRIES
-            count = prior_entries(bank.members + k, entries, not posterior) if prior else 0
-            if posterior:
-                count += posterior_entries(bank.members + k, entries + count)
-            reserve(<dict> bank.dicts[k], entries, count)
-            counts = k + 1
-    except BaseException:
-        release(bank.own, own)
-        for k in range(counts):
-            release(bank.entries + k * ENTRIES, count)
-        raise
-    for k in range(K):
-        commit(<dict> bank.dicts[k], bank.entries + k * ENTRIES, count)
-        if posterior:
-            PyDict_SetItem(<dict> bank.dicts[k], "_log_likelihood", bank.b.log_likelihood[k])
-            forget(<dict> bank.dicts[k], "_likelihood")
-            forget(<dict> bank.dicts[k], "_mahalanobis")
-    commit(bank.d, bank.own, own)
-    if posterior:
-        PyDict_SetItem(bank.d, "log_likelihood", bank.b.total)
-        forget(bank.d, "_log_cbar")
-    return 0
-
-
-class BankStepper:
-    """Owner of ``step``; see `fuzzykf.engine.numpy.stepper.BankStepper`."""
-
-    def step(self, z):
-        """Predict, then update with ``z``.
-
-        Parameters
-        ----------
-        z : array_like or None
-            The observation; None or NaN where missing.
-
-        Returns
-        -------
-        ndarray
-            The new estimate ``x``, in the shape of those of the filters.
-        """
-        cdef dict d = PyObject_GenericGetDict(self, NULL)
-        cdef Bank bank
-        cdef int k
-        if not (
-            is_begun(d) and not overrides(self) & 3 and not has_own_verbs(d)
-            and PyDict_GetItemWithError(d, "_log_cbar") == <PyObject *> None
-        ):
-            return self._step_any(z)
-        bank = read_bank(self, d, True, True)
-        if bank is None or not read_z(z, bank.members[0].f.m, bank.members[0].z):
-            return self._step_any(z)
-        for k in range(1, bank.b.modes):
-            memcpy(bank.members[k].z, bank.members[0].z, bank.members[0].f.m * sizeof(double))
-        fk_bank_predict(engine(), &bank.b)
-        if not fk_bank_update(engine(), &bank.b, bank.members[0].z):
-            return self._step_any(z)
-        write(bank, True, True)
-        return <object> PyDict_GetItemWithError(d, "x")
-
-    def _predict_at_once(self):
-        """See `fuzzykf.engine.numpy.stepper.BankStepper`."""
-        cdef dict d = PyObject_GenericGetDict(self, NULL)
-        cdef Bank bank
-        cdef cnp.ndarray log_cbar
-        cdef cnp.npy_intp modes
-        if not (
-            is_begun(d) and not overrides(self) & 1 and PyDict_GetItemWithError(d, "_log_cbar") == <PyObject *> None
-        ):
-            return False
-        bank = read_bank(self, d, True, False)
-        if bank is None:
-            return False
-        fk_bank_predict(engine(), &bank.b)
-        modes = bank.b.modes
-        log_cbar = cnp.PyArray_SimpleNew(1, &modes, cnp.NPY_DOUBLE)
-        memcpy(at(log_cbar), bank.b.log_cbar, modes * sizeof(double))
-        write(bank, True, False)
-        PyDict_SetItem(d, "_log_cbar", log_cbar)
-        return True
-
-    def _update_at_once(self, z):
-        """See `fuzzykf.engine.numpy.stepper.BankStepper`."""
-        cdef dict d = PyObject_GenericGetDict(self, NULL)
-        cdef Bank bank
-        cdef Member *member
-        cdef const double *log_cbar
-        cdef PyObject *predicted = PyDict_GetItemWithError(d, "_log_cbar")
-        cdef int k
-        if not is_begun(d) or overrides(self) & 1:
-            return False
-        bank = read_bank(self, d, False, True)
-        if bank is None or not read_z(z, bank.members[0].f.m, bank.members[0].z):
-            return False
-        if predicted == <PyObject *> None:
-            fk_bank_weights(&bank.b)
-        else:
-            log_cbar = row(predicted, bank.b.modes, 0)
-            if log_cbar == NULL:
-                return False
-            memcpy(bank.b.log_cbar, log_cbar, bank.b.modes * sizeof(double))
-        for k in range(bank.b.modes):
-            member = bank.members + k
-            if k:
-                memcpy(member.z, bank.members[0].z, member.f.m * sizeof(double))
-            memcpy(member.f.x_prior, member.f.x, member.f.n * sizeof(double))
-            memcpy(member.f.P_prior, member.f.P, member.f.n * member.f.n * sizeof(double))
-        if not fk_bank_update(engine(), &bank.b, bank.members[0].z):
-            return False
-        write(bank, False, True)
-        return True
+        PyMem_Free(self.filters)
 
 
 def filter_bank(xs, Ps, log_mu, log_M, zs, dict model, dict out):

@@ -1,14 +1,9 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""The linear Kalman filter: on arrays, on the attributes of a filter, and along a whole series."""
+"""The linear Kalman filter, one step and along a whole series; see `fuzzykf.engine.numpy.kalman`."""
 
-from cpython.dict cimport PyDict_GetItemWithError
 from libc.string cimport memcpy
 
 from fuzzykf.engine.compiled.arrays cimport at, at_or_null, doubles
-from fuzzykf.engine.compiled.attributes cimport (
-    ENTRIES, Entry, Member, commit, forget_likelihoods, is_begun, is_plain, posterior_entries, prior_entries,
-    read_motion, read_observation, read_state, read_z, reserve,
-)
 from fuzzykf.engine.compiled.processor cimport level
 
 cimport numpy as cnp
@@ -20,10 +15,9 @@ cnp.import_array()
 cdef extern from "src/kalman_engines.h" nogil:
     const fk_kalman_engine *fk_kalman_engines
 
-cdef extern from "Python.h":
-    dict PyObject_GenericGetDict(object, void *)
-
 versions = fk_kalman_engines
+
+__all__ = ["filter_linear", "predict_linear", "update_linear"]
 
 #: Most states, and most components of an observation, that are covered here.
 LARGEST = FK_KALMAN_LARGEST
@@ -97,7 +91,7 @@ def update_linear(x, P, z, H, R):
 
 
 def filter_linear(x, P, zs, F, Q, H, R, double alpha_sq, controls, dict out):
-    """See `fuzzykf.engine.numpy.kalman_series.filter_linear`."""
+    """See `fuzzykf.engine.numpy.kalman.filter_linear`."""
     cdef fk_kalman f
     cdef cnp.ndarray R_ = doubles(R, "R", (-1, -1))
     cdef int column = begin(&f, x, P, <int> R_.shape[0]), n = f.n, m = f.m
@@ -126,77 +120,3 @@ def filter_linear(x, P, zs, F, Q, H, R, double alpha_sq, controls, dict out):
     if done < n_steps:
         raise np.linalg.LinAlgError(f"S is not positive definite at step {done}")
     return innovation_of(&f, column) if f.n_seen else None
-
-
-class LinearStepper:
-    """Owner of ``step``; see `fuzzykf.engine.numpy.stepper.LinearStepper`."""
-
-    def step(self, z):
-        """Predict, then update with ``z``.
-
-        Parameters
-        ----------
-        z : array_like or None
-            The observation; None or NaN where missing.
-
-        Returns
-        -------
-        ndarray, shape (dim_x, 1) or (dim_x,)
-            The new estimate ``x``.
-        """
-        cdef dict d = PyObject_GenericGetDict(self, NULL)
-        cdef Member member
-        cdef Entry entries[ENTRIES]
-        cdef int count
-        if not (
-            is_begun(d) and is_plain(self, d, True) and read_state(d, &member)
-            and read_motion(d, &member) and read_observation(d, &member) and read_z(z, member.f.m, member.z)
-        ):
-            return self._step_any(z)
-        engine().predict(&member.f)
-        if not engine().update(&member.f, member.z):
-            return self._step_any(z)
-        count = prior_entries(&member, entries, False)
-        count += posterior_entries(&member, entries + count)
-        reserve(d, entries, count)
-        commit(d, entries, count)
-        forget_likelihoods(d)
-        return <object> PyDict_GetItemWithError(d, "x")
-
-    def _predict_at_once(self):
-        """See `fuzzykf.engine.numpy.stepper.LinearStepper`."""
-        cdef dict d = PyObject_GenericGetDict(self, NULL)
-        cdef Member member
-        cdef Entry entries[ENTRIES]
-        cdef int count
-        if not (
-            is_begun(d) and is_plain(self, d, False) and read_state(d, &member) and read_motion(d, &member)
-        ):
-            return False
-        engine().predict(&member.f)
-        count = prior_entries(&member, entries, True)
-        reserve(d, entries, count)
-        commit(d, entries, count)
-        return True
-
-    def _update_at_once(self, z):
-        """See `fuzzykf.engine.numpy.stepper.LinearStepper`."""
-        cdef dict d = PyObject_GenericGetDict(self, NULL)
-        cdef Member member
-        cdef Entry entries[ENTRIES]
-        cdef int count
-        cdef fk_kalman *f = &member.f
-        if not (
-            is_begun(d) and is_plain(self, d, False) and read_state(d, &member)
-            and read_observation(d, &member) and read_z(z, f.m, member.z)
-        ):
-            return False
-        memcpy(f.x_prior, f.x, f.n * sizeof(double))
-        memcpy(f.P_prior, f.P, f.n * f.n * sizeof(double))
-        if not engine().update(f, member.z):
-            return False
-        count = posterior_entries(&member, entries)
-        reserve(d, entries, count)
-        commit(d, entries, count)
-        forget_likelihoods(d)
-        return True

@@ -11,6 +11,8 @@ import numpy as np
 
 cnp.import_array()
 
+__all__ = ["convolve_bounded", "convolve_convex", "convolve_joint", "convolve_table", "is_convex", "totals"]
+
 cdef extern from "src/search.h" nogil:
     enum: FK_ADD
     enum: FK_MULTIPLY

@@ -9,6 +9,8 @@ import numpy as np
 
 cnp.import_array()
 
+__all__ = ["moments_about"]
+
 cdef extern from "src/moments.h" nogil:
     enum: FK_AXES
     ctypedef Py_ssize_t fk_index

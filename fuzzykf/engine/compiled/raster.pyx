@@ -12,6 +12,8 @@ import numpy as np
 
 cnp.import_array()
 
+__all__ = ["corrected", "cover", "flat_cells", "live_cells", "span", "stranded"]
+
 cdef extern from "src/raster.h" nogil:
     enum: FK_AXES
     enum: FK_IMAGE
@@ -126,10 +128,10 @@ def cover(image, alive, shape):
         base = live_cells(flags, axes)
         for start in range(0, base.shape[0], CHUNK):
             for order in permutations(axes):
-                yield from simplices(values, base[start : start + CHUNK], order, shape)
+                yield from _simplices(values, base[start : start + CHUNK], order, shape)
 
 
-def simplices(cnp.ndarray values, cnp.ndarray base, order, shape):
+def _simplices(cnp.ndarray values, cnp.ndarray base, order, shape):
     """Cover by the simplices along the axes of ``order``, as many nodes at a time as there is room for."""
     next_, need, room = 0, 0, min(CHUNK, 2 * base.shape[0])  # most maps keep the size of cells
     while next_ < base.shape[0]:

@@ -1,11 +1,13 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""Whole series, filtered and summarised in one go."""
+"""Whole series, filtered and summarised in one go; see `fuzzykf.engine.numpy.series`."""
+
+from libc.string cimport memcpy
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, at_or_null, doubles
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
     Kernel, Summary, Workspace, fk_chunk_tables, fk_chunk_weights, fk_engine, fk_filter, fk_first, fk_kernel,
-    fk_output, fk_padded, fk_room, fk_state, fk_summarise, fk_to_logs, store, versions,
+    fk_output, fk_padded, fk_room, fk_state, fk_summarise, fk_to_logs, load, store, versions,
 )
 
 cimport numpy as cnp
@@ -13,6 +15,8 @@ cimport numpy as cnp
 import numpy as np
 
 cnp.import_array()
+
+__all__ = ["filter_series"]
 
 
 cdef inline const fk_engine *engine() noexcept nogil:
@@ -23,7 +27,7 @@ cdef fk_output outputs(dict out, Py_ssize_t s, Py_ssize_t n, int m, int M) excep
     """Addresses of the arrays to fill, (s, n, ...), after a check of each."""
     cdef dict shapes = {
         "x": (m,), "P": (m, m), "x_prior": (m,), "P_prior": (m, m), "mu": (M,), "switch": (),
-        "switch_mean": (), "log_likelihood": (),
+        "switch_mean": (), "log_likelihood": (), "table": (1 + m + m * m, M), "sign": (M,),
     }
     for name, array in out.items():
         if not (
@@ -36,72 +40,80 @@ cdef fk_output outputs(dict out, Py_ssize_t s, Py_ssize_t n, int m, int M) excep
     o.P_prior, o.mu = at_or_null(out.get("P_prior")), at_or_null(out.get("mu"))
     o.modes, o.means = at_or_null(out.get("switch")), at_or_null(out.get("switch_mean"))
     o.log_likelihood = at_or_null(out.get("log_likelihood"))
+    o.table, o.sign = at_or_null(out.get("table")), at_or_null(out.get("sign"))
     return o
 
 
-def filter_series(Kernel kernel not None, Summary summary not None, law, ys, dict out):
-    """Filter complete series, one after the other, from the initial law on.
-
-    Parameters
-    ----------
-    kernel : Kernel
-        Constant tables of an observation that depends on the one before it; no negative weights.
-    summary : Summary
-    law : tuple
-        log_initial, mean, covariance, factor, as in `first_step`.
-    ys : ndarray, shape (s, n, q)
-    out : dict of str to ndarray, shape (s, n, ...)
-        Filled in.  ``x_prior`` and ``P_prior`` of the first observation are not.
-
-    Returns
-    -------
-    before, last : ndarray, shape (1 + m + m*m, M)
-        The states of the last series after the last two observations.
-    """
+def filter_series(
+    Kernel kernel not None, Summary summary not None, tuple begin, ys, Py_ssize_t start, Py_ssize_t stop, dict out
+):
     cdef fk_kernel *k = &kernel.k
-    cdef int M = k.M1, m = k.m, q = k.q, d = k.m + k.q, rows = 1 + k.m + k.m * k.m, r
-    if k.is_signed or k.w != q or k.M2 != M:
-        raise ValueError("kernel: expected constant tables without negative weights, of order one")
+    cdef int M = k.M1, m = k.m, q = k.q, d = k.m + k.q, rows = 1 + k.m + k.m * k.m, swapped
+    if k.M2 != M or k.w % q:
+        raise ValueError("kernel: expected as many nodes before as after")
     cdef cnp.ndarray y = doubles(ys, "ys", (-1, -1, q))
-    cdef Py_ssize_t s = y.shape[0], n = y.shape[1], a
-    if s < 1 or n < 1:
-        raise ValueError("ys: expected at least one observation")
-    cdef cnp.ndarray l_ = doubles(law[0], "log_initial", (M,)), mean = doubles(law[1], "mean", (M, d))
-    cdef cnp.ndarray S_ = doubles(law[2], "covariance", (M, d, d)), f_ = doubles(law[3], "factor", (M, q, q))
+    cdef Py_ssize_t s = y.shape[0], n = y.shape[1], a, first = start + (start == 0)
+    if not (0 <= start < stop <= n and first >= (k.w // q if stop > first else 0)):
+        raise ValueError(f"start, stop: got {(start, stop)}, expected observations with complete windows, {n} in all")
+    cdef cnp.ndarray l_ = None, mean = None, S_ = None, f_ = None, tables = None, signs = None
+    if start == 0:
+        if k.is_signed or k.w != q:
+            raise ValueError("kernel: expected tables without negative weights, of order one")
+        l_, mean = doubles(begin[0], "log_initial", (M,)), doubles(begin[1], "mean", (M, d))
+        S_, f_ = doubles(begin[2], "covariance", (M, d, d)), doubles(begin[3], "factor", (M, q, q))
+    else:
+        tables = doubles(begin[0], "table", (s, rows, M))
+        if k.is_signed:
+            signs = doubles(np.ones((s, M)) if begin[1] is None else begin[1], "sign", (s, M))
+    cdef cnp.ndarray before = np.empty((s, rows, M)), last = np.empty((s, rows, M))
+    if "sign" in out and not k.is_signed:
+        raise ValueError("sign: the tables have no negative weights")
     cdef fk_output o = outputs(out, s, n, m, M)
     cdef Workspace work = Workspace(kernel)
     cdef size_t ahead = fk_chunk_tables(M) if k.is_scalar else 0, pairs = fk_chunk_weights(M) if k.is_scalar else 0
-    cdef Buffer more = Buffer(ahead + pairs + 1 + 2 * q + q * (1 + m))
-    cdef double *root = more.data + ahead + pairs + 1 + 2 * q
+    cdef Buffer more = Buffer(ahead + pairs + 1 + k.w + q + q * (1 + m))
+    cdef double *root = more.data + ahead + pairs + 1 + k.w + q
     cdef fk_room room
     room.p, room.x, room.scratch = work.p, work.x, work.scratch
     room.tables, room.weights, room.u = more.data, more.data + ahead, more.data + ahead + pairs
     cdef const double *one
-    cdef const double *log_initial = at(l_)
-    cdef const double *means = at(mean)
-    cdef const double *covariances = at(S_)
-    cdef const double *factors = at(f_)
+    cdef const double *log_initial = at_or_null(l_)
+    cdef const double *means = at_or_null(mean)
+    cdef const double *covariances = at_or_null(S_)
+    cdef const double *factors = at_or_null(f_)
+    cdef const double *from_tables = at_or_null(tables)
+    cdef const double *from_signs = at_or_null(signs)
     cdef const double *series = at(y)
-    cdef fk_state *last = &work.one
-    cdef fk_state *before = &work.two
+    cdef double *to_before = at(before)
+    cdef double *to_last = at(last)
+    cdef fk_state *now
+    cdef fk_state *old
     cdef int ld = fk_padded(M)
     with nogil:
         for a in range(s):
             one = series + a * n * q
-            work.one.total = fk_first(
-                M, m, q, log_initial, means, covariances, factors, one, work.one.table, ld, root
-            )
-            work.one.linear, work.one.log_known = 0, 1
-            fk_summarise(engine(), &summary.s, &work.one, M, m, a * n, &o, &room)
-            r = fk_filter(
-                engine(), k, &summary.s, &work.one, &work.two, one, n - 1, &o, a * n + 1, &room
-            )
-        if r:
-            last = &work.two
-            before = &work.one
-        fk_to_logs(last, M)
-        fk_to_logs(before, M)
-    cdef cnp.ndarray tables = np.empty((2, rows, M))
-    store(at(tables), before.table, rows, M)
-    store(at(tables) + rows * M, last.table, rows, M)
-    return tables[0].copy(), tables[1].copy()
+            if start == 0:
+                work.one.total = fk_first(
+                    M, m, q, log_initial, means, covariances, factors, one, work.one.table, ld, root
+                )
+                work.one.linear, work.one.log_known = 0, 1
+                fk_summarise(engine(), &summary.s, &work.one, M, m, a * n, &o, &room)
+            else:
+                load(work.one.table, from_tables + a * rows * M, rows, M)
+                work.one.linear, work.one.log_known, work.one.total = 0, 1, 0.0
+                if k.is_signed:
+                    memcpy(work.one.sign, from_signs + a * M, M * sizeof(double))
+            now = &work.one
+            old = &work.one
+            if stop > first:
+                swapped = fk_filter(
+                    engine(), k, &summary.s, &work.one, &work.two, one + (first - 1) * q, stop - first, &o,
+                    a * n + first, &room
+                )
+                now = &work.two if swapped else &work.one
+                old = &work.one if swapped else &work.two
+            fk_to_logs(now, M)
+            fk_to_logs(old, M)
+            store(to_last + a * rows * M, now.table, rows, M)
+            store(to_before + a * rows * M, old.table, rows, M)
+    return before, last

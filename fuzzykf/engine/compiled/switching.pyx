@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""Steps of the switching recursion; see `fuzzykf.engine.numpy.switching`, `switching_many` and `hmm`."""
+"""Steps of the switching recursion; see `fuzzykf.engine.numpy.switching`, in NumPy."""
 
 from libc.string cimport memcpy
 
@@ -16,22 +16,32 @@ import numpy as np
 
 cnp.import_array()
 
+__all__ = ["first_step", "forward_backward", "log_pairs", "node_mean", "run", "step", "step_many"]
+
 
 cdef inline const fk_engine *engine() noexcept nogil:
     return versions + level
 
 
-def first_step(log_initial, mean, covariance, factor, y):
-    cdef cnp.ndarray y_ = doubles(y, "y", (-1,))
-    cdef int M = np.shape(log_initial)[0], q = <int> y_.shape[0], d = np.shape(mean)[1], m = d - q
+def first_step(log_initial, mean, covariance, factor, ys):
+    cdef cnp.ndarray y_ = doubles(ys, "ys", (-1, -1))
+    cdef int M = np.shape(log_initial)[0], q = <int> y_.shape[1], d = np.shape(mean)[1], m = d - q
+    cdef int rows = 1 + m + m * m
+    cdef Py_ssize_t s = y_.shape[0], a
     if M < 1 or m < 0 or q < 1:
         raise ValueError(f"expected at least one node and one observation, got {(M, m, q)}")
     cdef cnp.ndarray l_ = doubles(log_initial, "log_initial", (M,)), mean_ = doubles(mean, "mean", (M, d))
     cdef cnp.ndarray S_ = doubles(covariance, "covariance", (M, d, d)), f_ = doubles(factor, "factor", (M, q, q))
-    cdef cnp.ndarray table = np.empty((1 + m + m * m, M))
+    cdef cnp.ndarray table = np.empty((s, rows, M)), log_likelihood = np.empty(s)
     cdef Buffer scratch = Buffer(q * (1 + m))
-    value = fk_first(M, m, q, at(l_), at(mean_), at(S_), at(f_), at(y_), at(table), M, scratch.data)
-    return table, value
+    cdef double *to = at(table)
+    cdef double *values = at(log_likelihood)
+    cdef const double *y = at(y_)
+    for a in range(s):
+        values[a] = fk_first(
+            M, m, q, at(l_), at(mean_), at(S_), at(f_), y + a * q, to + a * rows * M, M, scratch.data
+        )
+    return table, log_likelihood
 
 
 def step(Kernel kernel not None, table, sign, window, y):

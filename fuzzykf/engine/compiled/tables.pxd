@@ -41,6 +41,8 @@ cdef extern from "src/series.h" nogil:
         double *modes
         double *means
         double *log_likelihood
+        double *table
+        double *sign
     ctypedef struct fk_engine:
         const char *instructions
         void (*log_pairs)(const fk_kernel *, const double *, double *) noexcept nogil
@@ -89,7 +91,7 @@ cdef const fk_engine *versions  # one per kind of processor
 
 
 cdef class Kernel:
-    """Tables of one step in the layout of the compiled core; see `fuzzykf.engine.numpy.switching.Kernel`."""
+    """Tables of one step in the layout of the compiled core; see `fuzzykf.engine.numpy.tables.Kernel`."""
 
     cdef fk_kernel k
     cdef Buffer memory

@@ -11,6 +11,8 @@ import numpy as np
 
 cnp.import_array()
 
+__all__ = ["Kernel", "Summary", "pack"]
+
 cdef extern from "src/engines.h" nogil:
     const fk_engine *fk_engines
 
@@ -31,7 +33,7 @@ cdef void store(double *to, const double *source, int rows, int M) noexcept nogi
 
 
 cdef class Kernel:
-    """Tables of one step in the layout of the compiled core; see `fuzzykf.engine.numpy.switching.Kernel`."""
+    """Tables of one step in the layout of the compiled core; see `fuzzykf.engine.numpy.tables.Kernel`."""
 
     @property
     def shape(self):

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.engine.numpy.switching import Kernel
+    from fuzzykf.engine.numpy.tables import Kernel
 
 __all__ = ["best_path", "smooth_back"]
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from fuzzykf.engine.numpy.scales import Scale
 
 __all__ = [
+    "CUT",
     "continue_tails",
     "interpolate",
     "interpolate_lines",

@@ -16,7 +16,16 @@ from fuzzykf.engine.numpy import kalman
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["correct_bank", "filter_bank", "filter_many", "log_mixing", "merge", "mix", "move_bank", "weigh"]
+__all__ = [
+    "correct_bank",
+    "filter_bank",
+    "filter_bank_many",
+    "log_mixing",
+    "merge_modes",
+    "mix_modes",
+    "move_bank",
+    "weigh_modes",
+]
 
 
 def log_mixing(log_mu: FloatArray, log_M: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -47,7 +56,7 @@ def log_mixing(log_mu: FloatArray, log_M: FloatArray) -> tuple[FloatArray, Float
     return log_joint, log_cbar, np.where(lost, np.eye(len(log_M)), omega)
 
 
-def weigh(log_prior: FloatArray, log_likelihood: FloatArray) -> tuple[FloatArray, FloatArray]:
+def weigh_modes(log_prior: FloatArray, log_likelihood: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Bayes' rule along the last axis: log posterior weights, and the log of their normaliser.
 
     The weights are NaN where no hypothesis has a positive density.
@@ -57,7 +66,7 @@ def weigh(log_prior: FloatArray, log_likelihood: FloatArray) -> tuple[FloatArray
     return log_joint - total[..., None], total
 
 
-def merge(weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
+def merge_modes(weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance of mixtures along the last axis of modes, by central moments.
 
     Parameters
@@ -82,7 +91,7 @@ def merge(weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArr
     return x[..., 0, :], P
 
 
-def mix(omega: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
+def mix_modes(omega: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Moments with which each mode j starts the interaction: mixtures over i with weights omega[i, j]."""
     if omega.ndim == 2:
         means = omega.T.dot(xs)
@@ -170,9 +179,9 @@ def filter_bank(
     state: dict[str, FloatArray] = {}
     for t, z in enumerate(zs):
         _, log_cbar, omega = log_mixing(log_mu, log_M)
-        xs, Ps = move_bank(*mix(omega, xs, Ps), F, Q, alpha_sq)
+        xs, Ps = move_bank(*mix_modes(omega, xs, Ps), F, Q, alpha_sq)
         state = {"xs_prior": xs, "Ps_prior": Ps, "log_cbar": log_cbar}
-        _put(out, ("x_prior", "P_prior"), t, merge(np.exp(log_cbar), xs, Ps))
+        _put(out, ("x_prior", "P_prior"), t, merge_modes(np.exp(log_cbar), xs, Ps))
         seen: np.ndarray = np.logical_not(np.isnan(z))
         log_mu, total, modes = log_cbar, np.zeros(()), np.zeros(len(log_mu))
         if seen.any():
@@ -184,9 +193,9 @@ def filter_bank(
             innovation = {"y": y, "S": S, "SI": SI, "K": K}
             if not (log_cbar + modes).max() > -np.inf:
                 return None
-            log_mu, total = weigh(log_cbar, modes)
+            log_mu, total = weigh_modes(log_cbar, modes)
         mu = np.exp(log_mu)
-        _put(out, ("x", "P"), t, merge(mu, xs, Ps))
+        _put(out, ("x", "P"), t, merge_modes(mu, xs, Ps))
         _put(out, ("mu", "log_likelihood"), t, (mu, total))
         state |= {"xs": xs, "Ps": Ps, "log_mu": log_mu, "modes": modes}
     return state | innovation
@@ -200,7 +209,7 @@ def _put(
             out[name][t] = value
 
 
-def filter_many(
+def filter_bank_many(
     xs: FloatArray,
     Ps: FloatArray,
     log_mu: FloatArray,
@@ -243,11 +252,13 @@ def filter_many(
         if every_pair:
             xs, Ps = (np.repeat(a[:, :, None], len(log_M), axis=2) for a in (xs, Ps))
         else:
-            xs, Ps = mix(omega, xs, Ps)
+            xs, Ps = mix_modes(omega, xs, Ps)
         xs, Ps = move_bank(xs, Ps, F, Q, alpha_sq)
         if "x_prior" in out or "P_prior" in out:
             log_weights = log_joint.reshape(n_series, -1) if every_pair else log_cbar
-            _store(out, ("x_prior", "P_prior"), t, merge(np.exp(log_weights), *_modes(xs, Ps, n_series)))
+            _store(
+                out, ("x_prior", "P_prior"), t, merge_modes(np.exp(log_weights), *_modes(xs, Ps, n_series))
+            )
         seen = all_seen[:, t]
         y_seen = None if seen.all() else seen[axes]
         *_, xs, Ps, log_likelihood = correct_bank(xs, Ps, zs[:, t][axes], H, R, y_seen)
@@ -257,13 +268,13 @@ def filter_many(
             lost = within[:, None] == -np.inf
             weights = np.exp(log_pairs - np.where(lost, 0.0, within[:, None]))
             weights = np.where(lost, np.eye(len(log_M)), weights)
-            xs, Ps = merge(np.swapaxes(weights, 1, 2), np.swapaxes(xs, 1, 2), np.swapaxes(Ps, 1, 2))
-            log_mu, total = weigh(within, np.zeros_like(within))
+            xs, Ps = merge_modes(np.swapaxes(weights, 1, 2), np.swapaxes(xs, 1, 2), np.swapaxes(Ps, 1, 2))
+            log_mu, total = weigh_modes(within, np.zeros_like(within))
         else:
-            log_mu, total = weigh(log_cbar, log_likelihood)
+            log_mu, total = weigh_modes(log_cbar, log_likelihood)
         mu = np.exp(log_mu)
         if "x" in out or "P" in out:
-            _store(out, ("x", "P"), t, merge(mu, xs, Ps))
+            _store(out, ("x", "P"), t, merge_modes(mu, xs, Ps))
         _store(out, ("mu", "log_likelihood"), t, (mu, total))
     return np.asarray(np.isnan(log_mu).any(axis=-1))
 

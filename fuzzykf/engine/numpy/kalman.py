@@ -1,4 +1,4 @@
-"""Kernels of the Kalman filters: one filter, and stacks of filters.
+"""Kernels of the Kalman filters: one filter, a step or a series, and stacks of filters.
 
 All functions work on float64 arrays whose shapes their callers have checked.
 ``x`` is a column (n, 1) or flat (n,) in the functions for one filter, and
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "correct_stack",
+    "filter_linear",
     "gain_stack",
     "inverse",
     "inverse_seen",
@@ -32,9 +33,9 @@ __all__ = [
     "predict_linear",
     "predict_stack",
     "seen_components",
-    "update",
     "update_correlated",
     "update_linear",
+    "update_residual",
 ]
 
 _HALF = np.array(0.5)  # numpy converts a Python float at every use
@@ -57,7 +58,7 @@ def predict_linear(
     return F.dot(x), P
 
 
-def update(
+def update_residual(
     x: FloatArray,
     P: FloatArray,
     y: FloatArray,
@@ -108,8 +109,69 @@ def update_linear(
         def invert(S: FloatArray) -> FloatArray:
             return inverse_seen(S, seen, inverse)
 
-    x, P, S, SI, K = update(x, P, y, H, R, _identity(len(P)), invert)
+    x, P, S, SI, K = update_residual(x, P, y, H, R, _identity(len(P)), invert)
     return x, P, y, S, SI, K
+
+
+def filter_linear(
+    x: FloatArray,
+    P: FloatArray,
+    zs: FloatArray,
+    F: FloatArray,
+    Q: FloatArray,
+    H: FloatArray,
+    R: FloatArray,
+    alpha_sq: float,
+    controls: FloatArray | None,
+    out: dict[str, FloatArray],
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
+    """Run one linear filter along one series.
+
+    Parameters
+    ----------
+    x, P : ndarray, shapes (n,) or (n, 1), and (n, n)
+        Where the series starts.
+    zs : ndarray, shape (steps, m)
+        NaN where missing.
+    controls : ndarray, shape (steps, n), or None
+        The terms B u.
+    out : dict of ndarray
+        Filled: ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``, as far as they are
+        there, each of shape (steps, ...).
+
+    Returns
+    -------
+    y, S, SI, K : ndarray
+        Of the latest step of which something was observed; None if there is none.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the covariance S of a residual is not positive definite.
+    """
+    zs = zs[..., None] if x.ndim == 2 else zs
+    innovation = None
+    for t, z in enumerate(zs):
+        x, P = predict_linear(x, P, F, Q, alpha_sq)
+        if controls is not None:
+            x = x + controls[t].reshape(x.shape)
+        for name, value in (("x_prior", x), ("P_prior", P)):
+            if name in out:
+                out[name][t] = value.reshape(out[name][t].shape)
+        log_likelihood = 0.0
+        if not np.isnan(z).all():
+            x, P, y, S, SI, K = update_linear(x, P, z, H, R)
+            innovation = y, S, SI, K
+            if "log_likelihood" in out:
+                seen = seen_components(z)
+                kept = slice(None) if seen is None else seen
+                log_likelihood = log_normal(y.ravel()[kept], S[kept][:, kept])
+        for name, value in (("x", x), ("P", P)):
+            if name in out:
+                out[name][t] = value.reshape(out[name][t].shape)
+        if "log_likelihood" in out:
+            out["log_likelihood"][t] = log_likelihood
+    return innovation
 
 
 def seen_components(z: FloatArray) -> np.ndarray | None:
@@ -130,7 +192,7 @@ def update_correlated(
     identity: FloatArray,
     invert: Callable[[FloatArray], FloatArray],
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """`update` where the error of x and the noise of z have the covariance M (n, m).
+    """`update_residual` where the error of x and the noise of z have the covariance M (n, m).
 
     S = H P H' + H M + M' H' + R, K = (P H' + M) S^-1, and Joseph's form has two
     terms more, -(I - K H) M K' and its transpose.

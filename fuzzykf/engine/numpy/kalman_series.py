@@ -6,15 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.numpy.kalman import (
-    correct_stack,
-    gain_stack,
-    log_normal,
-    predict_linear,
-    predict_stack,
-    seen_components,
-    update_linear,
-)
+from fuzzykf.engine.numpy.kalman import correct_stack, gain_stack, predict_stack
 from fuzzykf.gaussian import LOG_2PI
 
 if TYPE_CHECKING:
@@ -22,71 +14,10 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["filter_linear", "filter_many", "rts_gains", "smooth"]
+__all__ = ["filter_linear_many", "rts_gains", "smooth_linear"]
 
 
-def filter_linear(
-    x: FloatArray,
-    P: FloatArray,
-    zs: FloatArray,
-    F: FloatArray,
-    Q: FloatArray,
-    H: FloatArray,
-    R: FloatArray,
-    alpha_sq: float,
-    controls: FloatArray | None,
-    out: dict[str, FloatArray],
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
-    """Run one linear filter along one series.
-
-    Parameters
-    ----------
-    x, P : ndarray, shapes (n,) or (n, 1), and (n, n)
-        Where the series starts.
-    zs : ndarray, shape (steps, m)
-        NaN where missing.
-    controls : ndarray, shape (steps, n), or None
-        The terms B u.
-    out : dict of ndarray
-        Filled: ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``, as far as they are
-        there, each of shape (steps, ...).
-
-    Returns
-    -------
-    y, S, SI, K : ndarray
-        Of the latest step of which something was observed; None if there is none.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the covariance S of a residual is not positive definite.
-    """
-    zs = zs[..., None] if x.ndim == 2 else zs
-    innovation = None
-    for t, z in enumerate(zs):
-        x, P = predict_linear(x, P, F, Q, alpha_sq)
-        if controls is not None:
-            x = x + controls[t].reshape(x.shape)
-        for name, value in (("x_prior", x), ("P_prior", P)):
-            if name in out:
-                out[name][t] = value.reshape(out[name][t].shape)
-        log_likelihood = 0.0
-        if not np.isnan(z).all():
-            x, P, y, S, SI, K = update_linear(x, P, z, H, R)
-            innovation = y, S, SI, K
-            if "log_likelihood" in out:
-                seen = seen_components(z)
-                kept = slice(None) if seen is None else seen
-                log_likelihood = log_normal(y.ravel()[kept], S[kept][:, kept])
-        for name, value in (("x", x), ("P", P)):
-            if name in out:
-                out[name][t] = value.reshape(out[name][t].shape)
-        if "log_likelihood" in out:
-            out["log_likelihood"][t] = log_likelihood
-    return innovation
-
-
-def filter_many(
+def filter_linear_many(
     x: FloatArray,
     P: FloatArray,
     zs: FloatArray,
@@ -201,7 +132,7 @@ def rts_gains(P: FloatArray, P_prior: FloatArray, F: FloatArray) -> FloatArray:
     return gains
 
 
-def smooth(
+def smooth_linear(
     x: FloatArray, P: FloatArray, x_prior: FloatArray, C: FloatArray, F: FloatArray, Q: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Backward recursion of the smoother along one series.

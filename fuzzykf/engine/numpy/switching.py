@@ -17,26 +17,31 @@ maxima are taken only where a sum comes near the ends of the floating-point rang
 from __future__ import annotations
 
 from math import log
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fuzzykf.engine.numpy.tables import DEAD
+
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.engine.numpy.tables import Kernel
 
-__all__ = ["DEAD", "LOG_ZERO", "Kernel", "first_step", "log_pairs", "node_mean", "pack", "run", "step"]
+__all__ = [
+    "first_step",
+    "forward_backward",
+    "log_pairs",
+    "node_mean",
+    "node_moments",
+    "probabilities",
+    "run",
+    "step",
+    "step_many",
+]
 
-#: Stand-in for log 0: sums of a few stay finite, and exp of it is zero.
-LOG_ZERO = -1e300
-
-#: Below this a logarithm stands for a probability of zero, not for a small one.
-DEAD = 0.5 * LOG_ZERO
 
 _ONE = np.ones(1)
 _HALF_LOG_2PI = 0.5 * log(2.0 * np.pi)
-
-#: Up to so many nodes the pairs of a scalar state are reached by a matrix product.
-_FEW_NODES = 16
 
 #: Sums of weights between these lose nothing without a maximum taken out.
 _TINY, _HUGE = 1e-250, 1e250
@@ -44,101 +49,20 @@ _TINY, _HUGE = 1e-250, 1e250
 #: Masses along a series are brought back to one when their total has left e^-100 to e^100.
 _DRIFT = 100.0
 
+#: Totals below this have lost digits to underflow.
+_LOST = 1e-290
+
+#: A state of lost probability (at most 1e-290) matters if the future favours it by more than this.
+_FAVOURED = 1e250
+
 #: How many numbers the tables of a chunk of observations may hold.
 _CHUNK = 1 << 15
 
 
-class FewNodes(NamedTuple):
-    """Ways between nodes and pairs as matrices, for a scalar state."""
-
-    mix: FloatArray  # (3 M1 M2, 3 M1): a state, as seen by the pairs
-    whole: FloatArray  # (4 M1 M2, 1 + w + q + 3 M1): rows and mix at once
-    spread: FloatArray  # (M1 M2, M2): a quantity of j, as seen by the pairs
-    sums: FloatArray  # (2 M1 M2, 2 M2): sums over i of two quantities
-
-
-class Kernel(NamedTuple):
-    """Tables of one step in the layout of the kernels; pairs (i, j) are flat, j fastest.
-
-    With u = (1, w, y') the first q M1 M2 entries of ``rows @ u`` are the whitened
-    innovations of y' divided by sqrt(2), the other m M1 M2 are H w + G y' + c.
-    """
-
-    shape: tuple[int, int, int, int]  # M1, M2, m, q
-    log_scale: FloatArray  # (M1 M2,): log P_ij and the constants of the Gaussian density
-    sign: FloatArray | None  # (M1, M2): sign of P_ij, if some are negative
-    rows: FloatArray  # ((q + m) M1 M2, 1 + w + q)
-    Axx: FloatArray  # (M1, M2, m, m)
-    C: FloatArray  # (M1, M2, m, m)
-    ones: FloatArray  # (M1,)
-    few: FewNodes | None  # for a scalar state and few nodes
-
-
-def pack(
-    transition: FloatArray,
-    factor: FloatArray,
-    Axx: FloatArray,
-    H: FloatArray,
-    G: FloatArray,
-    c: FloatArray,
-    C: FloatArray,
-    Ayy: FloatArray,
-    Ny: FloatArray,
-) -> Kernel:
-    """Bring the tables of a step into the layout of the kernels.
-
-    ``factor`` holds the lower Cholesky factors of Qyy; the others are as in
-    `fuzzykf.switching.dynamics.pairs.PairCoefficients`, with leading shape (M1, M2).
-    """
-    M1, M2 = transition.shape
-    m, q = Axx.shape[-1], factor.shape[-1]
-    identity = np.broadcast_to(np.eye(q), (M1, M2, q, q))
-    innovation = np.concatenate([-Ny[..., None], -Ayy, identity], axis=-1)
-    white = np.linalg.solve(factor, innovation) * np.sqrt(0.5)
-    offset = np.concatenate([c[..., None], H, G], axis=-1)
-    width = white.shape[-1]
-    rows = np.concatenate(
-        [np.moveaxis(white, 2, 0).reshape(-1, width), np.moveaxis(offset, 2, 0).reshape(-1, width)]
-    )
-    log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
-    with np.errstate(divide="ignore"):
-        log_transition = np.maximum(np.log(np.abs(transition)), LOG_ZERO)
-    log_scale = (log_transition - log_det - q * _HALF_LOG_2PI).reshape(-1)
-    few = None
-    if m == 1 and q == 1 and max(M1, M2) <= _FEW_NODES and (transition >= 0.0).all():
-        few = _pack_few(log_scale, rows, Axx.reshape(-1, 1), C.reshape(-1), M1, M2)
-    return Kernel(
-        shape=(M1, M2, m, q),
-        log_scale=log_scale,
-        sign=np.sign(transition) if (transition < 0.0).any() else None,
-        rows=rows,
-        Axx=np.ascontiguousarray(Axx),
-        C=np.ascontiguousarray(C),
-        ones=np.ones(M1),
-        few=few,
-    )
-
-
-def _pack_few(
-    log_scale: FloatArray, rows: FloatArray, a: FloatArray, C: FloatArray, M1: int, M2: int
-) -> FewNodes:
-    p, width = M1 * M2, rows.shape[1]
-    pick = np.repeat(np.eye(M1), M2, axis=0)  # (p, M1): a quantity of i, as seen by the pairs
-    spread = np.tile(np.eye(M2), (M1, 1))
-    zero = np.zeros_like(pick)
-    mix = np.block([[pick, zero, zero], [zero, a * pick, zero], [zero, zero, a * a * pick]])
-    constants = np.zeros((3 * p, width))
-    constants[:p, 0], constants[p : 2 * p], constants[2 * p :, 0] = log_scale, rows[p:], C
-    innovations = np.concatenate([rows[:p], np.zeros((p, 3 * M1))], axis=1)
-    whole = np.concatenate([innovations, np.concatenate([constants, mix], axis=1)])
-    sums = np.kron(np.eye(2), spread).astype(np.float64)
-    return FewNodes(mix, np.ascontiguousarray(whole), spread, sums)
-
-
 def first_step(
-    log_initial: FloatArray, mean: FloatArray, covariance: FloatArray, factor: FloatArray, y: FloatArray
-) -> tuple[FloatArray, float]:
-    """Condition the law of (r_1, Z_1) on the first observation.
+    log_initial: FloatArray, mean: FloatArray, covariance: FloatArray, factor: FloatArray, ys: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Condition the law of (r_1, Z_1) on the first observation of each of several series.
 
     Parameters
     ----------
@@ -146,25 +70,29 @@ def first_step(
     mean, covariance : ndarray, shapes (M, d) and (M, d, d)
     factor : ndarray, shape (M, q, q)
         Lower Cholesky factors of the covariances of Y_1.
-    y : ndarray, shape (q,)
+    ys : ndarray, shape (s, q)
 
     Returns
     -------
-    table, log_likelihood
+    table : ndarray, shape (s, 1 + m + m*m, M)
+    log_likelihood : ndarray, shape (s,)
     """
-    q = y.size
-    m = mean.shape[1] - q
-    white = np.linalg.solve(factor, (y - mean[:, m:])[..., None])[..., 0]
+    s, q = ys.shape
+    M, m = len(mean), mean.shape[1] - q
+    white = np.linalg.solve(factor, np.moveaxis(ys[:, None] - mean[:, m:], 0, -1))  # (M, q, s)
     root = np.linalg.solve(factor, np.swapaxes(covariance[:, :m, m:], -1, -2))  # L^-1 Cov(Y, X)
-    x = mean[:, :m] + (np.swapaxes(root, -1, -2) @ white[..., None])[..., 0]
+    x = mean[:, :m, None] + np.swapaxes(root, -1, -2) @ white
     P = covariance[:, :m, :m] - np.swapaxes(root, -1, -2) @ root
     if m == 1:
         P = np.maximum(P, 0.0)  # the subtraction may leave a rounding error below zero
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
-    log_w = log_initial - 0.5 * (white * white).sum(axis=-1) - log_det - q * _HALF_LOG_2PI
-    top = log_w.max()
-    log_likelihood = float(top) + log(float(np.exp(log_w - top).sum()))
-    table = _table(log_w - log_likelihood, x, P)
+    log_w = log_initial[:, None] - 0.5 * (white * white).sum(axis=1) - log_det[:, None] - q * _HALF_LOG_2PI
+    top = log_w.max(axis=0)
+    log_likelihood = top + np.log(np.exp(log_w - top).sum(axis=0))
+    table = np.empty((s, 1 + m + m * m, M))
+    table[:, 0] = (log_w - log_likelihood).T
+    table[:, 1 : 1 + m] = x.T
+    table[:, 1 + m :] = P.reshape(M, m * m).T
     return table, log_likelihood
 
 
@@ -318,6 +246,18 @@ def _collapse(
     return table, sign, log_likelihood
 
 
+def probabilities(table: FloatArray, sign: FloatArray | None = None) -> FloatArray:
+    """Probabilities (..., M) of the nodes of a state (..., 1 + m + m*m, M)."""
+    p: FloatArray = np.exp(table[..., 0, :])
+    return p if sign is None else p * sign
+
+
+def node_moments(table: FloatArray, m: int) -> tuple[FloatArray, FloatArray]:
+    """Means (..., M, m) and covariances (..., M, m, m) given each node."""
+    flat = np.swapaxes(table[..., 1:, :], -1, -2)
+    return flat[..., :m], flat[..., m:].reshape(*flat.shape[:-1], m, m)
+
+
 def node_mean(p: FloatArray, means: FloatArray) -> FloatArray:
     """Mean (m,) of a mixture with weights p (M,) and means (m, M)."""
     mean: FloatArray = means.dot(p)
@@ -393,3 +333,152 @@ def run(
                 if signs is not None:
                     signs[k] = sign
     return tables, signs, log_likelihood
+
+
+# --------------------------------------------------------------------------- many series
+
+
+def step_many(kernel: Kernel, table: FloatArray, U: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Run `step` for many series side by side; no negative weights.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    table : ndarray, shape (s, 1 + m + m*m, M1)
+    U : ndarray, shape (s, 1 + w + q)
+        Rows (1, w, y').
+
+    Returns
+    -------
+    table : ndarray, shape (s, 1 + m + m*m, M2)
+    log_likelihood : ndarray, shape (s,)
+    """
+    M1, M2, m, q = kernel.shape
+    s = len(U)
+    w = log_pairs(kernel, U).reshape(s, M1, M2)
+    w += table[:, 0, :, None]
+    top = w.max(axis=1)
+    w -= top[:, None]
+    np.exp(w, out=w)
+    column = w.sum(axis=1)
+    w /= column[:, None]
+    offset = (U @ kernel.rows[q * M1 * M2 :].T).reshape(s, m, M1, M2)
+    new = np.empty((s, 1 + m + m * m, M2))
+    if m == 1:
+        a, C = kernel.Axx[..., 0, 0], kernel.C[..., 0, 0]
+        x = offset[:, 0]
+        x += a * table[:, 1, :, None]
+        new[:, 1] = np.einsum("sij,sij->sj", w, x)
+        x -= new[:, 1, None]
+        x *= x
+        x += a * a * table[:, 2, :, None] + C
+        new[:, 2] = np.einsum("sij,sij->sj", w, x)
+    else:
+        moments = np.swapaxes(table[:, 1:], 1, 2)
+        x_node, P_node = moments[..., :m], moments[..., m:].reshape(s, M1, 1, m, m)
+        x_pair = (kernel.Axx @ x_node[:, :, None, :, None])[..., 0] + np.moveaxis(offset, 1, -1)
+        P_pair = kernel.Axx @ P_node @ np.swapaxes(kernel.Axx, -1, -2) + kernel.C
+        mean = np.einsum("sij,sijk->sjk", w, x_pair)
+        x_pair -= mean[:, None]
+        P = np.einsum("sij,sijkl->sjkl", w, P_pair)
+        P += np.einsum("sijk,sijl->sjkl", w[..., None] * x_pair, x_pair)
+        P = 0.5 * (P + np.swapaxes(P, -1, -2))
+        new[:, 1 : 1 + m] = np.swapaxes(mean, 1, 2)
+        new[:, 1 + m :] = np.swapaxes(P.reshape(s, M2, m * m), 1, 2)
+    log_p = np.log(column) + top
+    peak = log_p.max(axis=1, keepdims=True)
+    log_likelihood = np.log(np.exp(log_p - peak).sum(axis=1)) + peak[:, 0]
+    new[:, 0] = log_p - log_likelihood[:, None]
+    return new, log_likelihood
+
+
+# --------------------------------------------------------------------------- hidden Markov chains
+
+
+def forward_backward(
+    first: FloatArray, transition: FloatArray, log_emission: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Posterior of the states of a chain given one stretch of observations.
+
+    Parameters
+    ----------
+    first : ndarray, shape (M,)
+        Probabilities of the first state.
+    transition : ndarray, shape (M, M)
+    log_emission : ndarray, shape (T, M, M)
+        Log-density of what is observed at each transition, given the pair of states.
+
+    Returns
+    -------
+    gamma : ndarray, shape (T + 1, M)
+        Posterior probability of each state.
+    xi : ndarray, shape (T, M, M)
+        Posterior probability of each pair.
+    log_likelihood : ndarray, shape (T,)
+    """
+    peaks = log_emission.max(axis=(1, 2), initial=-np.inf)
+    moves = np.exp(log_emission - peaks[:, None, None])
+    moves *= transition
+    scaled = _scaled_messages(first, moves)
+    if scaled is None:  # what floating-point numbers cannot hold may matter here
+        return _in_logarithms(first, transition, log_emission)
+    alpha, beta, scale = scaled
+    xi = alpha[:-1, :, None] * moves
+    xi *= (beta[1:] / scale[:, None])[:, None, :]
+    return alpha * beta, xi, np.log(scale) + peaks
+
+
+def _scaled_messages(
+    first: FloatArray, moves: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Forward messages that sum to one, backward ones scaled alike, and totals; None if they underflow."""
+    T, M = len(moves), first.size
+    alpha, beta, scale = np.empty((T + 1, M)), np.empty((T + 1, M)), np.empty(T)
+    ones = np.ones(M)
+    alpha[0] = now = first
+    for n, move in enumerate(moves):
+        now = now.dot(move)
+        total = now.dot(ones)
+        if not total > _LOST:
+            return None
+        now /= total
+        alpha[n + 1], scale[n] = now, total
+    beta[T] = now = ones
+    with np.errstate(over="ignore", invalid="ignore"):
+        for n in range(T - 1, -1, -1):
+            now = moves[n].dot(now)
+            now /= scale[n]
+            beta[n] = now
+    return (alpha, beta, scale) if beta.max() < _FAVOURED else None
+
+
+def _in_logarithms(
+    first: FloatArray, transition: FloatArray, log_emission: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the same as `forward_backward`, several times slower, whatever the densities."""
+    T, M = len(log_emission), first.size
+    with np.errstate(divide="ignore"):
+        moves = log_emission + np.log(transition)
+        now = np.log(first)
+    alpha, beta, scale = np.empty((T + 1, M)), np.empty((T + 1, M)), np.empty(T)
+    alpha[0] = now
+    for n, move in enumerate(moves):
+        now = _log_sums(now[:, None] + move, 0)
+        scale[n] = _log_sums(now, 0)
+        now = now - scale[n]
+        alpha[n + 1] = now
+    beta[T] = now = np.zeros(M)
+    for n in range(T - 1, -1, -1):
+        now = _log_sums(moves[n] + now, 1) - scale[n]
+        beta[n] = now
+    xi = np.exp(alpha[:-1, :, None] + moves + (beta[1:] - scale[:, None])[:, None, :])
+    return np.exp(alpha + beta), xi, scale
+
+
+def _log_sums(a: FloatArray, axis: int) -> FloatArray:
+    """Logarithms of sums of exponentials; minus infinity stands for zero."""
+    top = a.max(axis=axis)
+    top = np.where(top > -np.inf, top, 0.0)
+    with np.errstate(divide="ignore"):
+        sums: FloatArray = np.log(np.exp(a - np.expand_dims(top, axis)).sum(axis=axis)) + top
+    return sums

@@ -16,12 +16,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from fuzzykf.engine.numpy.switching import LOG_ZERO
-from fuzzykf.engine.selected import Kernel, pack
-from fuzzykf.gaussian import check_definite, cholesky, symmetrize
+from fuzzykf.engine.selected import LOG_ZERO, Kernel, Summary, pack
+from fuzzykf.gaussian import check_definite, cholesky, mixture_moments, symmetrize
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -123,21 +123,54 @@ def drop_rounding(C: FloatArray) -> FloatArray:
     return np.where((eigenvalues[..., 0] < 0.0)[..., None, None], symmetrize(repaired), C)
 
 
-class InitialLaw(NamedTuple):
-    """The law of the first node and of Z_1 given it."""
+class Ahead(NamedTuple):
+    """What is known of a time before its observation is seen."""
 
-    probability: FloatArray  # (M,)
-    mean: FloatArray  # (M, d)
-    covariance: FloatArray  # (M, d, d)
+    mu: FloatArray  # (M,): probabilities of the nodes
+    x: FloatArray  # (m,)
+    P: FloatArray  # (m, m)
+    z: FloatArray  # (q,): mean of the observation
+    S: FloatArray  # (q, q)
 
 
-class PriorTables(NamedTuple):
-    """Matrices that carry node probabilities and moments to those of X' before Y' is seen."""
+@dataclass(frozen=True, eq=False)
+class InitialLaw:
+    """The law of the first node and of Z_1 given it.
 
-    offset: FloatArray  # (1 + w, M1 M2 m): (1, w) to the part of the mean that observations make
-    carried: FloatArray  # (M1 m, M1 M2 m): x_i to Axx x_i
-    twice: FloatArray  # (M1 m m, m m): p_i P_i to its share of the sum of P_ij Axx P_i Axx'
-    noise: FloatArray  # (M1, m m): p_i to its share of the noise
+    Attributes
+    ----------
+    probability : ndarray, shape (M,)
+    mean, covariance : ndarray, shapes (M, d) and (M, d, d)
+    """
+
+    probability: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
+
+    @cached_property
+    def _starts(self) -> dict[int, tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
+        return {}
+
+    def start(self, q: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return what conditioning on the first observation, of ``q`` numbers, needs; made once.
+
+        Log-probabilities, means, covariances, and Cholesky factors of the covariances of Y_1.
+        """
+        if q not in self._starts:
+            factor = cholesky(
+                self.covariance[:, -q:, -q:], lambda k: f"covariance of the first observation, node {k[0]}"
+            )
+            self._starts[q] = log_probability(self.probability), self.mean, self.covariance, factor
+        return self._starts[q]
+
+    def ahead(self, m: int) -> Ahead:
+        """Say what is known of the first time before its observation is seen; X has ``m`` components."""
+        mean, covariance = self._moments
+        return Ahead(self.probability.copy(), mean[:m], covariance[:m, :m], mean[m:], covariance[m:, m:])
+
+    @cached_property
+    def _moments(self) -> tuple[FloatArray, FloatArray]:
+        return mixture_moments(self.probability, self.mean, self.covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,26 +190,36 @@ class PairTables:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """The tables in the layout of the numeric kernels, made once."""
+        """The tables in the layout of the engine, made once."""
         factor = cholesky(self.pairs.Qyy, lambda k: f"noise covariance of the observation for the pair {k}")
         return pack(self.transition, factor, *self.pairs[:5], *self.pairs[5:7])
 
     @cached_property
-    def prior(self) -> PriorTables:
-        """What the moments of X' before Y' is seen need, made once."""
+    def _summaries(self) -> WeakKeyDictionary[SwitchChain, Summary]:
+        return WeakKeyDictionary()
+
+    def summary(self, chain: SwitchChain) -> Summary:
+        """Return what the engine needs to tell of a step on the nodes of a chain, made once."""
+        found = self._summaries.get(chain)
+        if found is None:
+            found = self._summaries[chain] = self._summarise(chain)
+        return found
+
+    def _summarise(self, chain: SwitchChain) -> Summary:
         Axx, H, G, c, C, Ayy, Ny, Qyy = self.pairs
         M1, M2, m = *self.transition.shape, self.pairs.dim_x
         Qxx = symmetrize(C + G @ Qyy @ np.swapaxes(G, -1, -2))
         offset = np.concatenate([(c + (G @ Ny[..., None])[..., 0])[..., None], H + G @ Ayy], axis=-1)
         twice = np.einsum("ijkl,ijrs->ijkrls", Axx, Axx).reshape(M1, M2, m * m, m * m)
-        carried = np.zeros((M1, m, M1, M2, m))
-        for i in range(M1):
-            carried[i, :, i] = np.moveaxis(Axx[i], -1, 0)
-        return PriorTables(
-            offset=np.moveaxis(offset, -1, 0).reshape(offset.shape[-1], -1),
-            carried=carried.reshape(M1 * m, M1 * M2 * m),
-            twice=np.swapaxes(np.einsum("ij,ijkl->ikl", self.transition, twice), -1, -2).reshape(-1, m * m),
-            noise=np.einsum("ij,ijkl->ikl", self.transition, Qxx).reshape(M1, m * m),
+        return Summary(
+            self.kernel,
+            self.transition,
+            np.ascontiguousarray(np.moveaxis(offset, -1, 0)).reshape(offset.shape[-1], -1),
+            np.swapaxes(np.einsum("ij,ijkl->ikl", self.transition, twice), -1, -2).reshape(-1, m * m),
+            np.einsum("ij,ijkl->ikl", self.transition, Qxx).reshape(M1, m * m),
+            chain.nodes,
+            chain.weights,
+            chain.atoms,
         )
 
     def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:

@@ -9,10 +9,10 @@ import numpy as np
 
 from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
-from fuzzykf.switching.inference.series import SHOWN, Trajectory, run_series, summarise
-from fuzzykf.switching.models.fuzzy import CGOFMSModel
-from fuzzykf.switching.models.hard import CGOMSModel
+from fuzzykf.switching.inference.series import SHOWN, Trajectory, filter_one, result_of, smoothed_result
+from fuzzykf.switching.models.base import SwitchingModel
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
     from fuzzykf.switching.dynamics.placed import KnownPath
-    from fuzzykf.switching.state_space.converted import ConvertedPath
 
 __all__ = ["KnownSwitchFilter"]
 
@@ -62,8 +61,8 @@ class KnownSwitchFilter(SwitchingFilter):
     (50, 1)
     """
 
-    def __init__(self, model: CGOFMSModel | CGOMSModel) -> None:
-        if not isinstance(model, (CGOFMSModel, CGOMSModel)):
+    def __init__(self, model: SwitchingModel) -> None:
+        if not isinstance(model, SwitchingModel):
             raise ParameterError(f"model: got {type(model).__name__}, expected a CGOFMSModel or CGOMSModel")
         self.model = model
         super().__init__(model.along(np.empty(0)))
@@ -91,8 +90,12 @@ class KnownSwitchFilter(SwitchingFilter):
         path = self.model.along(np.array([before, after]), start=n - 1) if n else None
         return None if path is None else path.pair_tables(0)
 
-    def _prior_is_known(self) -> bool:
-        return self._told_at_predict
+    def _ahead(self) -> Ahead:
+        if self._told_at_predict:
+            return super()._ahead()
+        m, q = self.dim_x, self.dim_z
+        nothing = np.full(m, np.nan), np.full((m, m), np.nan), np.full(q, np.nan), np.full((q, q), np.nan)
+        return Ahead(np.ones(1), *nothing)
 
     # ------------------------------------------------------------------ verbs
 
@@ -209,9 +212,9 @@ class KnownSwitchFilter(SwitchingFilter):
         FilterResult
         """
         ys, path = self._read(zs, r)
-        trajectory = run_series(path, ys)
+        trajectory = filter_one(self._method, path, ys, SHOWN, states=keep_nodes)
         self._adopt_path(trajectory, ys, path)
-        result = summarise(path.chain, trajectory, self.dim_x, keep_nodes=keep_nodes, index=index_of(zs))
+        result = result_of(path.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))
         return replace(result, nodes=None, switch=path.r, switch_mean=path.r)
 
     def smooth(  # type: ignore[override]
@@ -228,12 +231,11 @@ class KnownSwitchFilter(SwitchingFilter):
         -------
         FilterResult
         """
-        from fuzzykf.switching.inference.smoother import smooth_series
-
         ys, path = self._read(zs, r)
-        trajectory = run_series(path, ys)
+        trajectory = filter_one(self._method, path, ys, ("log_likelihood",), states=True)
         self._adopt_path(trajectory, ys, path)
-        result = smooth_series(path, trajectory, ys, keep_nodes=keep_nodes, index=index_of(zs))
+        smoothed = self._method.smooth(path, trajectory, ys)
+        result = smoothed_result(path.chain, trajectory, smoothed, keep_nodes, index_of(zs))
         return replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
 
     def filter_many(  # type: ignore[override]
@@ -273,16 +275,14 @@ class KnownSwitchFilter(SwitchingFilter):
             "or forecast with an OFSRFilter or a CGOMSMFilter"
         )
 
-    def _read(
-        self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike
-    ) -> tuple[FloatArray, KnownPath | ConvertedPath]:
+    def _read(self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike) -> tuple[FloatArray, KnownPath]:
         ys = as_observations(zs, self.dim_z)
         switches = _as_switches(r).reshape(-1)
         if switches.shape != (len(ys),):
             raise ShapeError(f"r: got {switches.size} values, expected {len(ys)}, one per observation")
         return ys, self.model.along(switches)
 
-    def _adopt_path(self, trajectory: Trajectory, ys: FloatArray, path: KnownPath | ConvertedPath) -> None:
+    def _adopt_path(self, trajectory: Trajectory, ys: FloatArray, path: KnownPath) -> None:
         self._adopt(trajectory, ys)
         if len(ys):
             self._r, self._told_at_predict = float(path.r[-1]), True

@@ -54,7 +54,7 @@ class OFSRFilter(SavedFilter):
         if not isinstance(model, CGOFMSModel):
             raise ParameterError(f"model: got {type(model).__name__}, expected a CGOFMSModel")
         self.model, self.n_nodes, self.rule = model, n_nodes, rule
-        super().__init__(model.placed(n_nodes, rule))
+        super().__init__(model.form.placed(model.law.discretize(n_nodes, rule)))
 
     def _options(self) -> dict[str, Any]:
         return {"n_nodes": int(self.n_nodes), "rule": self.rule}

@@ -9,7 +9,7 @@ import numpy as np
 from fuzzykf.errors import FileFormatError
 from fuzzykf.io import MODELS, Document, decode, encode
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
-from fuzzykf.switching.inference.belief import Belief, Source, is_sound
+from fuzzykf.switching.inference.mixture import Mixture, Source
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -50,8 +50,8 @@ class SavedFilter(SwitchingFilter, Document):
         return {
             "n": self._n,
             "predicted": self._predicted,
-            "belief": None if self._belief is None else self._belief.to_dict(),
-            "before": None if self._before is None else self._before.belief.to_dict(),
+            "belief": None if self._mixture is None else self._mixture.to_dict(),
+            "before": None if self._before is None else self._before.mixture.to_dict(),
             "z": encode(self._z),
             "log_likelihood": self._log_likelihood,
         }
@@ -59,15 +59,15 @@ class SavedFilter(SwitchingFilter, Document):
     def _import_state(self, values: dict[str, Any]) -> None:
         n, belief, before = (
             values["n"],
-            *(None if values[k] is None else Belief.from_dict(values[k]) for k in ("belief", "before")),
+            *(None if values[k] is None else Mixture.from_dict(values[k]) for k in ("belief", "before")),
         )
         sizes = self.dim_x, self.dim_z, len(self._system.chain), self._system.order
-        sound = all(is_sound(one, *sizes) for one in (belief, before) if one is not None)
+        sound = all(one.is_sound(*sizes) for one in (belief, before) if one is not None)
         z, log_likelihood = decode(values["z"], 1), float(values["log_likelihood"])
         if not sound or (belief is None) != (n == 0) or (before is None) != (n < 2) or n < 0:
             raise FileFormatError(f"the state after {n} observations does not fit the model")
         if z.shape != (self.dim_z,) or not np.isfinite(log_likelihood):
             raise FileFormatError(f"z and log_likelihood: got {z.tolist()} and {log_likelihood}")
-        self._n, self._predicted, self._belief = int(n), bool(values["predicted"]), belief
+        self._n, self._predicted, self._mixture = int(n), bool(values["predicted"]), belief
         self._z, self._log_likelihood = z, log_likelihood
         self._before = None if before is None else Source(before, self._system.pair_tables(self._n - 2))

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep, index_of
-from fuzzykf.engine.selected import Stepper
 from fuzzykf.errors import ParameterError, SequenceError
-from fuzzykf.gaussian import mixture_moments
-from fuzzykf.results import field_shapes
-from fuzzykf.switching.inference import many, recursion
-from fuzzykf.switching.inference.belief import (
-    Belief,
-    Source,
-    begin,
-    node_state,
-    predict_observation,
-    predict_state,
-    proceed,
-)
+from fuzzykf.switching.filters.stepper import STREAMS, Stepper
+from fuzzykf.switching.inference.exact import EXACT
 from fuzzykf.switching.inference.forecast import forecast
-from fuzzykf.switching.inference.recursion import NodeState
-from fuzzykf.switching.inference.series import SHOWN, Trajectory, run_series, summarise
-from fuzzykf.switching.inference.smoother import smooth_series
-from fuzzykf.switching.inference.steady import filter_steady, is_steady
+from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_switch
+from fuzzykf.switching.inference.series import (
+    SHOWN,
+    Trajectory,
+    filter_many,
+    filter_one,
+    result_of,
+    smoothed_result,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -33,13 +27,14 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables, SwitchingSystem
+    from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables, SwitchingSystem
+    from fuzzykf.switching.inference.method import Method
 
 __all__ = ["SwitchingFilter"]
 
 
 class SwitchingFilter(Stepper, Filter):
-    """Exact recursive filter of a switching system.
+    """Recursive filter of a switching system.
 
     `OFSRFilter` and `CGOMSMFilter` make the system from a model.  Use this class
     for a system of your own: any object with `initial` and `pair_tables`.
@@ -51,6 +46,8 @@ class SwitchingFilter(Stepper, Filter):
     Parameters
     ----------
     system : SwitchingSystem
+    method : Method
+        How it is filtered: by default exactly, which asks that Y alone is Markov given the switch.
 
     Attributes
     ----------
@@ -73,18 +70,23 @@ class SwitchingFilter(Stepper, Filter):
         Normalised innovation squared, y' S^-1 y, and its square root.
     """
 
-    def __init__(self, system: SwitchingSystem) -> None:
-        self._system = system
+    def __init__(self, system: SwitchingSystem, method: Method = EXACT) -> None:
+        if not hasattr(system, "pair_tables"):
+            raise ParameterError(
+                f"system: got {type(system).__name__}, expected a SwitchingSystem (a model has placed())"
+            )
+        self._system, self._method = system, method
         self.dim_x, self.dim_z = system.dim_x, system.dim_z
         self._start()
 
     def _start(self) -> None:
         self._n = 0  # observations taken, missing ones included
         self._predicted = False
-        self._belief: Belief | None = None
-        self._z: FloatArray = np.full(self.dim_z, np.nan)
+        self._mixture: Mixture | None = None
+        self._z = np.full(self.dim_z, np.nan)
         self._log_likelihood = 0.0
         self._before: Source | None = None  # from which the latest observation was predicted
+        self._steady: PairTables | None = None  # the tables of all steps to come, once they are constant
 
     def reset(self) -> None:
         """Return to the initial law, before any observation."""
@@ -96,7 +98,12 @@ class SwitchingFilter(Stepper, Filter):
         return self._system.initial()
 
     def _next_tables(self) -> PairTables:
-        return self._system.pair_tables(self._n - 1)
+        if self._steady is not None:
+            return self._steady
+        tables, steady_from = self._system.pair_tables(self._n - 1), self._system.steady_from
+        if steady_from is not None and self._n > steady_from:
+            self._steady = tables
+        return tables
 
     # ------------------------------------------------------------------ verbs
 
@@ -118,7 +125,7 @@ class SwitchingFilter(Stepper, Filter):
         ----------
         z : array_like or None
             Scalar (if dim_z is 1), or shape (dim_z,), (dim_z, 1) or (1, dim_z).  None or
-            NaN where it, or a part of it, is missing; see `fuzzykf.switching.inference.missing` for
+            NaN where it, or a part of it, is missing; see `fuzzykf.switching.inference.exact` for
             what stays exact then.
 
         Raises
@@ -150,36 +157,39 @@ class SwitchingFilter(Stepper, Filter):
             raise
         return self.x
 
+    if not STREAMS:
+        step = _step_any
+
     def _hand_over(self) -> bool:
         """Let the engine take the steps to come, if their tables are constant and the state complete."""
-        belief, steady_from = self._belief, self._system.steady_from
-        if belief is None or not isinstance(belief.state, NodeState) or self._system.chain.is_signed:
+        known, steady_from = self._mixture, self._system.steady_from
+        if not STREAMS or known is None or known.unknown or self._method is not EXACT:
             return False
-        if steady_from is None or self._n <= steady_from or self._predicted:
+        if steady_from is None or self._n <= steady_from or self._predicted or self._system.chain.is_signed:
             return False
         own, base = type(self), SwitchingFilter
         if own.predict is base.predict and own.update is base.update and own._take is base._take:
-            return self._arm(self._next_tables(), belief.state.table, belief.window, belief.state.mass)
+            return self._arm(self._next_tables(), known.table, known.window, known.mass)
         return False
 
     @staticmethod
-    def _as_belief(table: FloatArray, window: FloatArray, mass: FloatArray) -> Belief:
-        """Return a complete state of the engine as a belief."""
-        return Belief(NodeState(table, None, mass), window)
+    def _as_mixture(table: FloatArray, window: FloatArray, mass: FloatArray) -> Mixture:
+        """Return a complete state of the engine."""
+        return Mixture(table, window, None, mass)
 
     #: How the engine returns what the latest observation was predicted from.
     _as_source = Source
 
     def _take(self, y: FloatArray) -> None:
         before = None
-        if self._belief is None:
-            belief, log_likelihood = begin(self._initial_law(), y)
+        if self._mixture is None:
+            mixture, log_likelihood = self._method.first(self._initial_law(), y)
         else:
             tables = self._next_tables()
             width = min(self._n + 1, self._system.order) * self.dim_z
-            belief, log_likelihood = proceed(tables, self._belief, y, width)
-            before = Source(self._belief, tables)
-        self._belief, self._log_likelihood, self._before = belief, log_likelihood, before
+            mixture, log_likelihood = self._method.advance(tables, self._mixture, y, width)
+            before = Source(self._mixture, tables)
+        self._mixture, self._log_likelihood, self._before = mixture, log_likelihood, before
         self._z = y
         self._n += 1
         self._predicted = False
@@ -203,34 +213,16 @@ class SwitchingFilter(Stepper, Filter):
             observation, so that `step` continues.
         """
         ys = as_observations(zs, self.dim_z)
-        if not keep_nodes and is_steady(self._system, ys[None]) and not np.isnan(ys).any():
-            return self._filter_steady(ys, index_of(zs))
-        trajectory = run_series(self._system, ys)
+        trajectory = filter_one(self._method, self._system, ys, SHOWN, states=keep_nodes)
         self._adopt(trajectory, ys)
-        return summarise(
-            self._system.chain, trajectory, self.dim_x, keep_nodes=keep_nodes, index=index_of(zs)
-        )
-
-    def _filter_steady(self, ys: FloatArray, index: object) -> FilterResult:
-        """Let the engine filter a complete series at once."""
-        shapes = field_shapes(SHOWN, state=self.dim_x, node=len(self._system.chain))
-        out = many.allocate((1, len(ys)), shapes)
-        before, last = filter_steady(self._system, ys[None], out)
-        self._start()
-        self._n, self._belief = len(ys), Belief(NodeState(last), ys[-1].copy())
-        if len(ys) > 1:
-            belief = Belief(NodeState(before), ys[-2].copy())
-            self._before = Source(belief, self._system.pair_tables(self._n - 2))
-        self._z, self._log_likelihood = ys[-1].copy(), float(out["log_likelihood"][0, -1])
-        fields = {name: values[0] for name, values in out.items()}
-        return FilterResult(**fields, nodes=self._system.chain.nodes, index=index)
+        return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))
 
     def _adopt(self, trajectory: Trajectory, ys: FloatArray) -> None:
         """Stay at the last observation of a series."""
         self._start()
         if len(ys):
-            self._n, self._belief, self._before = len(ys), trajectory.last, trajectory.before
-            self._z, self._log_likelihood = ys[-1].copy(), float(trajectory.log_likelihood[-1])
+            self._n, self._mixture, self._before = len(ys), trajectory.last, trajectory.before
+            self._z, self._log_likelihood = ys[-1].copy(), float(trajectory.fields["log_likelihood"][-1])
 
     def smooth(self, zs: Iterable[ArrayLike | None] | ArrayLike, *, keep_nodes: bool = False) -> FilterResult:
         """Estimate every state of a series from all of it.
@@ -250,9 +242,10 @@ class SwitchingFilter(Stepper, Filter):
             likely ``switch_path``, and the ``log_likelihood`` of the filter.
         """
         ys = as_observations(zs, self.dim_z)
-        trajectory = run_series(self._system, ys, priors=False)
+        trajectory = filter_one(self._method, self._system, ys, ("log_likelihood",), states=True)
         self._adopt(trajectory, ys)
-        return smooth_series(self._system, trajectory, ys, keep_nodes=keep_nodes, index=index_of(zs))
+        smoothed = self._method.smooth(self._system, trajectory, ys)
+        return smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index_of(zs))
 
     def filter_many(
         self,
@@ -286,7 +279,7 @@ class SwitchingFilter(Stepper, Filter):
             raise ParameterError(f"threads: got {threads}, expected at least 1")
         names = check_keep(keep, SHOWN)
         series = as_many(zs, self.dim_z)
-        out = many.filter_series(self._system, series, names, lambda one: self.copy().filter(one), threads)
+        out = filter_many(self._method, self._system, series, names, threads)
         return FilterResult(**out, nodes=self.nodes if "mu" in out else None)
 
     def forecast(self, steps: int) -> FilterResult:
@@ -306,54 +299,41 @@ class SwitchingFilter(Stepper, Filter):
             With ``x``, ``P``, ``z_prior``, ``S`` (mean and covariance of the
             observations), ``mu``, ``nodes``, ``switch`` and ``switch_mean``.
         """
-        return forecast(self._system, self._belief, self._n, steps)
+        return forecast(self._method, self._system, self._mixture, self._n, steps)
 
     # ------------------------------------------------------------------ what users read
 
-    def _prior(self) -> tuple[FloatArray, FloatArray]:
-        """Moments of the state before the latest observation, or of the next one after predict."""
-        m = self.dim_x
-        if not self._prior_is_known():
-            return np.full(m, np.nan), np.full((m, m), np.nan)
-        source = self._source()
-        if source is None:
-            law = self._initial_law()
-            return mixture_moments(law.probability, law.mean[:, :m], law.covariance[:, :m, :m])
-        return predict_state(source.tables, source.belief)
-
-    def _source(self) -> Source | None:
-        """From what the latest observation was predicted, or the next one is after predict."""
-        if self._predicted and self._belief is not None:
-            return Source(self._belief, self._next_tables())
-        return self._before
-
-    def _prior_is_known(self) -> bool:
-        return True
+    def _ahead(self) -> Ahead:
+        """Return what was known before the latest observation or, after predict, is of the next time."""
+        if self._predicted and self._mixture is not None:
+            return self._method.ahead(self._next_tables(), self._mixture)
+        if self._before is not None:
+            return self._method.ahead(self._before.tables, self._before.mixture)
+        return self._initial_law().ahead(self.dim_x)
 
     @property
     def x(self) -> FloatArray:
         """Estimate of the state, (dim_x, 1)."""
-        if self._belief is None or self._predicted:
-            return self._prior()[0][:, None]
-        state = node_state(self._belief, self.dim_x)
-        return recursion.posterior_mean(state, self.dim_x)[:, None]
+        if self._mixture is None or self._predicted:
+            return self.x_prior
+        return self._mixture.mean(self.dim_x)[:, None]
 
     @property
     def P(self) -> FloatArray:
         """Covariance of the state, (dim_x, dim_x)."""
-        if self._belief is None or self._predicted:
-            return self._prior()[1]
-        return recursion.posterior_moments(node_state(self._belief, self.dim_x), self.dim_x)[1]
+        if self._mixture is None or self._predicted:
+            return self.P_prior
+        return self._mixture.moments(self.dim_x)[1]
 
     @property
     def x_prior(self) -> FloatArray:
         """Estimate before the latest observation, (dim_x, 1)."""
-        return self._prior()[0][:, None]
+        return self._ahead().x[:, None]
 
     @property
     def P_prior(self) -> FloatArray:
         """Covariance before the latest observation, (dim_x, dim_x)."""
-        return self._prior()[1]
+        return self._ahead().P
 
     @property
     def nodes(self) -> FloatArray:
@@ -363,17 +343,14 @@ class SwitchingFilter(Stepper, Filter):
     @property
     def mu(self) -> FloatArray:
         """Probability of each node of the switch, (M,)."""
-        if self._belief is None:
-            return self._initial_law().probability.copy()
-        state = node_state(self._belief, self.dim_x)
-        if self._predicted:
-            return recursion.predict_probabilities(self._next_tables(), state)
-        return recursion.node_probabilities(state)
+        if self._mixture is None or self._predicted:
+            return self._ahead().mu
+        return self._mixture.probabilities
 
     @property
     def switch(self) -> float:
         """Most likely value of the switch, by the MPM rule of the paper."""
-        return float(recursion.most_likely_switch(self._system.chain, self.mu))
+        return float(most_likely_switch(self._system.chain, self.mu))
 
     @property
     def switch_mean(self) -> float:
@@ -392,11 +369,13 @@ class SwitchingFilter(Stepper, Filter):
 
     def _innovation(self) -> tuple[FloatArray, FloatArray]:
         q = self.dim_z
-        if self._belief is None:
+        if self._mixture is None:
             return np.zeros(q), np.zeros((q, q))
-        law = self._initial_law() if self._before is None else None
-        mean, covariance = predict_observation(self._before, law, self.dim_x)
-        return self._z - mean, covariance
+        if self._before is None:
+            ahead = self._initial_law().ahead(self.dim_x)
+        else:
+            ahead = self._method.ahead(self._before.tables, self._before.mixture)
+        return self._z - ahead.z, ahead.S
 
     @property
     def y(self) -> FloatArray:
@@ -411,7 +390,7 @@ class SwitchingFilter(Stepper, Filter):
     @property
     def nis(self) -> float:
         """Normalised innovation squared, y' S^-1 y, of what was observed; 0 where nothing was."""
-        if self._belief is None:
+        if self._mixture is None:
             return 0.0
         y, S = self._innovation()
         there = np.flatnonzero(~np.isnan(y))
@@ -422,3 +401,15 @@ class SwitchingFilter(Stepper, Filter):
     def mahalanobis(self) -> float:
         """Square root of `nis`, under filterpy's name."""
         return float(np.sqrt(self.nis))
+
+    # ------------------------------------------------------------------ copies and pickles
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state by name, whichever engine owns it."""
+        owned = ("_n", "_predicted", "_mixture", "_before", "_z", "_log_likelihood")
+        return {**self.__dict__, **{name: getattr(self, name) for name in owned}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take the state over, for whichever engine owns it."""
+        for name, value in state.items():
+            setattr(self, name, value)

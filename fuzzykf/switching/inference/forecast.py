@@ -7,55 +7,47 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import is_whole, mixture_moments
+from fuzzykf.gaussian import is_whole
 from fuzzykf.results import FilterResult
-from fuzzykf.switching.inference import recursion
-from fuzzykf.switching.inference.belief import (
-    Belief,
-    Source,
-    begin,
-    node_state,
-    predict_observation,
-    predict_state,
-    proceed,
-)
+from fuzzykf.switching.inference.mixture import most_likely_switch
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
+    from fuzzykf.switching.inference.method import Method
+    from fuzzykf.switching.inference.mixture import Mixture
 
 __all__ = ["forecast"]
 
 
-def forecast(system: SwitchingSystem, belief: Belief | None, n: int, steps: int) -> FilterResult:
+def forecast(
+    method: Method, system: SwitchingSystem, mixture: Mixture | None, n: int, steps: int
+) -> FilterResult:
     """Predict states and observations ahead; see `SwitchingFilter.forecast`.
 
     Parameters
     ----------
+    method : Method
     system : SwitchingSystem
-    belief : Belief or None
+    mixture : Mixture or None
         What is known after ``n`` observations; None if that is none.
     n : int
     steps : int
     """
     if not is_whole(steps) or steps < 1:
         raise ParameterError(f"steps: got {steps!r}, expected a whole number of at least 1")
-    m, q, chain = system.dim_x, system.dim_z, system.chain
-    nothing = np.full(q, np.nan)
-    rows: list[tuple[FloatArray, ...]] = []
+    nothing = np.full(system.dim_z, np.nan)
+    rows = []
     for k in range(n, n + int(steps)):
-        if belief is None:
+        if mixture is None:
             law = system.initial()
-            x, P = mixture_moments(law.probability, law.mean[:, :m], law.covariance[:, :m, :m])
-            rows.append((x, P, *predict_observation(None, law, m), law.probability))
-            belief, _ = begin(law, nothing)
+            rows.append(law.ahead(system.dim_x))
+            mixture, _ = method.first(law, nothing)
         else:
             tables = system.pair_tables(k - 1)
-            mu = recursion.predict_probabilities(tables, node_state(belief, m))
-            z_prior, S = predict_observation(Source(belief, tables), None, m)
-            rows.append((*predict_state(tables, belief), z_prior, S, mu))
-            belief, _ = proceed(tables, belief, nothing, min(k + 1, system.order) * q)
-    x, P, z_prior, S, mu = (np.array(column) for column in zip(*rows, strict=True))
+            rows.append(method.ahead(tables, mixture))
+            mixture, _ = method.advance(tables, mixture, nothing, min(k + 1, system.order) * system.dim_z)
+    mu, x, P, z_prior, S = (np.array(column) for column in zip(*rows, strict=True))
+    chain = system.chain
     return FilterResult(
         x=x,
         P=P,
@@ -63,6 +55,6 @@ def forecast(system: SwitchingSystem, belief: Belief | None, n: int, steps: int)
         S=S,
         mu=mu,
         nodes=chain.nodes,
-        switch=recursion.most_likely_switch(chain, mu),
+        switch=most_likely_switch(chain, mu),
         switch_mean=mu @ chain.nodes,
     )

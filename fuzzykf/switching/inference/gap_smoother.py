@@ -21,13 +21,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from fuzzykf.gaussian import mixture_moments, symmetrize
-from fuzzykf.switching.inference.missing import GapState, collapse_weights, condition_pairs, pair_prediction
+from fuzzykf.switching.inference.exact import collapse_weights, condition_pairs, pair_prediction
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import PairTables
+    from fuzzykf.switching.inference.mixture import Mixture
 
 __all__ = ["Moments", "smooth_state", "step_back"]
 
@@ -44,7 +45,7 @@ class Moments(NamedTuple):
 
 def step_back(
     tables: PairTables,
-    state: GapState,
+    mixture: Mixture,
     y: FloatArray,
     filtered: Moments,
     smoothed: Moments,
@@ -56,8 +57,8 @@ def step_back(
     ----------
     tables : PairTables
         Of the step from here to the next observation ``y``, NaN where missing.
-    state : GapState
-        The filtered state here.
+    mixture : Mixture
+        What the filter knew here.
     filtered, smoothed : Moments
         Of the next window, given each next node, leading shape (M,).
     gamma : ndarray, shape (M,)
@@ -71,7 +72,8 @@ def step_back(
     """
     m, q = tables.pairs.dim_x, y.size
     following = slice(m, m + filtered.mean.shape[1])  # the next window, which begins with y
-    before = pair_prediction(tables, state)
+    before = pair_prediction(tables, mixture)
+    x, P, _ = mixture.spread(m)
     after = condition_pairs(before, y, m)
     law = Moments(after.mean[..., following], after.covariance[..., following, following])
     log_evidence, updated = _weigh(law, filtered, smoothed)
@@ -80,22 +82,22 @@ def step_back(
     # regression of the window here on the next one
     S = before.covariance[..., following, following]
     J = _divide(before.covariance[..., m + q :, following], S)
-    mean = state.mean[:, None, m:] + (J @ (updated.mean - before.mean[..., following])[..., None])[..., 0]
+    mean = x[:, None, m:] + (J @ (updated.mean - before.mean[..., following])[..., None])[..., 0]
     change = J @ (updated.covariance - S) @ np.swapaxes(J, -1, -2)
     # a node that is impossible by now keeps any finite moments
     share = np.where(total[:, None] != 0.0, joint, 1.0)
     share = share / share.sum(axis=1, keepdims=True)
-    return total, Moments(*mixture_moments(share, mean, state.covariance[:, None, m:, m:] + change))
+    return total, Moments(*mixture_moments(share, mean, P[:, None, m:, m:] + change))
 
 
-def smooth_state(state: GapState, window: Moments, m: int) -> tuple[FloatArray, FloatArray]:
+def smooth_state(mixture: Mixture, window: Moments, m: int) -> tuple[FloatArray, FloatArray]:
     """Moments of X per node, given the smoothed moments of the window.
 
     With B = P_xw P_ww^-1: x + B (ms - mf) and P_xx + B (Vs - P_ww) B'.
     """
-    P = state.covariance
+    mean, P, _ = mixture.spread(m)
     B = _divide(P[:, :m, m:], P[:, m:, m:])
-    x = state.mean[:, :m] + (B @ (window.mean - state.mean[:, m:])[..., None])[..., 0]
+    x = mean[:, :m] + (B @ (window.mean - mean[:, m:])[..., None])[..., 0]
     change = window.covariance - P[:, m:, m:]
     return x, symmetrize(P[:, :m, :m] + B @ change @ np.swapaxes(B, -1, -2))
 

@@ -1,147 +1,235 @@
-"""Whole series through a switching system, and what is kept of them.
+"""Whole series through a switching system, one or many.
 
-Stretches of complete observations under constant tables go through the engine at
-once; the rest goes step by step.
+Stretches of complete observations under constant tables go through the method at once, all
+complete series side by side; the rest goes step by step.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import accumulate, pairwise
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import FilterResult
+from fuzzykf.engine import selected as engine
 from fuzzykf.gaussian import mixture_moments
-from fuzzykf.switching.inference import recursion
-from fuzzykf.switching.inference.belief import Belief, Source, begin, node_state, predict_state, proceed
-from fuzzykf.switching.inference.missing import GapState
-from fuzzykf.switching.inference.recursion import NodeState
+from fuzzykf.results import FilterResult, field_shapes
+from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_switch
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.dynamics.pairs import SwitchingSystem
+    from fuzzykf.switching.dynamics.pairs import Ahead, SwitchingSystem
+    from fuzzykf.switching.inference.method import Method, Smoothed
     from fuzzykf.switching.laws.chain import SwitchChain
 
-__all__ = ["SHOWN", "Trajectory", "run_series", "summarise", "windows_of"]
+__all__ = [
+    "SHOWN",
+    "Trajectory",
+    "filter_many",
+    "filter_one",
+    "result_of",
+    "smoothed_result",
+    "windows_of",
+]
 
 #: What a switching filter shows of every observation of a series.
 SHOWN = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood")
 
-#: Observations whose prior moments are computed at once, and how many numbers they may take.
-_CHUNK, _NUMBERS = 512, 1 << 20
-
-#: Shorter stretches go step by step.
-_SHORT = 3
-
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What a filter knew after each observation of a series.
+    """What a filter knew along one series.
 
     Attributes
     ----------
-    states : NodeState
-        Leading shape (n,).
-    gaps : dict of int to GapState
+    fields : dict of str to ndarray, shape (n, ...)
+        Fields of a result; if states were asked for ``table`` (n, 1 + m + m*m, M), of X alone, and
+        with negative weights ``sign`` (n, M).
+    gaps : dict of int to Mixture
         The states after which a part of the window was unknown.
-    log_likelihood : ndarray, shape (n,)
-    x_prior, P_prior : ndarray, shapes (n, m) and (n, m, m)
-    last : Belief
+    last : Mixture or None
         After the last observation.
     before : Source or None
         From which the last observation was predicted.
     """
 
-    states: NodeState
-    gaps: dict[int, GapState]
-    log_likelihood: FloatArray
-    x_prior: FloatArray
-    P_prior: FloatArray
-    last: Belief | None
+    fields: dict[str, FloatArray]
+    gaps: dict[int, Mixture]
+    last: Mixture | None
     before: Source | None
 
-    def at(self, k: int) -> NodeState:
-        """Return the state of the nodes after observation ``k``."""
-        return _at(self.states, k)
 
-
-def run_series(system: SwitchingSystem, ys: FloatArray, *, priors: bool = True) -> Trajectory:
-    """Filter a series from the initial law on.
+def filter_one(
+    method: Method, system: SwitchingSystem, ys: FloatArray, names: tuple[str, ...], *, states: bool = False
+) -> Trajectory:
+    """Filter a series (n, q), NaN where missing, from the initial law on.
 
     Parameters
     ----------
+    method : Method
     system : SwitchingSystem
     ys : ndarray, shape (n, q)
-        NaN where missing.
-    priors : bool
-        Whether the moments before each observation are wanted; else they are NaN.
+    names : tuple of str
+        The fields that are wanted.
+    states : bool
+        Whether the states are wanted as well.
     """
-    n, m, q, M = len(ys), system.dim_x, system.dim_z, len(system.chain)
-    table = np.empty((n, 1 + m + m * m, M))
-    signs = np.ones((n, M)) if system.chain.is_signed else None
-    states = NodeState(table, signs)
-    log_likelihood, x_prior, P_prior = np.empty(n), np.full((n, m), np.nan), np.full((n, m, m), np.nan)
-    gaps: dict[int, GapState] = {}
-    holes = np.append(np.flatnonzero(np.isnan(ys).any(axis=1)), n)
-    windows = windows_of(ys, system.order)
-    belief: Belief | None = None
+    out = _allocate(system, (1, len(ys)), names, states)
+    trajectory = _filter_block(method, system, ys[None], out)
+    return Trajectory(
+        {name: values[0] for name, values in out.items()}, trajectory.gaps, trajectory.last, trajectory.before
+    )
+
+
+def filter_many(
+    method: Method, system: SwitchingSystem, series: FloatArray, names: tuple[str, ...], threads: int = 1
+) -> dict[str, FloatArray]:
+    """Filter many series (s, n, q), each from the initial law on.
+
+    Complete ones go side by side, those with gaps alone; ``threads`` share the complete ones.
+    """
+    out = _allocate(system, series.shape[:2], names, False)
+    alone = np.isnan(series).any(axis=(1, 2)) | system.chain.is_signed
+    if not alone.any():
+        cuts = [len(series) * k // threads for k in range(threads + 1)]
+        blocks = [slice(a, b) for a, b in pairwise(cuts) if b > a]
+        if len(blocks) <= 1:
+            _filter_block(method, system, series, out)
+            return out
+        parts = [{name: values[block] for name, values in out.items()} for block in blocks]
+        with ThreadPoolExecutor(len(blocks)) as pool:
+            list(pool.map(lambda b, part: _filter_block(method, system, series[b], part), blocks, parts))
+        return out
+    if not alone.all():
+        together = filter_many(method, system, series[~alone], names, threads)
+        for name, values in together.items():
+            out[name][~alone] = values
+    for k in np.flatnonzero(alone):
+        part = _allocate(system, (1, series.shape[1]), names, False)
+        _filter_block(method, system, series[k : k + 1], part)
+        for name, values in part.items():
+            if name in names:
+                out[name][k] = values[0]
+    return out
+
+
+def _allocate(
+    system: SwitchingSystem, lead: tuple[int, int], names: tuple[str, ...], states: bool
+) -> dict[str, FloatArray]:
+    """Return arrays (*lead, ...) in one block: new pages of memory cost more than what fills them."""
+    is_signed, steps = system.chain.is_signed, lead[0] * lead[1]
+    layout, size = _layout(names, system.dim_x, len(system.chain.nodes), states or is_signed, is_signed)
+    block = np.empty(steps * size)
+    return {
+        name: block[steps * start : steps * stop].reshape(*lead, *shape)
+        for name, shape, start, stop in layout
+    }
+
+
+@lru_cache(maxsize=64)
+def _layout(
+    names: tuple[str, ...], m: int, M: int, states: bool, is_signed: bool
+) -> tuple[tuple[tuple[str, tuple[int, ...], int, int], ...], int]:
+    """Where each field of one step begins and ends in a block, and how many numbers they are."""
+    shapes = field_shapes(names, state=m, node=M)
+    if states:
+        shapes["table"] = (1 + m + m * m, M)
+    if is_signed:
+        shapes["sign"] = (M,)
+    stops = list(accumulate(map(prod, shapes.values())))
+    starts = [0, *stops[:-1]]
+    return tuple(zip(shapes, shapes.values(), starts, stops, strict=True)), stops[-1]
+
+
+def _filter_block(
+    method: Method, system: SwitchingSystem, ys: FloatArray, out: dict[str, FloatArray]
+) -> Trajectory:
+    """Filter series (s, n, q) side by side: complete ones, or a single one with gaps.
+
+    Returns what is known after the last observation of the last series; the fields go to ``out``.
+    """
+    s, n, q = ys.shape
+    m, order, chain = system.dim_x, system.order, system.chain
+    gaps: dict[int, Mixture] = {}
+    if n == 0 or s == 0:
+        return Trajectory(out, gaps, None, None)
+    missing = np.isnan(ys)
+    holes = [*np.flatnonzero(missing.any(axis=(0, 2))).tolist(), n] if missing.any() else [n]
+    steady_from = n if system.steady_from is None else system.steady_from
+    switch = chain.nodes, chain.weights, chain.atoms
+    law = system.initial()
+    if "x_prior" in out or "P_prior" in out:
+        _put_prior(out, 0, law.ahead(m))
+    # known of the latest observation: tables and signs of all series, or of one whatever is known
+    table = sign = None
+    mixture: Mixture | None = None
     before: Source | None = None
+    single: list[tuple[int, FloatArray, FloatArray | None, float]] = []  # observations taken alone
     k = 0
     while k < n:
-        stop = int(holes[np.searchsorted(holes, k)])
-        steady = system.steady_from is not None and k > system.steady_from
-        if belief is not None and steady and stop - k >= _SHORT and isinstance(belief.state, NodeState):
-            tables = system.pair_tables(k - 1)
-            part = slice(k, stop)
-            rest, log_likelihood[part] = recursion.advance_all(
-                tables, belief.state, windows[k - 1 : stop - 1], ys[part]
-            )
-            table[part] = rest.table
-            if signs is not None and rest.sign is not None:
-                signs[part] = rest.sign
-            chunk = max(1, min(_CHUNK, _NUMBERS // (M * M * m)))
-            for a in range(k, stop, chunk) if priors else ():
-                b = min(a + chunk, stop)
-                x_prior[a:b], P_prior[a:b] = recursion.predict_state(
-                    tables, _at(states, slice(a - 1, b - 1)), windows[a - 1 : b - 1]
-                )
-            k = stop
-            before = Source(_belief_at(states, windows, k - 2), tables)
-            belief = _belief_at(states, windows, k - 1)
+        stop = holes[bisect_left(holes, k)]
+        tables = system.pair_tables(max(k - 1, 0)) if k or (stop > 1 and not steady_from) else None
+        steady = k > steady_from or (k == 0 and order == 1 and not chain.is_signed)
+        known = stop > k and not (mixture is not None and mixture.unknown)
+        if tables is not None and known and (steady or (k > 0 and s > 1)):
+            end = stop if steady else k + 1
+            begin = law.start(q) if k == 0 else (table, sign)
+            old, table = method.series(system, tables, begin, ys, k, end, out)
+            old_sign, sign = _sign(out, end - 2) if end - 2 >= k else sign, _sign(out, end - 1)
+            before = Source(_mixture(ys, old, old_sign, end - 2, order), tables)
+            mixture = _mixture(ys, table, sign, end - 1, order)
+            k = end
             continue
-        if belief is None:
-            law = system.initial()
-            if priors:
-                x_prior[k], P_prior[k] = mixture_moments(
-                    law.probability, law.mean[:, :m], law.covariance[:, :m, :m]
-                )
-            belief, log_likelihood[k] = begin(law, ys[k])
+        if k == 0 and s > 1:
+            firsts = [method.first(law, one[0]) for one in ys]
+            table, values = np.array([one.table for one, _ in firsts]), np.array([[v] for _, v in firsts])
+            engine.summarise(out, slice(0, 1), table[:, None], None, values, switch)
+            mixture = _mixture(ys, table, None, 0, order)
+            k = 1
+            continue
+        if mixture is None:
+            mixture, value = method.first(law, ys[0, 0])
         else:
-            tables = system.pair_tables(k - 1)
-            if priors:
-                x_prior[k], P_prior[k] = predict_state(tables, belief)
-            before = Source(belief, tables)
-            belief, log_likelihood[k] = proceed(tables, belief, ys[k], min(k + 1, system.order) * q)
-        state = node_state(belief, m)
-        table[k] = state.table
-        if signs is not None and state.sign is not None:
-            signs[k] = state.sign
-        if isinstance(belief.state, GapState):
-            gaps[k] = belief.state
+            tables = system.pair_tables(k - 1) if tables is None else tables
+            if "x_prior" in out or "P_prior" in out:
+                _put_prior(out, k, method.ahead(tables, mixture))
+            before = Source(mixture, tables)
+            mixture, value = method.advance(tables, mixture, ys[0, k], min(k + 1, order) * q)
+        if mixture.unknown:
+            gaps[k] = mixture
+        table = mixture.state_table(m)[None]
+        sign = None if mixture.sign is None else mixture.sign[None]
+        single.append((k, table, sign, value))
         k += 1
-    return Trajectory(states, gaps, log_likelihood, x_prior, P_prior, belief, before)
+    if single:
+        at, found, signs, values_of = zip(*single, strict=True)
+        signed = None
+        if chain.is_signed:
+            signed = np.array([[np.ones(len(chain.nodes)) if one is None else one[0] for one in signs]])
+        states, log_likelihood = np.concatenate(found)[None], np.array([values_of], dtype=np.float64)
+        engine.summarise(out, np.array(at), states, signed, log_likelihood, switch)
+    return Trajectory(out, gaps, mixture, before)
 
 
-def _at(states: NodeState, where: Any) -> NodeState:
-    sign = None if states.sign is None else states.sign[where]
-    return NodeState(states.table[where], sign)
+def _put_prior(out: dict[str, FloatArray], k: int, ahead: Ahead) -> None:
+    for name, value in (("x_prior", ahead.x), ("P_prior", ahead.P)):
+        if name in out:
+            out[name][:, k] = value
 
 
-def _belief_at(states: NodeState, windows: FloatArray, k: int) -> Belief:
-    """Copy what a filter keeps, which would otherwise hold on to the whole series."""
-    sign = None if states.sign is None else states.sign[k].copy()
-    return Belief(NodeState(states.table[k].copy(), sign), windows[k].copy())
+def _sign(out: dict[str, FloatArray], at: int) -> FloatArray | None:
+    return out["sign"][:, at] if "sign" in out else None
+
+
+def _mixture(ys: FloatArray, table: FloatArray, sign: FloatArray | None, k: int, order: int) -> Mixture:
+    """Return what is known of the last series after observation ``k``, its window being complete."""
+    window = ys[-1, max(0, k + 1 - order) : k + 1][::-1].reshape(-1).copy()
+    return Mixture(table[-1].copy(), window, None if sign is None else sign[-1].copy())
 
 
 def windows_of(ys: FloatArray, order: int) -> FloatArray:
@@ -155,24 +243,34 @@ def windows_of(ys: FloatArray, order: int) -> FloatArray:
     return windows.reshape(n, order * q)
 
 
-def summarise(
-    chain: SwitchChain, trajectory: Trajectory, m: int, *, keep_nodes: bool, index: Any
+# --------------------------------------------------------------------------- results
+
+
+def result_of(
+    chain: SwitchChain, trajectory: Trajectory, m: int, keep_nodes: bool, index: Any
 ) -> FilterResult:
-    """Collect what users read from the states along a series."""
-    mu = recursion.node_probabilities(trajectory.states)
-    means, covariances = recursion.node_moments(trajectory.states, m)
-    x, P = mixture_moments(mu, means, covariances)
+    """Return what users read of a filtered series."""
+    fields = {name: trajectory.fields[name] for name in SHOWN}
+    if keep_nodes:
+        fields["node_x"], fields["node_P"] = engine.node_moments(trajectory.fields["table"], m)
+    return FilterResult(**fields, nodes=chain.nodes, index=index)
+
+
+def smoothed_result(
+    chain: SwitchChain, trajectory: Trajectory, smoothed: Smoothed, keep_nodes: bool, index: Any
+) -> FilterResult:
+    """Return what users read of a smoothed series."""
+    x, P = mixture_moments(smoothed.mu, smoothed.x, smoothed.P)
     return FilterResult(
         x=x,
         P=P,
-        x_prior=trajectory.x_prior,
-        P_prior=trajectory.P_prior,
-        mu=mu,
+        mu=smoothed.mu,
         nodes=chain.nodes,
-        switch=recursion.most_likely_switch(chain, mu),
-        switch_mean=mu @ chain.nodes,
-        log_likelihood=trajectory.log_likelihood,
-        node_x=means if keep_nodes else None,
-        node_P=covariances if keep_nodes else None,
+        switch=most_likely_switch(chain, smoothed.mu),
+        switch_mean=smoothed.mu @ chain.nodes,
+        switch_path=chain.nodes[smoothed.path],
+        log_likelihood=trajectory.fields["log_likelihood"],
+        node_x=smoothed.x if keep_nodes else None,
+        node_P=smoothed.P if keep_nodes else None,
         index=index,
     )

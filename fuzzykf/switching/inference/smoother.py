@@ -14,52 +14,41 @@ exact for a single class and an approximation for several.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fuzzykf.engine import selected as engine
-from fuzzykf.gaussian import mixture_moments
-from fuzzykf.switching.inference import recursion
+from fuzzykf.switching.inference.exact import collapse_weights, observed_log_density, pair_prediction
 from fuzzykf.switching.inference.gap_smoother import Moments, smooth_state, step_back
-from fuzzykf.switching.inference.missing import (
-    GapState,
-    collapse_weights,
-    observed_log_density,
-    open_gap,
-    pair_prediction,
-)
-from fuzzykf.switching.inference.series import summarise, windows_of
+from fuzzykf.switching.inference.method import Smoothed
+from fuzzykf.switching.inference.mixture import Mixture
+from fuzzykf.switching.inference.series import windows_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.base import FilterResult
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
-    from fuzzykf.switching.inference.recursion import NodeState
     from fuzzykf.switching.inference.series import Trajectory
 
-__all__ = ["smooth_series"]
+__all__ = ["smooth_back"]
 
 
-def smooth_series(
-    system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray, *, keep_nodes: bool, index: Any
-) -> FilterResult:
+def smooth_back(system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> Smoothed:
     """Smooth a series that has been filtered.
 
     Parameters
     ----------
     system : SwitchingSystem
     trajectory : Trajectory
-        What the filter knew, see `fuzzykf.switching.inference.series.run_series`.
+        What the filter knew, its states included.
     ys : ndarray, shape (n, q)
         NaN where missing.
     """
-    n, m = len(ys), system.dim_x
-    gamma = recursion.node_probabilities(trajectory.states)
-    means, covariances = (np.array(a) for a in recursion.node_moments(trajectory.states, m))
+    n, m, table = len(ys), system.dim_x, trajectory.fields["table"]
+    gamma = engine.probabilities(table, trajectory.fields.get("sign"))
+    means, covariances = (np.array(a) for a in engine.node_moments(table, m))
     backward = _Backward(system, trajectory, ys)
     seen = np.flatnonzero(~np.isnan(ys).all(axis=1))
     last = int(seen[-1]) if seen.size else 0  # nothing can be learned after the last observation
@@ -80,7 +69,7 @@ def smooth_series(
         filtered_window = backward.window(k + 1)
         gamma[k], window = step_back(
             system.pair_tables(k),
-            backward.state(k),
+            backward.mixture(k),
             ys[k + 1],
             filtered_window,
             filtered_window if window is None else window,
@@ -89,22 +78,7 @@ def smooth_series(
         gap = trajectory.gaps.get(k)
         if gap is not None:
             means[k], covariances[k] = smooth_state(gap, window, m)
-    chain = system.chain
-    filtered = summarise(chain, trajectory, m, keep_nodes=False, index=index)
-    x, P = mixture_moments(gamma, means, covariances)
-    return replace(
-        filtered,
-        x=x,
-        P=P,
-        x_prior=None,
-        P_prior=None,
-        mu=gamma,
-        switch=recursion.most_likely_switch(chain, gamma),
-        switch_mean=gamma @ chain.nodes,
-        switch_path=chain.nodes[backward.most_likely_path()],
-        node_x=means if keep_nodes else None,
-        node_P=covariances if keep_nodes else None,
-    )
+    return Smoothed(gamma, means, covariances, backward.most_likely_path())
 
 
 class _Backward:
@@ -140,40 +114,44 @@ class _Backward:
     def smooth(self, start: int, stop: int, after: FloatArray) -> FloatArray:
         """Smoothed probabilities at the plain steps start, ..., stop - 1, given those at ``stop``."""
         kernel = self.system.pair_tables(start).kernel
-        log_p = self.trajectory.states.table[start:stop, 0]
+        log_p = self.trajectory.fields["table"][start:stop, 0]
         return engine.smooth_back(kernel, log_p, self._rows(start, stop), after)
 
-    def state(self, k: int) -> GapState:
-        """Return the filtered state at k with the window as a part of it."""
-        state: NodeState | GapState = self.trajectory.gaps.get(k, self.trajectory.at(k))
-        width = min(k + 1, self.system.order) * self.system.dim_z
-        return open_gap(state, self._windows[k, :width], self.system.dim_x)
+    def mixture(self, k: int) -> Mixture:
+        """Return what the filter knew at k."""
+        gap = self.trajectory.gaps.get(k)
+        if gap is not None:
+            return gap
+        fields, width = self.trajectory.fields, min(k + 1, self.system.order) * self.system.dim_z
+        sign = fields["sign"][k] if "sign" in fields else None
+        return Mixture(fields["table"][k], self._windows[k, :width], sign)
 
     def window(self, k: int) -> Moments:
         """Return the filtered moments of the window at k, given each node."""
-        m, gap = self.system.dim_x, self.state(k)
-        return Moments(gap.mean[:, m:], gap.covariance[:, m:, m:])
+        m = self.system.dim_x
+        mean, covariance, _ = self.mixture(k).spread(m)
+        return Moments(mean[:, m:], covariance[:, m:, m:])
 
     def _log_pairs(self, k: int) -> FloatArray:
         """Log |P_ij| + log N(y_{k+1}; ...), (M, M); where a part is missing, given y_1..k."""
+        tables = self.system.pair_tables(k)
         if k not in self.trajectory.gaps and not np.isnan(self.ys[k + 1]).any():
             width = min(k + 1, self.system.order) * self.system.dim_z
-            window, y = self._windows[k : k + 1, :width], self.ys[k + 1 : k + 2]
-            pairs: FloatArray = recursion.log_pair_weights(self.system.pair_tables(k), window, y)[0]
-            return pairs
-        m, gap = self.system.dim_x, self.state(k)
-        prediction = pair_prediction(self.system.pair_tables(k), gap)
-        log_w = prediction.log_w + observed_log_density(prediction, self.ys[k + 1], m)
-        log_pairs: FloatArray = log_w - gap.log_p[:, None]
+            u = np.concatenate([np.ones(1), self._windows[k, :width], self.ys[k + 1]])
+            return engine.log_pairs(tables.kernel, u[None]).reshape(tables.transition.shape)
+        mixture = self.mixture(k)
+        prediction = pair_prediction(tables, mixture)
+        log_w = prediction.log_w + observed_log_density(prediction, self.ys[k + 1], self.system.dim_x)
+        log_pairs: FloatArray = log_w - mixture.table[0][:, None]
         return log_pairs
 
     def weights(self, k: int) -> FloatArray:
         """o_ij of the step k, shape (M, M)."""
-        states = self.trajectory.states
-        log_w = self._log_pairs(k) + states.table[k, 0, :, None]
+        fields = self.trajectory.fields
+        log_w = self._log_pairs(k) + fields["table"][k, 0, :, None]
         sign = np.ones_like(log_w)
-        if states.sign is not None:
-            sign = states.sign[k, :, None] * np.sign(self.system.pair_tables(k).transition)
+        if "sign" in fields:
+            sign = fields["sign"][k, :, None] * np.sign(self.system.pair_tables(k).transition)
         o: FloatArray = collapse_weights(log_w, sign)[2]
         return o
 
@@ -182,7 +160,7 @@ class _Backward:
         n = len(self.ys)
         if n == 0:
             return np.empty(0, dtype=np.int64)
-        score = self.trajectory.states.table[0, 0]
+        score = self.trajectory.fields["table"][0, 0]
         pointers = np.empty((n - 1, score.size), dtype=np.int64)
         k = 0
         while k < n - 1:

@@ -150,7 +150,7 @@ def fit_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Options) -> F
         notes.append(
             f"the switch is hard in {hard:.3g} of the data, but FMC1 cannot go below 3/8; consider 'fmc2'"
         )
-    system = model.on_nodes(n_nodes)
+    system = model.placed(n_nodes)
     value = log_likelihood(system, data)
     notes += instability(system)
     n_parameters = estimate.n_parameters + LAWS[law].n_free
@@ -178,9 +178,9 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     estimate = _from_shares(_estimator(options.form, data), shares, data, fuzzy=False)
     single = single_cells(shares, np.eye(K), data.z)
     model = CGOMSModel._from_form(transition, estimate.form(single, data.scale), visits / visits.sum())
-    value = log_likelihood(model.on_nodes(), data)
+    value = log_likelihood(model.placed(), data)
     bounds = active_constraint(estimate, K)
-    notes += bounds + instability(model.on_nodes())
+    notes += bounds + instability(model.placed())
     n_parameters = estimate.n_parameters + K * (K - 1)
     return Fitted(model, value, n_parameters, [value], True, notes, data.r, bool(bounds))
 
@@ -209,7 +209,7 @@ def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Optio
     single = single_cells(posterior.gamma, shares, data.z)
     form = estimate.gaussian.form(single, data.scale)
     model = CGOFMSModel._from_form(estimate.chain.law(), form)
-    system = model.on_nodes(n_nodes)
+    system = model.placed(n_nodes)
     bounds = active_constraint(estimate.gaussian, 2)
     notes = hidden_scarcity(posterior, shares) + bounds + instability(system)
     notes += unfinished(converged, options.max_iter)
@@ -256,11 +256,11 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         initial = posterior.gamma.mean(axis=0) / posterior.gamma.mean(axis=0).sum()
     model = CGOMSModel._from_form(transition, form, initial)
     bounds = active_constraint(estimate.gaussian, K)
-    notes = hidden_scarcity(posterior, shares) + bounds + instability(model.on_nodes())
+    notes = hidden_scarcity(posterior, shares) + bounds + instability(model.placed())
     notes += unfinished(converged, options.max_iter)
     return Fitted(
         model,
-        log_likelihood(model.on_nodes(), data),
+        log_likelihood(model.placed(), data),
         estimate.gaussian.n_parameters + K * (K - 1),
         trace,
         converged,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.numpy.switching import LOG_ZERO
+from fuzzykf.engine.selected import LOG_ZERO
 from fuzzykf.gaussian import cholesky, log_density, logsumexp
 from fuzzykf.switching.dynamics.pairs import log_probability
 

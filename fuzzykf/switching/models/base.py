@@ -78,13 +78,14 @@ class SwitchingModel(Immutable, Document):
     # ------------------------------------------------------------------ the way to a filter
 
     @abstractmethod
-    def placed(self, n_nodes: int = NODES, rule: str = "cell") -> SwitchingSystem:
+    def placed(self, n_nodes: int | None = None, rule: str = "cell") -> SwitchingSystem:
         """Place the dynamics on the nodes of the switch.
 
         Parameters
         ----------
-        n_nodes : int
-            Nodes strictly between the regimes.  A model of hard regimes has nothing in
+        n_nodes : int, optional
+            Nodes strictly between the regimes: by default 5, or those on which a free law was
+            learned.  A model of hard regimes has nothing in
             between: it is placed on its regimes, exactly, whatever is asked for.
         rule : {"cell", "midpoint", "gauss", "product"}
             How the nodes stand for the values between, see `FuzzyMarkovLaw.discretize`.
@@ -95,7 +96,7 @@ class SwitchingModel(Immutable, Document):
             What `fuzzykf.switching.SwitchingFilter` takes.
         """
 
-    def on_nodes(self, n_nodes: int = NODES, rule: str = "cell") -> SwitchingSystem:
+    def on_nodes(self, n_nodes: int | None = None, rule: str = "cell") -> SwitchingSystem:
         """Return `placed`, of which this is the older name."""
         return self.placed(n_nodes, rule)
 
@@ -118,7 +119,7 @@ class SwitchingModel(Immutable, Document):
         Parameters
         ----------
         n_nodes, rule
-            As in `placed`; by default 5 nodes, or those on which a free law was learned.
+            As in `placed`.
 
         Returns
         -------

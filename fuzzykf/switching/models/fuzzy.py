@@ -294,17 +294,23 @@ class CGOFMSModel(SwitchingModel):
         """Say in words how the switch moves."""
         return f"fuzzy switch, law {self.law.kind}"
 
-    def placed(self, n_nodes: int = NODES, rule: str = "cell") -> StationarySystem:
+    def placed(self, n_nodes: int | None = None, rule: str = "cell") -> StationarySystem:
         """Place the model on the nodes of the discretised law.
 
         Parameters
         ----------
-        n_nodes : int
-            Nodes strictly between 0 and 1; the cost of a step grows as (n_nodes + 2)^2.
+        n_nodes : int, optional
+            Nodes strictly between 0 and 1; the cost of a step grows as (n_nodes + 2)^2.  By
+            default 5, or those on which a free law was learned.
         rule : {"cell", "midpoint", "gauss", "product"}
             See `FuzzyMarkovLaw.discretize`.
         """
-        return self.form.placed(self.law.discretize(n_nodes, rule))
+        return self.form.placed(self.law.discretize(self._nodes(n_nodes), rule))
+
+    def _nodes(self, n_nodes: int | None) -> int:
+        if n_nodes is not None:
+            return n_nodes
+        return NODES if self.law.own_nodes is None else self.law.own_nodes
 
     def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
         """Make the filter of the model.
@@ -312,7 +318,7 @@ class CGOFMSModel(SwitchingModel):
         Parameters
         ----------
         n_nodes, rule
-            As in `placed`; by default 5 nodes, or those on which a free law was learned.
+            As in `placed`.
 
         Returns
         -------
@@ -320,9 +326,7 @@ class CGOFMSModel(SwitchingModel):
         """
         from fuzzykf.switching.filters.ofsr import OFSRFilter
 
-        if n_nodes is None:
-            n_nodes = NODES if self.law.own_nodes is None else self.law.own_nodes
-        return OFSRFilter(self, n_nodes, rule)
+        return OFSRFilter(self, self._nodes(n_nodes), rule)
 
     def harden(self) -> CGOMSModel:
         """Return the model of abrupt switches that is nearest in law.

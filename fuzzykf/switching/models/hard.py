@@ -11,7 +11,7 @@ from fuzzykf.io import part_from_dict, part_to_dict
 from fuzzykf.switching.dynamics.forms import CovarianceForm, RegressionForm, TransitionForm
 from fuzzykf.switching.dynamics.registry import FORMS
 from fuzzykf.switching.laws.chain import SwitchChain
-from fuzzykf.switching.models.base import NODES, SwitchingModel
+from fuzzykf.switching.models.base import SwitchingModel
 from fuzzykf.switching.state_space.cglssm import CGLSSM
 from fuzzykf.switching.state_space.closeness import warn_if_far
 from fuzzykf.switching.state_space.converted_form import ConvertedForm
@@ -330,7 +330,7 @@ class CGOMSModel(SwitchingModel):
         stays = ", ".join(f"{p:.3g}" for p in self.transition.diagonal())
         return f"{self.n_classes} hard regimes, which stay with probability {stays}"
 
-    def placed(self, n_nodes: int = NODES, rule: str = "cell") -> SwitchingSystem:
+    def placed(self, n_nodes: int | None = None, rule: str = "cell") -> SwitchingSystem:
         """Return the model on its regimes, as the recursion takes it.
 
         Parameters

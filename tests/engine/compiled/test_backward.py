@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf.engine.numpy import backward, switching
+from fuzzykf.engine.numpy import backward, switching, tables
 
 compiled = pytest.importorskip(
     "fuzzykf.engine.compiled.backward", reason="the compiled core has not been built"
@@ -34,7 +34,7 @@ def system(M, q, order, seed=0):
 def test_smoothed_probabilities_are_those_of_numpy_and_of_bayes(size) -> None:
     arguments, log_p, U, after = system(*size)
     U[17, -1] = 1e4  # an outlier
-    kernel = switching.pack(*arguments)
+    kernel = tables.pack(*arguments)
     got = compiled.smooth_back(packed.pack(*arguments), log_p, U, after)
     np.testing.assert_allclose(got, backward.smooth_back(kernel, log_p, U, after), rtol=1e-9, atol=1e-12)
     # one step by Bayes' rule, probability by probability
@@ -48,7 +48,7 @@ def test_smoothed_probabilities_are_those_of_numpy_and_of_bayes(size) -> None:
 @pytest.mark.parametrize("size", SIZES)
 def test_the_most_likely_path_is_that_of_numpy(size) -> None:
     arguments, log_p, U, _ = system(*size, seed=1)
-    kernel = switching.pack(*arguments)
+    kernel = tables.pack(*arguments)
     score, pointers = compiled.best_path(packed.pack(*arguments), log_p[0], U)
     expected, nodes = backward.best_path(kernel, log_p[0], U)
     np.testing.assert_array_equal(pointers, nodes)

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import copy
+import os
 import pickle
+import subprocess
+import sys
 
 import numpy as np
 import pandas as pd
 import pytest
 from filterpy.common import Saver
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, KnownSwitchFilter, OFSRFilter
+from fuzzykf import (
+    CGOFMSModel,
+    CGOMSMFilter,
+    CGOMSModel,
+    FuzzyMarkovLaw,
+    KnownSwitchFilter,
+    OFSRFilter,
+    engine,
+)
 from fuzzykf.errors import ParameterError, QuadratureError, SequenceError, ShapeError
-from fuzzykf.switching import SwitchingFilter
+from fuzzykf.switching import EXACT, SwitchingFilter
 
 ATTRIBUTES = (
     "x",
@@ -502,6 +513,71 @@ def test_many_steps_of_a_vector_keep_symmetry(hard_model):
 def test_a_filter_does_not_hold_on_to_a_series(hard_model):
     f = CGOMSMFilter(hard_model)
     f.filter(np.zeros(1000))
-    for belief in (f._belief, f._before.belief):
-        assert belief.state.table.base is None
-        assert belief.window.base is None
+    for mixture in (f._mixture, f._before.mixture):
+        assert mixture.table.base is None
+        assert mixture.window.base is None
+
+
+def test_a_method_of_ones_own(hard_model):
+    class Counting(type(EXACT)):
+        """Exact, but it counts."""
+
+        def __init__(self):
+            self.calls = []
+
+        def first(self, law, y):
+            self.calls.append("first")
+            return super().first(law, y)
+
+        def advance(self, tables, mixture, y, width):
+            self.calls.append("advance")
+            return super().advance(tables, mixture, y, width)
+
+    method, ys = Counting(), [0.1, 0.4, None, -0.2]
+    system = hard_model.placed()
+    f, g = SwitchingFilter(system, method), SwitchingFilter(system)
+    for y in ys:
+        np.testing.assert_allclose(f.step(y), g.step(y), rtol=1e-13)
+    assert method.calls == ["first", "advance", "advance", "advance"]
+    np.testing.assert_allclose(f.filter(ys).x, g.filter(ys).x, rtol=1e-13)
+    np.testing.assert_allclose(f.forecast(2).P, g.forecast(2).P, rtol=1e-13)
+    assert f.copy()._method.calls == method.calls
+    assert g.copy()._method is EXACT
+
+
+def test_a_state_survives_a_change_of_engine(tmp_path):
+    # written by one engine, read by the other, in either direction
+    code = """
+import pickle, sys
+import numpy as np
+from fuzzykf import CGOFMSModel, FuzzyMarkovLaw, OFSRFilter, engine
+z = np.array([[1.0, 0.5], [0.5, 1.0]])
+pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
+law = FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16)
+model = CGOFMSModel(law, [[0.0, 0.0], [3.0, 3.0]], np.broadcast_to(pair, (2, 2, 4, 4)), 1)
+path, write = sys.argv[1], sys.argv[2] == "write"
+if write:
+    f = OFSRFilter(model)
+    for y in (0.1, 2.0, -0.4, 1.0):
+        f.step(y)
+    with open(path, "wb") as file:
+        pickle.dump(f, file)
+else:
+    with open(path, "rb") as file:
+        f = pickle.load(file)
+print(engine.info().name, f._n, f.x.item(), f.P.item(), f.step(0.7).item(), f.log_likelihood)
+"""
+
+    def run(engine_name, path, verb):
+        environment = {**os.environ, "FUZZYKF_ENGINE": engine_name}
+        command = [sys.executable, "-c", code, str(path), verb]
+        told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+        name, *numbers = told.split()
+        assert name == engine_name
+        return [float(number) for number in numbers]
+
+    if engine.info().name == "numpy":
+        pytest.skip("one engine alone")
+    for one, other in (("numpy", "compiled"), ("compiled", "numpy")):
+        written = run(one, tmp_path / one, "write")
+        np.testing.assert_allclose(run(other, tmp_path / one, "read"), written, rtol=1e-12)

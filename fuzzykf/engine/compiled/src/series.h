@@ -68,10 +68,24 @@ FK_INLINE int fk_chunk(int M) {
 FK_INLINE size_t fk_chunk_tables(int M) { return 3 * (size_t)(fk_chunk(M) + 1) * fk_padded(M); }
 FK_INLINE size_t fk_chunk_weights(int M) { return (size_t)FK_LANES * M + (size_t)fk_chunk(M) * fk_padded(M) * M; }
 
+/* Keep the state after observation n. */
+FK_STATIC void fk_keep(const fk_state *state, int M, int m, size_t n, const fk_output *out) {
+  const int rows = 1 + m + m * m, ld = fk_padded(M);
+  if (out->sign) memcpy(out->sign + n * M, state->sign, M * sizeof(double));
+  if (!out->table) return;
+  double *to = out->table + n * rows * M;
+  for (int i = 0; i < M; i++) {
+    const double p = state->table[i];
+    to[i] = !state->linear ? p : p > 0.0 ? log(p) : FK_LOG_ZERO;
+  }
+  for (int r = 1; r < rows; r++) memcpy(to + r * M, state->table + r * ld, M * sizeof(double));
+}
+
 /* Write what is known after observation n. */
 FK_STATIC void fk_summarise(const fk_engine *e, const fk_summary *s, const fk_state *state, int M, int m, size_t n,
                             const fk_output *out, const fk_room *room) {
   const double *mu = fk_probabilities(e, state, M, room->p);
+  fk_keep(state, M, m, n, out);
   if (out->log_likelihood) out->log_likelihood[n] = fk_log_likelihood(state);
   if (out->mu) memcpy(out->mu + n * M, mu, M * sizeof(double));
   if (out->modes) out->modes[n] = fk_most_likely(s, mu);
@@ -84,12 +98,14 @@ FK_STATIC void fk_summarise(const fk_engine *e, const fk_summary *s, const fk_st
     e->posterior(M, m, mu, state->table, out->x ? out->x + n * m : room->x, out->P ? out->P + n * m * m : NULL);
 }
 
-/* Filter the observation after y[0], q numbers each, from the state `now` on to `other`. */
+/* Filter the observation after y[0], q numbers each, from the state `now` on to `other`; the window
+ * before it ends in y[0]. */
 FK_STATIC void fk_filter_one(const fk_engine *e, const fk_kernel *k, const fk_summary *s, fk_state *now,
                              fk_state *other, const double *y, const fk_output *out, size_t n, const fk_room *room) {
-  const int m = k->m;
+  const int m = k->m, q = k->q;
   room->u[0] = 1.0;
-  memcpy(room->u + 1, y, 2 * k->q * sizeof(double));
+  for (int lag = 0; lag < k->w / q; lag++) memcpy(room->u + 1 + lag * q, y - lag * q, q * sizeof(double));
+  memcpy(room->u + 1 + k->w, y + q, q * sizeof(double));
   if (out->x_prior || out->P_prior) {
     double *x = out->x_prior ? out->x_prior + n * m : room->x, *P = out->P_prior ? out->P_prior + n * m * m : room->x + m;
     const double *mu = fk_probabilities(e, now, k->M1, room->p);
@@ -111,6 +127,10 @@ FK_STATIC int fk_filter_chunk(const fk_engine *e, const fk_kernel *k, const fk_s
   const int done = e->run_scalar(k, y, n, room->tables, totals, room->weights);
   if (!done) return 0;
   e->summarise_scalar(s, M, y, done, room->tables, totals, first, out);
+  for (int t = 0; out->table && t < done; t++) {
+    const fk_state kept = {room->tables + (size_t)(t + 1) * size, NULL, 1, 0, totals[t]};
+    fk_keep(&kept, M, 1, first + t, out);
+  }
   fk_state *states[2] = {other, now};
   for (int t = 0; t < 2; t++) {
     memcpy(states[t]->table, room->tables + (size_t)(done - 1 + t) * size, size * sizeof(double));

@@ -39,6 +39,7 @@ typedef struct {
 /* Where the summaries of a series go; any of them may be NULL. */
 typedef struct {
   double *x, *P, *x_prior, *P_prior, *mu, *modes, *means, *log_likelihood;
+  double *table, *sign; /* the states themselves, with logarithms of probabilities */
 } fk_output;
 
 /* Sizes in doubles */

@@ -1,4 +1,4 @@
-"""The pieces of the recursion that the filters are made of."""
+"""The one state of a switching filter, and the rule that estimates the switch."""
 
 from __future__ import annotations
 
@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from fuzzykf import SwitchChain
-from fuzzykf.switching.inference.recursion import (
-    NodeState,
-    most_likely_switch,
-    node_moments,
-    node_probabilities,
-    posterior_moments,
-)
+from fuzzykf.switching.inference.mixture import Mixture, most_likely_switch
 
 
 def chain(*inner, weights=None):
@@ -63,14 +57,35 @@ def test_chains_of_one_kind_of_node():
 def test_layout_of_a_state():
     # rows: log-probability, mean, covariance; one column per node
     table = np.array([np.log([0.25, 0.75]), [1.0, 2.0], [3.0, 4.0], [5, 6], [0.1, 0.2], [0.1, 0.2], [7, 8]])
-    state = NodeState(table)
-    np.testing.assert_allclose(node_probabilities(state), [0.25, 0.75])
-    x, P = node_moments(state, 2)
-    np.testing.assert_array_equal(x, [[1, 3], [2, 4]])
-    np.testing.assert_array_equal(P, [[[5, 0.1], [0.1, 7]], [[6, 0.2], [0.2, 8]]])
-    mean, covariance = posterior_moments(state, 2)
+    mixture = Mixture(table, np.array([0.5]))
+    np.testing.assert_allclose(mixture.probabilities, [0.25, 0.75])
+    mean, covariance = mixture.moments(2)
     np.testing.assert_allclose(mean, [1.75, 3.75])
-    between = 0.25 * 0.75 * np.ones((2, 2))
-    np.testing.assert_allclose(covariance, 0.25 * P[0] + 0.75 * P[1] + between)
-    signed = NodeState(table, np.array([-1.0, 1.0]))
-    np.testing.assert_allclose(node_probabilities(signed), [-0.25, 0.75])
+    np.testing.assert_allclose(mixture.mean(2), mean)
+    P = np.array([[[5, 0.1], [0.1, 7]], [[6, 0.2], [0.2, 8]]])
+    np.testing.assert_allclose(covariance, 0.25 * P[0] + 0.75 * P[1] + 0.25 * 0.75 * np.ones((2, 2)))
+    signed = Mixture(table, np.array([0.5]), np.array([-1.0, 1.0]))
+    np.testing.assert_allclose(signed.probabilities, [-0.25, 0.75])
+
+
+def test_a_gap_is_the_same_state_with_more_unknowns():
+    # X, then the second of two numbers in the window; the first is known
+    P = np.array([[[2.0, 0.5], [0.5, 3.0]], [[4.0, 0.1], [0.1, 5.0]]])
+    window = np.array([7.0, np.nan])
+    mean, covariance = np.array([[1.0, 7.0, 2.0], [3.0, 7.0, 4.0]]), np.zeros((2, 3, 3))
+    covariance[np.ix_([0, 1], [0, 2], [0, 2])] = P
+    mixture = Mixture.gather(np.log([0.4, 0.6]), None, mean, covariance, window)
+    assert mixture.unknown == 1
+    assert mixture.table.shape == (1 + 2 + 4, 2)
+    found = mixture.spread(1)
+    for got, expected in zip(found, (mean, covariance, [True, False]), strict=True):
+        np.testing.assert_array_equal(got, expected)
+    np.testing.assert_array_equal(mixture.state_table(1), [np.log([0.4, 0.6]), [1.0, 3.0], [2.0, 4.0]])
+    np.testing.assert_allclose(mixture.moments(1)[0], [2.2])
+    again = Mixture.from_dict(mixture.to_dict())
+    np.testing.assert_array_equal(again.table, mixture.table)
+    np.testing.assert_array_equal(again.window, window)
+    assert again.unknown == 1
+    assert again.is_sound(1, 1, 2, 2)
+    assert not again.is_sound(2, 1, 2, 2)
+    assert not again.is_sound(1, 1, 2, 1)

@@ -57,7 +57,7 @@ memset(known_versions, 0, sizeof(known_versions))
 
 
 cdef int overrides(object filter_) except -1:
-    """What the class of a filter has changed; see `fuzzykf.engine.numpy.stepper.LinearStepper`."""
+    """What the class of a filter has changed; see `fuzzykf.kalman.stepper.LinearStepper`."""
     cdef unsigned int version = fk_version_of(type(filter_))
     cdef unsigned int k = version & 63
     cdef int answer

@@ -24,7 +24,7 @@ cdef inline const fk_engine *engine() noexcept nogil:
 
 
 cdef class Stepper:
-    """The state of a switching filter, and `step`; see `fuzzykf.engine.numpy.stepper.Stepper`.
+    """The state of a switching filter, and `step`; see `fuzzykf.switching.filters.stepper.Stepper`.
 
     Once `_arm` has handed over a state and the tables of all steps to come, observations that
     are complete go through the compiled step alone.  The attributes are made when they are read.
@@ -40,11 +40,11 @@ cdef class Stepper:
     cdef bint ahead  # whether the compiled state is newer than the attributes
     cdef Py_ssize_t n
     cdef bint predicted
-    cdef object belief, before, z, tables
+    cdef object mixture, before, z, tables
     cdef double log_likelihood
 
     def _arm(self, tables, table, window, mass):
-        """See `fuzzykf.engine.numpy.stepper.Stepper`."""
+        """See `fuzzykf.switching.filters.stepper.Stepper`."""
         cdef Kernel kernel = tables.kernel
         cdef cnp.ndarray w = doubles(window, "window", (kernel.k.w,))
         self._sync()
@@ -156,10 +156,10 @@ cdef class Stepper:
         cdef cnp.ndarray u = np.empty(w + q), window = np.empty(w)
         memcpy(at(u), self.u + 1, (w + q) * sizeof(double))
         memcpy(at(window), self.window, w * sizeof(double))
-        belief = self._as_belief(self._table(self.now), window, self._mass(self.now))
-        before = self._as_belief(self._table(self.old), u[:w].copy(), self._mass(self.old))
+        mixture = self._as_mixture(self._table(self.now), window, self._mass(self.now))
+        before = self._as_mixture(self._table(self.old), u[:w].copy(), self._mass(self.old))
         before = self._as_source(before, self.tables)
-        self.belief, self.before, self.z = belief, before, u[w:].copy()
+        self.mixture, self.before, self.z = mixture, before, u[w:].copy()
         self.log_likelihood = fk_log_likelihood(self.now)
         self.ahead = False
         return 0
@@ -187,14 +187,14 @@ cdef class Stepper:
         self.predicted = value
 
     @property
-    def _belief(self):
+    def _mixture(self):
         self._sync()
-        return self.belief
+        return self.mixture
 
-    @_belief.setter
-    def _belief(self, value):
+    @_mixture.setter
+    def _mixture(self, value):
         self._disarm()
-        self.belief = value
+        self.mixture = value
 
     @property
     def _before(self):
@@ -225,10 +225,3 @@ cdef class Stepper:
     def _log_likelihood(self, value):
         self._disarm()
         self.log_likelihood = value
-
-    def __getstate__(self):
-        state = {
-            "_n": self._n, "_predicted": self._predicted, "_belief": self._belief, "_before": self._before,
-            "_z": self._z, "_log_likelihood": self._log_likelihood,
-        }
-        return self.__dict__, state

@@ -1,0 +1,150 @@
+"""The tables of the switching recursion in the layout of the NumPy kernels."""
+
+from __future__ import annotations
+
+from math import log
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import BoolArray, FloatArray
+
+__all__ = ["DEAD", "LOG_ZERO", "Kernel", "Summary", "pack"]
+
+#: Stand-in for log 0: sums of a few stay finite, and exp of it is zero.
+LOG_ZERO = -1e300
+
+#: Below this a logarithm stands for a probability of zero, not for a small one.
+DEAD = 0.5 * LOG_ZERO
+
+_HALF_LOG_2PI = 0.5 * log(2.0 * np.pi)
+
+#: Up to so many nodes the pairs of a scalar state are reached by a matrix product.
+_FEW_NODES = 16
+
+
+class FewNodes(NamedTuple):
+    """Ways between nodes and pairs as matrices, for a scalar state."""
+
+    mix: FloatArray  # (3 M1 M2, 3 M1): a state, as seen by the pairs
+    whole: FloatArray  # (4 M1 M2, 1 + w + q + 3 M1): rows and mix at once
+    spread: FloatArray  # (M1 M2, M2): a quantity of j, as seen by the pairs
+    sums: FloatArray  # (2 M1 M2, 2 M2): sums over i of two quantities
+
+
+class Kernel(NamedTuple):
+    """Tables of one step in the layout of the kernels; pairs (i, j) are flat, j fastest.
+
+    With u = (1, w, y') the first q M1 M2 entries of ``rows @ u`` are the whitened
+    innovations of y' divided by sqrt(2), the other m M1 M2 are H w + G y' + c.
+    """
+
+    shape: tuple[int, int, int, int]  # M1, M2, m, q
+    log_scale: FloatArray  # (M1 M2,): log P_ij and the constants of the Gaussian density
+    sign: FloatArray | None  # (M1, M2): sign of P_ij, if some are negative
+    rows: FloatArray  # ((q + m) M1 M2, 1 + w + q)
+    Axx: FloatArray  # (M1, M2, m, m)
+    C: FloatArray  # (M1, M2, m, m)
+    ones: FloatArray  # (M1,)
+    few: FewNodes | None  # for a scalar state and few nodes
+
+
+def pack(
+    transition: FloatArray,
+    factor: FloatArray,
+    Axx: FloatArray,
+    H: FloatArray,
+    G: FloatArray,
+    c: FloatArray,
+    C: FloatArray,
+    Ayy: FloatArray,
+    Ny: FloatArray,
+) -> Kernel:
+    """Bring the tables of a step into the layout of the kernels.
+
+    ``factor`` holds the lower Cholesky factors of Qyy; the others are as in
+    `fuzzykf.switching.dynamics.pairs.PairCoefficients`, with leading shape (M1, M2).
+    """
+    M1, M2 = transition.shape
+    m, q = Axx.shape[-1], factor.shape[-1]
+    identity = np.broadcast_to(np.eye(q), (M1, M2, q, q))
+    innovation = np.concatenate([-Ny[..., None], -Ayy, identity], axis=-1)
+    white = np.linalg.solve(factor, innovation) * np.sqrt(0.5)
+    offset = np.concatenate([c[..., None], H, G], axis=-1)
+    width = white.shape[-1]
+    rows = np.concatenate(
+        [np.moveaxis(white, 2, 0).reshape(-1, width), np.moveaxis(offset, 2, 0).reshape(-1, width)]
+    )
+    log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+    with np.errstate(divide="ignore"):
+        log_transition = np.maximum(np.log(np.abs(transition)), LOG_ZERO)
+    log_scale = (log_transition - log_det - q * _HALF_LOG_2PI).reshape(-1)
+    few = None
+    if m == 1 and q == 1 and max(M1, M2) <= _FEW_NODES and (transition >= 0.0).all():
+        few = _pack_few(log_scale, rows, Axx.reshape(-1, 1), C.reshape(-1), M1, M2)
+    return Kernel(
+        shape=(M1, M2, m, q),
+        log_scale=log_scale,
+        sign=np.sign(transition) if (transition < 0.0).any() else None,
+        rows=rows,
+        Axx=np.ascontiguousarray(Axx),
+        C=np.ascontiguousarray(C),
+        ones=np.ones(M1),
+        few=few,
+    )
+
+
+def _pack_few(
+    log_scale: FloatArray, rows: FloatArray, a: FloatArray, C: FloatArray, M1: int, M2: int
+) -> FewNodes:
+    p, width = M1 * M2, rows.shape[1]
+    pick = np.repeat(np.eye(M1), M2, axis=0)  # (p, M1): a quantity of i, as seen by the pairs
+    spread = np.tile(np.eye(M2), (M1, 1))
+    zero = np.zeros_like(pick)
+    mix = np.block([[pick, zero, zero], [zero, a * pick, zero], [zero, zero, a * a * pick]])
+    constants = np.zeros((3 * p, width))
+    constants[:p, 0], constants[p : 2 * p], constants[2 * p :, 0] = log_scale, rows[p:], C
+    innovations = np.concatenate([rows[:p], np.zeros((p, 3 * M1))], axis=1)
+    whole = np.concatenate([innovations, np.concatenate([constants, mix], axis=1)])
+    sums = np.kron(np.eye(2), spread).astype(np.float64)
+    return FewNodes(mix, np.ascontiguousarray(whole), spread, sums)
+
+
+class Summary:
+    """What the moments before an observation and the estimate of the switch need.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    transition : ndarray, shape (M1, M2)
+    offset : ndarray, shape (1 + w, M1 M2 m)
+        From (1, w) to the part of the mean of X' that observations make, per pair.
+    twice : ndarray, shape (M1 m m, m m)
+        From p_i P_i to its share of the sum of P_ij Axx P_i Axx'.
+    noise : ndarray, shape (M1, m m)
+        From p_i to its share of the noise of X'.
+    nodes, weights : ndarray, shape (M2,)
+        Values of the switch, and the measure of each node.
+    atoms : ndarray of bool, shape (M2,)
+        Which nodes are values of positive probability in the law.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        transition: FloatArray,
+        offset: FloatArray,
+        twice: FloatArray,
+        noise: FloatArray,
+        nodes: FloatArray,
+        weights: FloatArray,
+        atoms: BoolArray,
+    ) -> None:
+        self.transition, self.offset, self.twice, self.noise = transition, offset, twice, noise
+        self.nodes, self.weights, self.atoms = nodes, weights, atoms
+        M1, M2, m, _ = kernel.shape
+        carried = np.zeros((M1, m, M1, M2, m))
+        for i in range(M1):
+            carried[i, :, i] = np.moveaxis(kernel.Axx[i], -1, 0)
+        self.carried = carried.reshape(M1 * m, M1 * M2 * m)  # x_i to Axx x_i

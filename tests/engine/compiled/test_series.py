@@ -1,0 +1,189 @@
+"""Series filtered and summarised in compiled code are those of NumPy, field by field."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fuzzykf.engine.numpy import series, tables
+
+core = pytest.importorskip("fuzzykf.engine.compiled.series", reason="the compiled core has not been built")
+packed = pytest.importorskip("fuzzykf.engine.compiled.tables")
+
+SIZES = [(1, 1, 1), (3, 1, 1), (9, 1, 1), (20, 1, 1), (3, 2, 1), (7, 3, 2), (9, 1, 2)]  # M, m, q
+
+
+@pytest.fixture
+def system_of(tables_of, state_of):
+    """Maker of the tables and summaries of both engines, and of states of s series."""
+
+    def make(M, m, q, order=1, signed=False, s=1):
+        arguments = tables_of((M, M, m, q), order, signed=signed)
+        transition, _, Axx, H, _, c, C, _, _ = arguments
+        offset = np.concatenate([c[..., None], H], axis=-1)
+        twice = np.einsum("ij,ijkl,ijrs->ilskr", transition, Axx, Axx)
+        rng = np.random.default_rng(8)
+        summary = {
+            "transition": transition,
+            "offset": np.moveaxis(offset, -1, 0).reshape(1 + order * q, -1),
+            "twice": twice.reshape(-1, m * m),
+            "noise": np.einsum("ij,ijkl->ikl", transition, C).reshape(M, m * m),
+            "nodes": np.linspace(0.0, 1.0, M),
+            "weights": rng.uniform(0.5, 1.5, M),
+            "atoms": np.isin(np.arange(M), (0, M - 1)),
+        }
+        table = np.stack([state_of((M, M, m, q), seed) for seed in range(s)])
+        sign = np.ones((s, M)) if signed else None
+        both = []
+        for module in (packed, tables):
+            kernel = module.pack(*arguments)
+            both.append((kernel, module.Summary(kernel=kernel, **summary)))
+        return both, (table, sign)
+
+    return make
+
+
+def law_of(M, m, q):
+    """Arguments of `first_step` but for the observations."""
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(M, m + q, m + q))
+    S = root @ root.mT + 0.1 * np.eye(m + q)
+    return np.log(rng.dirichlet(np.ones(M))), rng.normal(size=(M, m + q)), S, np.linalg.cholesky(S[:, m:, m:])
+
+
+def fields(s, n, M, m, signed=False):
+    shapes = {"x": (m,), "P": (m, m), "x_prior": (m,), "P_prior": (m, m), "mu": (M,), "switch": ()}
+    shapes |= {"switch_mean": (), "log_likelihood": (), "table": (1 + m + m * m, M)}
+    if signed:
+        shapes["sign"] = (M,)
+    return {name: np.full((s, n, *shape), 7.0) for name, shape in shapes.items()}
+
+
+def assert_close(got, expected, name=""):
+    scale = np.abs(expected).max(initial=1.0)
+    np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-11 * scale, err_msg=name)
+
+
+def assert_same_series(both, begin, ys, start, stop, signed=False):
+    """Filter on both engines; returns what NumPy has filled in."""
+    M, _, m, _ = both[1][0].shape
+    found = []
+    for module, (kernel, summary) in zip((core, series), both, strict=True):
+        out = fields(*ys.shape[:2], M, m, signed)
+        before, last = module.filter_series(kernel, summary, begin, ys, start, stop, out)
+        found.append(out | {"before": before, "last": last})
+    for name, value in found[1].items():
+        assert_close(found[0][name], value, name)
+    return found[1]
+
+
+@pytest.mark.parametrize("s", [1, 4])
+@pytest.mark.parametrize("size", SIZES)
+def test_from_the_initial_law(system_of, size, s) -> None:
+    both, _ = system_of(*size)
+    ys = np.random.default_rng(1).normal(size=(s, 70, size[2]))
+    out = assert_same_series(both, law_of(*size), ys, 0, 70)
+    assert (out["x_prior"][:, 0] == 7.0).all()  # that of the first observation is another's
+    assert not (out["x_prior"][:, 1:] == 7.0).any()
+    np.testing.assert_array_equal(out["before"], out["table"][:, -2])
+    np.testing.assert_array_equal(out["last"], out["table"][:, -1])
+
+
+@pytest.mark.parametrize("s", [1, 4])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("size", SIZES)
+def test_from_a_state_on(system_of, size, order, s) -> None:
+    both, begin = system_of(*size, order=order, s=s)
+    ys = np.random.default_rng(2).normal(size=(s, 50, size[2]))
+    ys[:, 20] *= 30.0  # an outlier: the fast way hands over to logarithms and back
+    out = assert_same_series(both, begin, ys, 3, 45)
+    for name in ("x", "mu", "log_likelihood", "table"):  # the others are as they were
+        assert (out[name][:, :3] == 7.0).all()
+        assert (out[name][:, 45:] == 7.0).all()
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("size", [size for size in SIZES if size[0] > 1])
+def test_with_negative_weights(system_of, size, order) -> None:
+    both, begin = system_of(*size, order=order, signed=True)
+    ys = np.random.default_rng(2).normal(size=(1, 30, size[2]))
+    assert_same_series(both, begin, ys, 2, 30, signed=True)
+    assert_same_series(both, (begin[0], None), ys, 2, 30, signed=True)  # no signs: all are positive
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 1), (0, 2), (1, 2), (4, 5)])
+def test_one_observation_or_two(system_of, start, stop) -> None:
+    both, begin = system_of(3, 2, 1, s=2)
+    ys = np.random.default_rng(4).normal(size=(2, 6, 1))
+    begin = begin if start else law_of(3, 2, 1)
+    out = assert_same_series(both, begin, ys, start, stop)
+    if start:
+        np.testing.assert_array_equal(out["before"], begin[0])
+    elif stop == 1:
+        np.testing.assert_array_equal(out["before"], out["last"])
+
+
+def test_a_series_goes_on_where_it_was_left(system_of) -> None:
+    (compiled, _), _ = system_of(7, 1, 1)
+    ys = np.random.default_rng(5).normal(size=(3, 40, 1))
+    whole, parts = fields(3, 40, 7, 1), fields(3, 40, 7, 1)
+    core.filter_series(*compiled, law_of(7, 1, 1), ys, 0, 40, whole)
+    _, last = core.filter_series(*compiled, law_of(7, 1, 1), ys, 0, 17, parts)
+    core.filter_series(*compiled, (last, None), ys, 17, 40, parts)
+    for name, value in whole.items():
+        assert_close(parts[name], value, name)
+
+
+def test_nothing_is_filled_in_but_what_is_asked_for(system_of) -> None:
+    (compiled, _), begin = system_of(3, 2, 1)
+    ys = np.random.default_rng(6).normal(size=(1, 9, 1))
+    whole = fields(1, 9, 3, 2)
+    states = core.filter_series(*compiled, begin, ys, 1, 9, whole)
+    for name, value in whole.items():
+        out = {name: np.full_like(value, 7.0)}
+        np.testing.assert_array_equal(core.filter_series(*compiled, begin, ys, 1, 9, out), states)
+        np.testing.assert_array_equal(out[name], value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"ys": np.ones((2, 9))}, "ys: got shape"),
+        ({"ys": np.ones((2, 9, 2))}, "ys: got shape"),
+        ({"start": 5, "stop": 5}, "start, stop: got"),
+        ({"start": -1}, "start, stop: got"),
+        ({"stop": 10}, "start, stop: got"),
+        ({"start": 1, "order": 2}, "complete windows"),
+        ({"start": 0, "order": 2}, "complete windows"),
+        ({"start": 0, "stop": 1, "order": 2}, "of order one"),
+        ({"start": 0, "signed": True}, "without negative weights"),
+        ({"start": 0, "begin": (np.ones(2), *law_of(3, 2, 1)[1:])}, "log_initial: got shape"),
+        ({"start": 0, "begin": (*law_of(3, 2, 1)[:3], np.ones((3, 2, 2)))}, "factor: got shape"),
+        ({"begin": (np.ones((1, 7, 3)), None)}, "table: got shape"),
+        ({"signed": True, "begin": (np.ones((2, 7, 3)), np.ones((2, 4)))}, "sign: got shape"),
+        ({"out": {"x": np.empty((2, 9, 3))}}, "x: expected a contiguous array"),
+        ({"out": {"P": np.empty((2, 9, 2, 2), dtype=np.float32)}}, "P: expected a contiguous array"),
+        ({"out": {"mu": np.empty((2, 3, 9)).mT}}, "mu: expected a contiguous array"),
+        ({"out": {"table": np.empty((2, 9, 3, 7))}}, "table: expected a contiguous array"),
+        ({"out": {"sign": np.empty((2, 9, 3))}}, "sign: the tables have no negative weights"),
+    ],
+)
+def test_what_does_not_fit_is_refused(system_of, change, message) -> None:
+    (compiled, _), begin = system_of(
+        3, 2, 1, order=change.get("order", 1), signed=change.get("signed", False), s=2
+    )
+    start = change.get("start", 2)
+    begin = change.get("begin", begin if start else law_of(3, 2, 1))
+    ys, stop = change.get("ys", np.ones((2, 9, 1))), change.get("stop", 9)
+    with pytest.raises(ValueError, match=message):
+        core.filter_series(*compiled, begin, ys, start, stop, change.get("out", {}))
+
+
+@pytest.mark.parametrize("name", ["transition", "offset", "twice", "noise", "nodes", "weights", "atoms"])
+def test_a_summary_of_other_tables_is_refused(tables_of, name) -> None:
+    M, m = 3, 2
+    shapes = {"transition": (M, M), "offset": (2, M * M * m), "twice": (M * m * m, m * m)}
+    shapes |= {"noise": (M, m * m), "nodes": (M,), "weights": (M,), "atoms": (M,)}
+    arguments = {key: np.zeros(shape) for key, shape in shapes.items()} | {name: np.zeros((5, 5))}
+    with pytest.raises(ValueError, match=f"{name}: got shape"):
+        packed.Summary(packed.pack(*tables_of((M, M, m, 1))), **arguments)

@@ -1,0 +1,134 @@
+"""The compiled step of a switching filter does what its verbs and whole series do."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, engine
+
+pytestmark = [
+    pytest.mark.usefixtures("instructions"),
+    pytest.mark.skipif(engine.info().name == "numpy", reason="the tests run on the NumPy engine"),
+]
+
+
+def vector_model(m, q):
+    rng = np.random.default_rng(6)
+    d = m + q
+    root = rng.normal(size=(2 * d, 2 * d)) * 0.3 + np.eye(2 * d)
+    pair = root @ root.T
+    pair[d:, d:] = pair[:d, :d]
+    pair[d:, :d] = 0.3 * pair[:d, :d]
+    pair[:d, d:] = pair[d:, :d].T
+    law = FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16)
+    return CGOFMSModel(law, [np.zeros(d), np.ones(d)], np.broadcast_to(pair, (2, 2, 2 * d, 2 * d)), m)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 1), (4, 2)])
+def test_steps_filter_and_verbs_agree(size) -> None:
+    # three ways to the same numbers: the compiled step, the compiled series, the verbs in Python
+    model = vector_model(*size)
+    y = model.simulate(60, np.random.default_rng(0)).y
+    y[20] *= 40.0  # an outlier: the fast step hands over to logarithms and back
+    whole = OFSRFilter(model).filter(y)
+    f, g = OFSRFilter(model), OFSRFilter(model)
+    for k, z in enumerate(y):
+        x = f.step(z if k % 2 else (float(z[0]) if z.size == 1 else z.tolist()))
+        g.predict()
+        g.update(z)
+        np.testing.assert_array_equal(x, f.x)
+        for one in (f, g):
+            for name in ("x", "P", "x_prior", "P_prior", "mu", "switch_mean", "log_likelihood"):
+                value = np.squeeze(getattr(one, name))
+                np.testing.assert_allclose(value, np.squeeze(getattr(whole, name)[k]), rtol=1e-9, atol=1e-11)
+
+
+def test_reading_copying_and_saving_do_not_change_what_follows(tmp_path, fuzzy_model) -> None:
+    y = fuzzy_model.simulate(40, np.random.default_rng(1)).y
+    plain, read = OFSRFilter(fuzzy_model), OFSRFilter(fuzzy_model)
+    for k, z in enumerate(y):
+        assert plain.step(z) == read.step(z)
+        _ = read.P, read.mu, read.x_prior, read.log_likelihood
+        if k % 4 == 1:
+            read = copy.deepcopy(read)
+        elif k % 4 == 2:
+            read = pickle.loads(pickle.dumps(read))
+        elif k % 4 == 3:
+            read.save(tmp_path / "f.json")
+            read = OFSRFilter.load(tmp_path / "f.json")
+    assert plain.log_likelihood == read.log_likelihood
+    np.testing.assert_array_equal(plain.P, read.P)
+
+
+def test_the_compiled_step_takes_over_and_hands_back(monkeypatch, fuzzy_model) -> None:
+    slow = []
+    original = OFSRFilter._step_any
+    monkeypatch.setattr(OFSRFilter, "_step_any", lambda self, z: slow.append(z) or original(self, z))
+    f = OFSRFilter(fuzzy_model)
+    for z in (1.0, 2.0, 3.0, 0.5, None, 1.0, 2.0, 3.0):
+        f.step(z)
+    # the first has no tables, the second hands over; so after a gap, which needs two
+    assert slow == [1.0, 2.0, None, 1.0, 2.0]
+    with pytest.raises(ValueError, match="z: got"):
+        f.step([1.0, 2.0])
+    with pytest.raises(ValueError, match="z: got"):
+        f.step(float("inf"))
+    f.step(3.0)
+    assert f.z == 3.0
+
+
+def test_a_subclass_that_overrides_a_verb_is_not_bypassed(fuzzy_model) -> None:
+    class Counting(OFSRFilter):
+        count = 0
+
+        def _take(self, y):
+            self.count += 1
+            super()._take(y)
+
+    f = Counting(fuzzy_model)
+    for z in range(5):
+        f.step(float(z))
+    assert f.count == 5
+
+
+@pytest.mark.parametrize("size", [(1, 1), (4, 2)])
+def test_many_series_do_not_depend_on_threads_nor_on_company(size) -> None:
+    model = vector_model(*size)
+    rng = np.random.default_rng(2)
+    ys = np.stack([model.simulate(30, rng).y for _ in range(7)])
+    ys[3, 12] = np.nan  # goes alone
+    f = OFSRFilter(model)
+    keep = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood")
+    one, three = f.filter_many(ys, keep), f.filter_many(ys, keep, threads=3)
+    for name in keep:
+        np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
+        np.testing.assert_array_equal(getattr(one, name)[1], getattr(OFSRFilter(model).filter(ys[1]), name))
+
+
+def test_a_summarised_series_is_that_of_the_states(hard_model) -> None:
+    # `keep_nodes` goes the other way, through the states of all nodes
+    from fuzzykf import CGOMSMFilter
+
+    assert isinstance(hard_model, CGOMSModel)
+    y = hard_model.simulate(80, np.random.default_rng(3)).y
+    short, long = CGOMSMFilter(hard_model).filter(y), CGOMSMFilter(hard_model).filter(y, keep_nodes=True)
+    for name in ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood"):
+        np.testing.assert_allclose(getattr(short, name), getattr(long, name), rtol=1e-11, atol=1e-12)
+
+
+def test_one_model_serves_many_threads(fuzzy_model) -> None:
+    from concurrent.futures import ThreadPoolExecutor
+
+    y = fuzzy_model.simulate(200, np.random.default_rng(4)).y[:, 0].tolist()
+
+    def work(_):
+        f = OFSRFilter(fuzzy_model)
+        return [f.step(z)[0, 0] for z in y]
+
+    with ThreadPoolExecutor(4) as pool:
+        first, *others = pool.map(work, range(8))
+    assert all(one == first for one in others)
