@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from math import isfinite
+from functools import partial
+from math import isfinite, prod
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -207,6 +208,18 @@ def check_keep(keep: Iterable[str], admissible: tuple[str, ...]) -> tuple[str, .
 USUAL_FIELDS = ("x", "P", "log_likelihood")
 
 
+#: Shapes of the fields that filters show after each step.
+_shapes = partial(field_shapes, [name for name, known in FIELDS.items() if known.streamed])
+
+
+def _shows(filter_: Filter, name: str, shape: tuple[int, ...]) -> bool:
+    """Whether a filter has a field as an attribute: an attribute of its own may have that name, too."""
+    value: Any = getattr(filter_, name, None)
+    if name in ("x", "P", "x_prior", "P_prior"):  # of the contract, so a wrong one is an error
+        return value is not None
+    return np.asarray(value).dtype.kind in "fiu" and np.size(value) == prod(shape)
+
+
 class Filter(ABC):
     """What every filter of fuzzykf does; subclass it to write your own.
 
@@ -272,9 +285,8 @@ class Filter(ABC):
             ``possibility``, ``lower`` and ``upper``; with a switch, ``mu`` and ``switch``.
         """
         series = as_observations(zs, self.dim_z)
-        names = [name for name, known in FIELDS.items() if known.streamed and hasattr(self, name)]
         sizes = {"state": self.dim_x, "observation": self.dim_z, "node": np.size(getattr(self, "mu", ()))}
-        shapes = field_shapes(names, **sizes)
+        shapes = {name: shape for name, shape in _shapes(**sizes).items() if _shows(self, name, shape)}
         collected = {name: np.empty((len(series), *shape)) for name, shape in shapes.items()}
         for n, z in enumerate(series):
             self.step(z)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 
 from fuzzykf.errors import FileFormatError, FuzzykfError
-from fuzzykf.registry import Registry
+from fuzzykf.registry import Registry, either
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -132,6 +132,8 @@ def read_document(path: str | PathLike[str], kinds: tuple[str, ...]) -> dict[str
             document = UPGRADES[old](document) | {"version": old + 1}
     except _DAMAGE as error:
         raise _damaged(path, error) from error
+    if document["version"] != SCHEMA_VERSION:
+        raise FileFormatError(f"{path}: version {version} cannot be brought to version {SCHEMA_VERSION}")
     if document.get("kind") not in kinds:
         raise FileFormatError(f"{path}: holds a {document.get('kind')!r}, expected {' or '.join(kinds)}")
     return dict(document)
@@ -197,6 +199,15 @@ def _load(path: str | PathLike[str], classes: Mapping[str, Any]) -> Any:
         raise _damaged(path, error) from error
 
 
+def _expected(cls: Any, registry: Registry, others: Registry) -> Mapping[str, Any]:
+    """Return the class that is expected, by its kind, or all of them; not one that a file holds otherwise."""
+    if cls is None:
+        return registry
+    if cls.__name__ in others:
+        raise FileFormatError(f"cls: got {cls.__name__}, expected {either(registry)}")
+    return {cls.__name__: cls}
+
+
 def save_model(model: Any, path: str | PathLike[str]) -> None:
     """Write a model to a file; see `Document.save`."""
     model.save(path)
@@ -220,7 +231,7 @@ def load_model(path: str | PathLike[str], cls: type[M] | None = None) -> M:
     FileFormatError
         If the file is damaged, foreign, of another version, or holds something else.
     """
-    model: M = _load(path, MODELS if cls is None else {cls.__name__: cls})
+    model: M = _load(path, _expected(cls, MODELS, FILTERS))
     return model
 
 
@@ -231,7 +242,7 @@ def save_filter(filter_: Any, path: str | PathLike[str]) -> None:
 
 def load_filter(path: str | PathLike[str], cls: type[M] | None = None) -> M:
     """Read a switching filter from a file; by default any, otherwise one of the class ``cls``."""
-    loaded: M = _load(path, FILTERS if cls is None else {cls.__name__: cls})
+    loaded: M = _load(path, _expected(cls, FILTERS, MODELS))
     return loaded
 
 

@@ -94,7 +94,7 @@ class _OldPaths(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         shared = set(getattr(today, "__all__", ())) & set(getattr(sys.modules[package], "__all__", ()))
         hint = f"; {', '.join(sorted(shared))} can be imported from {package}" if shared else ""
         _warn(module.__name__, new + hint, 2)
-        vars(module).update(__doc__=today.__doc__, __getattr__=lambda name: getattr(today, name))
+        sys.modules[module.__name__] = today  # which the import statement then returns
 
 
 def install() -> None:

@@ -314,3 +314,17 @@ def test_filter_many_keeps_what_the_filter_fills_by_default():
     assert result.log_likelihood is None
     with pytest.raises(ParameterError, match="keep: got 'log_likelihood'"):
         estimator.filter_many(zs, keep=["log_likelihood"])
+
+
+def test_an_attribute_that_has_the_name_of_a_field_but_is_none_of_it_stays_out() -> None:
+    class Named(Mean):
+        switch = "on"
+        mu = None
+        possibility = np.zeros(7)
+        log_likelihood = -1.5
+
+    result = Named().filter([1.0, 2.0])
+    assert result.switch is None
+    assert result.mu is None
+    assert result.possibility is None
+    np.testing.assert_array_equal(result.log_likelihood, [-1.5, -1.5])

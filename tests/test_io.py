@@ -520,3 +520,21 @@ def test_subclasses_come_back(fuzzy_model, tmp_path):
     assert type(Mine.load(path)) is Mine
     with pytest.raises(FileFormatError, match="holds a 'Mine', expected CGOFMSModel or CGOMSModel or CGLSSM"):
         io.load_model(path)
+
+
+def test_a_gap_between_versions_is_noticed(tmp_path, monkeypatch):
+    path = tmp_path / "old.json"
+    path.write_text(json.dumps({"format": "fuzzykf", "version": 0, "kind": "CGOMSModel"}))
+    monkeypatch.setattr(io, "SCHEMA_VERSION", 2)
+    monkeypatch.setattr(io, "UPGRADES", {0: dict})
+    with pytest.raises(FileFormatError, match="version 0 cannot be brought to version 2"):
+        io.read_document(path, ("CGOMSModel",))
+
+
+def test_a_model_is_no_filter(hard_model, tmp_path):
+    path = tmp_path / "model.json"
+    hard_model.save(path)
+    with pytest.raises(FileFormatError, match="cls: got CGOMSModel, expected 'OFSRFilter' or 'CGOMSMFilter'"):
+        io.load_filter(path, CGOMSModel)
+    with pytest.raises(FileFormatError, match="cls: got CGOMSMFilter, expected 'CGOFMSModel', "):
+        io.load_model(path, CGOMSMFilter)

@@ -22,6 +22,7 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:  # to type checkers only what is listed is there
+    __all__ += ["plot_comparison"]  # which has moved up
 
     def __getattr__(name: str) -> object:
         """Find what has moved."""

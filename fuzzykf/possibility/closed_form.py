@@ -23,7 +23,7 @@ parabola, which is empty if c >= 1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -82,10 +82,6 @@ class Posterior:
     K: FloatArray
     surprise: float
     log_likelihood: float
-
-    def with_state(self, x: FloatArray, P: FloatArray) -> Posterior:
-        """Return the same with another state: what a policy for empty intersections decided."""
-        return replace(self, x=x, P=P)
 
 
 def condition(

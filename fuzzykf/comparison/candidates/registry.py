@@ -29,7 +29,10 @@ FAMILIES = (
 @cache
 def _registry() -> dict[str, Candidate]:
     modules = [import_module(f"{__package__}.{family}") for family in FAMILIES]
-    return {one.name: one for module in modules for one in module.CANDIDATES}
+    found = [one for module in modules for one in module.CANDIDATES]
+    registry = {one.name: one for one in found}
+    assert len(registry) == len(found), f"two candidates of one name: {[one.name for one in found]}"
+    return registry
 
 
 def candidate_names() -> tuple[str, ...]:

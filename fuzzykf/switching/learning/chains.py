@@ -218,5 +218,7 @@ def family_of(kind: str, n_nodes: int, start: ParametricLaw | None = None) -> Ch
         raise ParameterError(f"law: got {kind!r}, expected {either(learned_laws())}")
     if issubclass(LAWS[kind], ParametricLaw):
         return LawChain(LAWS[kind], n_nodes, start)
+    if LAWS[kind] is not CellLaw:
+        raise ParameterError(f"law: the family {kind!r} says that it can be learned, but is no ParametricLaw")
     base = LawChain(LAWS["fmc1"], n_nodes, start)
     return FreeChain(base.nodes, base.joint)

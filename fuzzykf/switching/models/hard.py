@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import is_whole
 from fuzzykf.io import part_from_dict, part_to_dict
+from fuzzykf.registry import either
 from fuzzykf.switching.dynamics.forms import CovarianceForm, RegressionForm, TransitionForm
 from fuzzykf.switching.dynamics.registry import FORMS
 from fuzzykf.switching.laws.chain import SwitchChain
+from fuzzykf.switching.laws.quadrature import RULES
 from fuzzykf.switching.models.base import SwitchingModel
 from fuzzykf.switching.state_space.cglssm import CGLSSM
 from fuzzykf.switching.state_space.closeness import warn_if_far
@@ -337,8 +340,12 @@ class CGOMSModel(SwitchingModel):
         ----------
         n_nodes, rule
             For models whose switch has values between the regimes; this one is placed
-            exactly without them, and passes over both.
+            exactly without them, whatever is asked for.
         """
+        if n_nodes is not None and not (is_whole(n_nodes) and n_nodes >= 0):
+            raise ParameterError(f"n_nodes: got {n_nodes!r}, expected a whole number of at least 0")
+        if rule not in RULES:
+            raise ParameterError(f"rule: got {rule!r}, expected {either(RULES)}")
         return self._system
 
     def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
@@ -347,7 +354,7 @@ class CGOMSModel(SwitchingModel):
         Parameters
         ----------
         n_nodes, rule
-            Passed over, as in `placed`.
+            As in `placed`: a hard model has no need of them.
 
         Returns
         -------
@@ -355,6 +362,7 @@ class CGOMSModel(SwitchingModel):
         """
         from fuzzykf.switching.filters.cgomsm import CGOMSMFilter
 
+        self.placed(n_nodes, rule)  # what makes no sense is refused
         return CGOMSMFilter(self)
 
     def _sample_switch(self, n: int, rng: np.random.Generator) -> FloatArray:

@@ -1,4 +1,4 @@
-/* Convolution of lines of costs with a parabola; see fuzzykf/engine/convolution.py. */
+/* Convolution of lines of costs with a parabola; see fuzzykf/engine/numpy/convolution.py. */
 #ifndef FUZZYKF_CONVOLUTION_H
 #define FUZZYKF_CONVOLUTION_H
 

@@ -1,4 +1,4 @@
-/* Interpolation of costs on regular lattices; see fuzzykf/engine/grid.py. */
+/* Interpolation of costs on regular lattices; see fuzzykf/engine/numpy/grid.py. */
 #ifndef FUZZYKF_INTERPOLATION_H
 #define FUZZYKF_INTERPOLATION_H
 

@@ -1,4 +1,4 @@
-/* Forward mapping of a lattice; see fuzzykf/engine/raster.py. */
+/* Forward mapping of a lattice; see fuzzykf/engine/numpy/raster.py. */
 #ifndef FUZZYKF_RASTER_H
 #define FUZZYKF_RASTER_H
 

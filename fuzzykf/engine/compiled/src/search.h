@@ -1,4 +1,4 @@
-/* The best source of every target under a tabulated kernel; see fuzzykf/engine/kernels.py. */
+/* The best source of every target under a tabulated kernel; see fuzzykf/engine/numpy/kernels.py. */
 #ifndef FUZZYKF_SEARCH_H
 #define FUZZYKF_SEARCH_H
 
