@@ -112,10 +112,9 @@ def filter_many(
     for k in np.flatnonzero(alone):
         part = _allocate(system, (1, series.shape[1]), names, False)
         _filter_block(method, system, series[k : k + 1], part)
-        for name, values in part.items():
-            if name in names:
-                out[name][k] = values[0]
-    return out
+        for name in names:
+            out[name][k] = part[name][0]
+    return {name: out[name] for name in names}  # without the states, which signed weights need
 
 
 def _allocate(
@@ -141,9 +140,8 @@ def _layout(
         shapes["table"] = (1 + m + m * m, M)
     if is_signed:
         shapes["sign"] = (M,)
-    stops = list(accumulate(map(prod, shapes.values())))
-    starts = [0, *stops[:-1]]
-    return tuple(zip(shapes, shapes.values(), starts, stops, strict=True)), stops[-1]
+    bounds = [0, *accumulate(map(prod, shapes.values()))]
+    return tuple(zip(shapes, shapes.values(), bounds, bounds[1:], strict=False)), bounds[-1]
 
 
 def _filter_block(

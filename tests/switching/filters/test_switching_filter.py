@@ -581,3 +581,12 @@ print(engine.info().name, f._n, f.x.item(), f.P.item(), f.step(0.7).item(), f.lo
     for one, other in (("numpy", "compiled"), ("compiled", "numpy")):
         written = run(one, tmp_path / one, "write")
         np.testing.assert_allclose(run(other, tmp_path / one, "read"), written, rtol=1e-12)
+
+
+def test_many_series_through_a_chain_with_negative_weights(fuzzy_model):
+    f = OFSRFilter(fuzzy_model, 7, "product")
+    ys = fuzzy_model.simulate(30, np.random.default_rng(5)).y[:, 0].reshape(3, 10)
+    many = f.filter_many(ys, keep=("x", "mu"))
+    for k, one in enumerate(ys):
+        np.testing.assert_allclose(many.x[k], f.filter(one).x, rtol=1e-12)
+        np.testing.assert_allclose(many.mu[k], f.filter(one).mu, rtol=1e-12, atol=1e-14)
