@@ -31,7 +31,8 @@ def _registry() -> dict[str, Candidate]:
     modules = [import_module(f"{__package__}.{family}") for family in FAMILIES]
     found = [one for module in modules for one in module.CANDIDATES]
     registry = {one.name: one for one in found}
-    assert len(registry) == len(found), f"two candidates of one name: {[one.name for one in found]}"
+    if len(registry) < len(found):
+        raise ParameterError(f"CANDIDATES: got {[one.name for one in found]}, expected each name once")
     return registry
 
 

@@ -101,3 +101,16 @@ def test_the_pages_tell_of_candidates_by_their_names_and_titles() -> None:
     page = (HOWTO / "compare.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \| `(\w+)` \|", page, re.MULTILINE)
     assert rows == [(one.title, one.name) for one in main_methods()]
+
+
+def test_two_candidates_of_one_name_are_refused(monkeypatch) -> None:
+    module = types.ModuleType("again")
+    module.CANDIDATES = (registry.candidate("hard2"),)
+    monkeypatch.setitem(sys.modules, "fuzzykf.comparison.candidates.again", module)
+    monkeypatch.setattr(registry, "FAMILIES", (*registry.FAMILIES, "again"))
+    registry._registry.cache_clear()
+    try:
+        with pytest.raises(ParameterError, match=r"CANDIDATES: got .*'hard2'.*, expected each name once"):
+            registry.candidate_names()
+    finally:
+        registry._registry.cache_clear()
