@@ -584,7 +584,9 @@ print(engine.info().name, f._n, f.x.item(), f.P.item(), f.step(0.7).item(), f.lo
 
 
 def test_many_series_through_a_chain_with_negative_weights(fuzzy_model):
-    f = OFSRFilter(fuzzy_model, 7, "product")
+    law, form = FuzzyMarkovLaw.fmc2(0.15, 0.6, 0.2), fuzzy_model.form
+    f = OFSRFilter(CGOFMSModel(law, form.means, form.covariances, 1), 8, "product")
+    assert (f.model.placed(8, "product").chain.transition < 0.0).any()
     ys = fuzzy_model.simulate(30, np.random.default_rng(5)).y[:, 0].reshape(3, 10)
     many = f.filter_many(ys, keep=("x", "mu"))
     for k, one in enumerate(ys):
