@@ -15,6 +15,7 @@ from fuzzykf import engine
 from fuzzykf.engine.numpy.backward import *
 from fuzzykf.engine.numpy.convolution import *
 from fuzzykf.engine.numpy.grid import *
+from fuzzykf.engine.numpy.hidden_markov import *
 from fuzzykf.engine.numpy.imm import *
 from fuzzykf.engine.numpy.kalman import *
 from fuzzykf.engine.numpy.kalman_series import *

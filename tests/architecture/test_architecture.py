@@ -6,6 +6,8 @@ import ast
 import importlib
 import importlib.util
 import json
+import os
+import re
 import subprocess
 import sys
 import warnings
@@ -136,3 +138,15 @@ def test_what_never_was_there_is_not_there() -> None:
         importlib.import_module("fuzzykf.switching.nonsense")
     with pytest.raises(AttributeError, match="has no attribute 'nonsense'"):
         _ = importlib.import_module("fuzzykf.plotting").nonsense
+
+
+def test_who_reads_along_passes_through_few_files() -> None:
+    # files visited and changes of file; the compiled core would hide what happens
+    most = {"third step": (5, 10), "filter with a gap": (8, 30), "grid predict": (15, 80)}
+    command = [sys.executable, str(Path(__file__).with_name("walks.py"))]
+    environment = {**os.environ, "FUZZYKF_ENGINE": "numpy"}
+    printed = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    found = re.findall(r"^(.+): (\d+) files, (\d+) changes", printed, re.MULTILINE)
+    assert {name for name, *_ in found} == set(most)
+    for name, files, changes in found:
+        assert (int(files) <= most[name][0], int(changes) <= most[name][1]) == (True, True), printed

@@ -6,8 +6,9 @@ from libc.string cimport memcpy
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, at_or_null, doubles
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
-    Kernel, Summary, Workspace, fk_chunk_tables, fk_chunk_weights, fk_engine, fk_filter, fk_first, fk_kernel,
-    fk_output, fk_padded, fk_room, fk_state, fk_summarise, fk_to_logs, load, store, versions,
+    Kernel, Summary, Workspace, fk_advance, fk_chunk_tables, fk_chunk_weights, fk_engine, fk_filter, fk_first,
+    fk_kernel, fk_log_likelihood, fk_output, fk_padded, fk_room, fk_state, fk_summarise, fk_to_logs, load, start,
+    store, versions,
 )
 
 cimport numpy as cnp
@@ -16,7 +17,7 @@ import numpy as np
 
 cnp.import_array()
 
-__all__ = ["filter_series"]
+__all__ = ["filter_series", "run", "step_many"]
 
 
 cdef inline const fk_engine *engine() noexcept nogil:
@@ -117,3 +118,66 @@ def filter_series(
             store(to_last + a * rows * M, now.table, rows, M)
             store(to_before + a * rows * M, old.table, rows, M)
     return before, last
+
+
+def run(Kernel kernel not None, table, sign, U):
+    cdef fk_kernel *k = &kernel.k
+    cdef int width = 1 + k.w + k.q, M2 = k.M2, rows = 1 + k.m + k.m * k.m
+    cdef cnp.ndarray u = doubles(U, "U", (-1, width))
+    cdef Py_ssize_t n = u.shape[0], t
+    if n > 1 and k.M1 != M2:
+        raise ValueError(f"table: {k.M1} nodes become {M2}, expected as many before as after")
+    cdef cnp.ndarray tables = np.empty((n, rows, M2)), log_likelihood = np.empty(n)
+    cdef cnp.ndarray signs = np.empty((n, M2)) if k.is_signed else None
+    cdef Workspace work = Workspace(kernel)
+    start(work, kernel, table, sign)
+    cdef fk_state *one = &work.one
+    cdef fk_state *two = &work.two
+    cdef fk_state *swap
+    cdef double *to = at(tables)
+    cdef double *values = at(log_likelihood)
+    cdef double *to_signs = at_or_null(signs)
+    cdef const double *source = at(u)
+    cdef fk_state copy
+    with nogil:
+        for t in range(n):
+            fk_advance(engine(), k, one, two, source + t * width, work.scratch)
+            values[t] = fk_log_likelihood(two)
+            store(to + t * rows * M2, two.table, rows, M2)
+            if two.linear:
+                copy = two[0]
+                copy.table = work.p
+                memcpy(work.p, two.table, fk_padded(M2) * sizeof(double))
+                fk_to_logs(&copy, M2)
+                memcpy(to + t * rows * M2, work.p, M2 * sizeof(double))
+            if to_signs != NULL:
+                memcpy(to_signs + t * M2, two.sign, M2 * sizeof(double))
+            swap = one
+            one = two
+            two = swap
+    return tables, signs, log_likelihood
+
+
+def step_many(Kernel kernel not None, table, U):
+    cdef fk_kernel *k = &kernel.k
+    cdef int width = 1 + k.w + k.q, M1 = k.M1, M2 = k.M2, rows = 1 + k.m + k.m * k.m
+    if k.is_signed:
+        raise ValueError("kernel: expected transitions without negative weights")
+    cdef cnp.ndarray u = doubles(U, "U", (-1, width))
+    cdef Py_ssize_t s = u.shape[0], t
+    cdef cnp.ndarray tables = doubles(table, "table", (s, rows, M1))
+    cdef cnp.ndarray new = np.empty((s, rows, M2)), log_likelihood = np.empty(s)
+    cdef Workspace work = Workspace(kernel)
+    cdef double *to = at(new)
+    cdef double *values = at(log_likelihood)
+    cdef const double *state = at(tables)
+    cdef const double *source = at(u)
+    with nogil:
+        for t in range(s):
+            load(work.one.table, state + t * rows * M1, rows, M1)
+            work.one.linear = 0
+            fk_advance(engine(), k, &work.one, &work.two, source + t * width, work.scratch)
+            values[t] = fk_log_likelihood(&work.two)
+            fk_to_logs(&work.two, M2)
+            store(to + t * rows * M2, work.two.table, rows, M2)
+    return new, log_likelihood

@@ -3,11 +3,11 @@
 
 from libc.string cimport memcpy
 
-from fuzzykf.engine.compiled.arrays cimport Buffer, at, at_or_null, doubles
+from fuzzykf.engine.compiled.arrays cimport Buffer, at, doubles
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
-    Kernel, Workspace, fk_advance, fk_engine, fk_first, fk_forward_backward_logs, fk_kernel, fk_log_likelihood,
-    fk_padded, fk_state, fk_to_logs, load, start, store, versions,
+    Kernel, Workspace, fk_advance, fk_engine, fk_first, fk_kernel, fk_log_likelihood, fk_padded, fk_to_logs, load,
+    start, store, versions,
 )
 
 cimport numpy as cnp
@@ -16,7 +16,7 @@ import numpy as np
 
 cnp.import_array()
 
-__all__ = ["first_step", "forward_backward", "log_pairs", "node_mean", "run", "step", "step_many"]
+__all__ = ["first_step", "log_pairs", "node_mean", "step"]
 
 
 cdef inline const fk_engine *engine() noexcept nogil:
@@ -66,44 +66,6 @@ def step(Kernel kernel not None, table, sign, window, y):
     return out, signs, value
 
 
-def run(Kernel kernel not None, table, sign, U):
-    cdef fk_kernel *k = &kernel.k
-    cdef int width = 1 + k.w + k.q, M2 = k.M2, rows = 1 + k.m + k.m * k.m
-    cdef cnp.ndarray u = doubles(U, "U", (-1, width))
-    cdef Py_ssize_t n = u.shape[0], t
-    if n > 1 and k.M1 != M2:
-        raise ValueError(f"table: {k.M1} nodes become {M2}, expected as many before as after")
-    cdef cnp.ndarray tables = np.empty((n, rows, M2)), log_likelihood = np.empty(n)
-    cdef cnp.ndarray signs = np.empty((n, M2)) if k.is_signed else None
-    cdef Workspace work = Workspace(kernel)
-    start(work, kernel, table, sign)
-    cdef fk_state *one = &work.one
-    cdef fk_state *two = &work.two
-    cdef fk_state *swap
-    cdef double *to = at(tables)
-    cdef double *values = at(log_likelihood)
-    cdef double *to_signs = at_or_null(signs)
-    cdef const double *source = at(u)
-    cdef fk_state copy
-    with nogil:
-        for t in range(n):
-            fk_advance(engine(), k, one, two, source + t * width, work.scratch)
-            values[t] = fk_log_likelihood(two)
-            store(to + t * rows * M2, two.table, rows, M2)
-            if two.linear:
-                copy = two[0]
-                copy.table = work.p
-                memcpy(work.p, two.table, fk_padded(M2) * sizeof(double))
-                fk_to_logs(&copy, M2)
-                memcpy(to + t * rows * M2, work.p, M2 * sizeof(double))
-            if to_signs != NULL:
-                memcpy(to_signs + t * M2, two.sign, M2 * sizeof(double))
-            swap = one
-            one = two
-            two = swap
-    return tables, signs, log_likelihood
-
-
 def log_pairs(Kernel kernel not None, U):
     cdef fk_kernel *k = &kernel.k
     cdef int width = 1 + k.w + k.q
@@ -127,48 +89,3 @@ def node_mean(p, means):
     load(table.data + ld, at(x_), m, M)
     engine().posterior(M, m, table.data, table.data, at(mean), NULL)
     return mean
-
-
-def step_many(Kernel kernel not None, table, U):
-    cdef fk_kernel *k = &kernel.k
-    cdef int width = 1 + k.w + k.q, M1 = k.M1, M2 = k.M2, rows = 1 + k.m + k.m * k.m
-    if k.is_signed:
-        raise ValueError("kernel: expected transitions without negative weights")
-    cdef cnp.ndarray u = doubles(U, "U", (-1, width))
-    cdef Py_ssize_t s = u.shape[0], t
-    cdef cnp.ndarray tables = doubles(table, "table", (s, rows, M1))
-    cdef cnp.ndarray new = np.empty((s, rows, M2)), log_likelihood = np.empty(s)
-    cdef Workspace work = Workspace(kernel)
-    cdef double *to = at(new)
-    cdef double *values = at(log_likelihood)
-    cdef const double *state = at(tables)
-    cdef const double *source = at(u)
-    with nogil:
-        for t in range(s):
-            load(work.one.table, state + t * rows * M1, rows, M1)
-            work.one.linear = 0
-            fk_advance(engine(), k, &work.one, &work.two, source + t * width, work.scratch)
-            values[t] = fk_log_likelihood(&work.two)
-            fk_to_logs(&work.two, M2)
-            store(to + t * rows * M2, work.two.table, rows, M2)
-    return new, log_likelihood
-
-
-def forward_backward(first, transition, log_emission):
-    cdef cnp.ndarray e = doubles(log_emission, "log_emission", (-1, -1, -1))
-    cdef int T = <int> e.shape[0], M = <int> e.shape[1]
-    if M < 1 or e.shape[2] != M:
-        raise ValueError(f"log_emission: got shape {np.shape(e)}, expected (T, M, M)")
-    cdef cnp.ndarray f_ = doubles(first, "first", (M,)), t_ = doubles(transition, "transition", (M, M))
-    cdef cnp.ndarray gamma = np.empty((T + 1, M)), xi = np.empty((T, M, M)), log_likelihood = np.empty(T)
-    cdef Buffer scratch = Buffer(T + 3 * M)
-    cdef const double *start_ = at(f_)
-    cdef const double *move = at(t_)
-    cdef const double *emission = at(e)
-    cdef double *to_gamma = at(gamma)
-    cdef double *to_xi = at(xi)
-    cdef double *to_values = at(log_likelihood)
-    with nogil:
-        if not engine().forward_backward(T, M, start_, move, emission, to_gamma, to_xi, to_values, scratch.data):
-            fk_forward_backward_logs(T, M, start_, move, emission, to_gamma, to_xi, to_values, scratch.data)
-    return gamma, xi, log_likelihood

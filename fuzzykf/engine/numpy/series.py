@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from fuzzykf.engine.numpy.switching import first_step, node_moments, probabilities, run, step_many
-from fuzzykf.gaussian import mixture_moments, symmetrize
+from fuzzykf.engine.numpy.switching import collapse, collapse_few, first_step, log_pairs
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray, IntArray
@@ -17,9 +16,20 @@ if TYPE_CHECKING:
 __all__ = [
     "filter_series",
     "most_likely",
+    "node_moments",
     "prior_moments",
+    "probabilities",
+    "run",
+    "state_table",
+    "step_many",
     "summarise",
 ]
+
+#: Masses along a series are brought back to one when their total has left e^-100 to e^100.
+_DRIFT = 100.0
+
+#: How many numbers the tables of a chunk of observations may hold.
+_TABLES = 1 << 15
 
 #: Observations whose prior moments are computed at once, and how many numbers they may take.
 _CHUNK, _NUMBERS = 512, 1 << 20
@@ -108,6 +118,121 @@ def filter_series(
     return before, last
 
 
+def run(
+    kernel: Kernel, table: FloatArray, sign: FloatArray | None, U: FloatArray
+) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+    """Run `fuzzykf.engine.numpy.switching.step` along a series with constant tables.
+
+    The densities of all observations are computed ahead of the recursion, in chunks.
+
+    Parameters
+    ----------
+    kernel, table, sign
+        As in `step`.
+    U : ndarray, shape (n, 1 + w + q)
+        Rows (1, w, y').
+
+    Returns
+    -------
+    tables : ndarray, shape (n, 1 + m + m*m, M)
+    signs : ndarray, shape (n, M), or None
+    log_likelihood : ndarray, shape (n,)
+    """
+    n = len(U)
+    M1, M2, m, q = kernel.shape
+    p = M1 * M2
+    tables = np.empty((n, 1 + m + m * m, M2))
+    signs = None if kernel.sign is None else np.empty((n, M2))
+    log_likelihood = np.empty(n)
+    chunk = max(1, _TABLES // ((q + m) * p))
+    for start in range(0, n, chunk):
+        part = U[start : start + chunk]
+        log_w = log_pairs(kernel, part)
+        if kernel.few is not None:
+            mix = kernel.few.mix
+            pairs = np.empty((len(part), 3 * p))
+            pairs[:, :p] = log_w
+            np.matmul(part, kernel.rows[p:].T, out=pairs[:, p : 2 * p])
+            pairs[:, 2 * p :] = kernel.C.ravel()
+            log_totals, carried = np.empty(len(part)), np.zeros(len(part))
+            log_total = 0.0
+            for k, row in enumerate(pairs):
+                if not -_DRIFT < log_total < _DRIFT:
+                    table[0] -= log_total
+                    log_total = 0.0
+                carried[k] = log_total
+                np.add(row, mix.dot(table.ravel()), row)
+                table, log_total = collapse_few(kernel, row[:p], row[p : 2 * p], row[2 * p :])
+                log_totals[k] = log_total
+                tables[start + k] = table
+            block = slice(start, start + len(part))
+            log_likelihood[block] = log_totals - carried
+            tables[block, 0] -= log_totals[:, None]
+            table = tables[start + len(part) - 1]
+        else:
+            offsets = (part @ kernel.rows[q * p :].T).reshape(-1, m, p)
+            for k, (row, offset) in enumerate(zip(log_w, offsets, strict=True), start):
+                table, sign, log_likelihood[k] = collapse(kernel, row, offset, table, sign)
+                tables[k] = table
+                if signs is not None:
+                    signs[k] = sign
+    return tables, signs, log_likelihood
+
+
+def step_many(kernel: Kernel, table: FloatArray, U: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Run `fuzzykf.engine.numpy.switching.step` for many series side by side; no negative weights.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    table : ndarray, shape (s, 1 + m + m*m, M1)
+    U : ndarray, shape (s, 1 + w + q)
+        Rows (1, w, y').
+
+    Returns
+    -------
+    table : ndarray, shape (s, 1 + m + m*m, M2)
+    log_likelihood : ndarray, shape (s,)
+    """
+    M1, M2, m, q = kernel.shape
+    s = len(U)
+    w = log_pairs(kernel, U).reshape(s, M1, M2)
+    w += table[:, 0, :, None]
+    top = w.max(axis=1)
+    w -= top[:, None]
+    np.exp(w, out=w)
+    column = w.sum(axis=1)
+    w /= column[:, None]
+    offset = (U @ kernel.rows[q * M1 * M2 :].T).reshape(s, m, M1, M2)
+    new = np.empty((s, 1 + m + m * m, M2))
+    if m == 1:
+        a, C = kernel.Axx[..., 0, 0], kernel.C[..., 0, 0]
+        x = offset[:, 0]
+        x += a * table[:, 1, :, None]
+        new[:, 1] = np.einsum("sij,sij->sj", w, x)
+        x -= new[:, 1, None]
+        x *= x
+        x += a * a * table[:, 2, :, None] + C
+        new[:, 2] = np.einsum("sij,sij->sj", w, x)
+    else:
+        moments = np.swapaxes(table[:, 1:], 1, 2)
+        x_node, P_node = moments[..., :m], moments[..., m:].reshape(s, M1, 1, m, m)
+        x_pair = (kernel.Axx @ x_node[:, :, None, :, None])[..., 0] + np.moveaxis(offset, 1, -1)
+        P_pair = kernel.Axx @ P_node @ np.swapaxes(kernel.Axx, -1, -2) + kernel.C
+        mean = np.einsum("sij,sijk->sjk", w, x_pair)
+        x_pair -= mean[:, None]
+        P = np.einsum("sij,sijkl->sjkl", w, P_pair)
+        P += np.einsum("sijk,sijl->sjkl", w[..., None] * x_pair, x_pair)
+        P = 0.5 * (P + np.swapaxes(P, -1, -2))
+        new[:, 1 : 1 + m] = np.swapaxes(mean, 1, 2)
+        new[:, 1 + m :] = np.swapaxes(P.reshape(s, M2, m * m), 1, 2)
+    log_p = np.log(column) + top
+    peak = log_p.max(axis=1, keepdims=True)
+    log_likelihood = np.log(np.exp(log_p - peak).sum(axis=1)) + peak[:, 0]
+    new[:, 0] = log_p - log_likelihood[:, None]
+    return new, log_likelihood
+
+
 def summarise(
     out: dict[str, FloatArray],
     at: slice | IntArray,
@@ -132,8 +257,13 @@ def summarise(
     p, (nodes, weights, atoms) = probabilities(table, sign), switch
     fields = {"log_likelihood": log_likelihood, "mu": p, "table": table, "sign": sign}
     if "x" in out or "P" in out:
-        m = (isqrt(4 * table.shape[-2] - 3) - 1) // 2  # there are 1 + m + m*m rows
-        fields["x"], fields["P"] = mixture_moments(p, *node_moments(table, m))
+        moments = np.swapaxes(table[..., 1:, :], -1, -2)
+        m = (isqrt(4 * moments.shape[-1] + 1) - 1) // 2  # there are m + m*m of them
+        fields["x"] = x = (p[..., None, :] @ moments[..., :m])[..., 0, :]
+        off = moments[..., :m] - x[..., None, :]
+        between = np.swapaxes(off, -1, -2) @ (p[..., None] * off)
+        P = between + (p[..., None, :] @ moments[..., m:]).reshape(between.shape)
+        fields["P"] = 0.5 * (P + np.swapaxes(P, -1, -2))
     if "switch" in out:
         fields["switch"] = most_likely(p, nodes, weights, atoms)
     if "switch_mean" in out:
@@ -182,7 +312,8 @@ def prior_moments(
     mean -= centre[..., None, :]
     between = np.einsum("...pk,...pl->...kl", weights[..., None] * mean, mean)
     within = (p[..., None, None] * P).reshape(*lead, -1) @ summary.twice + p @ summary.noise
-    return centre, symmetrize(between + within.reshape(*lead, m, m))
+    P = between + within.reshape(*lead, m, m)
+    return centre, 0.5 * (P + np.swapaxes(P, -1, -2))
 
 
 def most_likely(mu: FloatArray, nodes: FloatArray, weights: FloatArray, atoms: BoolArray) -> FloatArray:
@@ -206,3 +337,28 @@ def most_likely(mu: FloatArray, nodes: FloatArray, weights: FloatArray, atoms: B
         return hard if last_first.size else soft
     estimate: FloatArray = np.where(mu[..., last_first].sum(axis=-1) > 0.5, hard, soft)
     return estimate
+
+
+# --------------------------------------------------------------------------- what a state says
+
+
+def probabilities(table: FloatArray, sign: FloatArray | None = None) -> FloatArray:
+    """Probabilities (..., M) of the nodes of a state (..., 1 + m + m*m, M)."""
+    p: FloatArray = np.exp(table[..., 0, :])
+    return p if sign is None else p * sign
+
+
+def node_moments(table: FloatArray, m: int) -> tuple[FloatArray, FloatArray]:
+    """Means (..., M, m) and covariances (..., M, m, m) given each node."""
+    flat = np.swapaxes(table[..., 1:, :], -1, -2)
+    return flat[..., :m], flat[..., m:].reshape(*flat.shape[:-1], m, m)
+
+
+def state_table(table: FloatArray, m: int) -> FloatArray:
+    """Rows (1 + m + m*m, M) of X alone, in a table (1 + e + e*e, M) of X and what else is unknown."""
+    e = (isqrt(4 * len(table) - 3) - 1) // 2
+    if e == m:
+        return table
+    rows = np.arange(e * e).reshape(e, e)[:m, :m].ravel()
+    state: FloatArray = table[np.concatenate([np.arange(1 + m), 1 + e + rows])]
+    return state

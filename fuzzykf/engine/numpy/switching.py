@@ -12,51 +12,50 @@ For a scalar state and few nodes a step of NumPy costs what its calls cost, not 
 arithmetic.  There the way from nodes to pairs is one product with a small matrix
 (`FewNodes`), since a BLAS call is three times cheaper than broadcasting, and the
 maxima are taken only where a sum comes near the ends of the floating-point range.
+
+The next observation is predicted from the latest ones, so a gap leaves not only X but also a
+part u of the window w unknown.  Then the rows of ``table`` are those of s = (X, u), and the general
+pair formulas apply to X and the whole window:
+
+    s'_ij = F_ij s + b_ij + noise,   s' = (X', Y', w),
+
+conditioned on what is there of Y', and collapsed over i by moment matching.
 """
 
 from __future__ import annotations
 
-from math import log
-from typing import TYPE_CHECKING
+from math import isqrt, log
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fuzzykf.engine.numpy.tables import DEAD
+from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.engine.numpy.tables import Kernel
 
 __all__ = [
+    "PairMoments",
+    "before_step",
+    "collapse_weights",
+    "condition_pairs",
     "first_step",
-    "forward_backward",
+    "first_step_in_part",
     "log_pairs",
     "node_mean",
-    "node_moments",
-    "probabilities",
-    "run",
+    "pair_moments",
     "step",
-    "step_many",
+    "step_in_part",
+    "window_moments",
+    "window_table",
 ]
-
 
 _ONE = np.ones(1)
 _HALF_LOG_2PI = 0.5 * log(2.0 * np.pi)
 
 #: Sums of weights between these lose nothing without a maximum taken out.
 _TINY, _HUGE = 1e-250, 1e250
-
-#: Masses along a series are brought back to one when their total has left e^-100 to e^100.
-_DRIFT = 100.0
-
-#: Totals below this have lost digits to underflow.
-_LOST = 1e-290
-
-#: A state of lost probability (at most 1e-290) matters if the future favours it by more than this.
-_FAVOURED = 1e250
-
-#: How many numbers the tables of a chunk of observations may hold.
-_CHUNK = 1 << 15
 
 
 def first_step(
@@ -123,12 +122,12 @@ def step(
         white, log_w = pairs[:n], pairs[n : 2 * n]
         np.multiply(white, white, white)
         np.subtract(log_w, white, log_w)
-        table, log_likelihood = _collapse_few(kernel, log_w, pairs[2 * n : 3 * n], pairs[3 * n :])
+        table, log_likelihood = collapse_few(kernel, log_w, pairs[2 * n : 3 * n], pairs[3 * n :])
         table[0] -= log_likelihood
         return table, None, log_likelihood
     product = (kernel.rows @ np.concatenate((_ONE, window, y))).reshape(q + m, M1 * M2)
     log_w = kernel.log_scale - np.add.reduce(product[:q] ** 2, axis=0)
-    return _collapse(kernel, log_w, product[q:], table, sign)
+    return collapse(kernel, log_w, product[q:], table, sign)
 
 
 def _signed(
@@ -144,9 +143,7 @@ def _signed(
     return column, np.where(column < 0.0, -1.0, 1.0)
 
 
-def _collapse_few(
-    kernel: Kernel, log_w: FloatArray, x: FloatArray, P: FloatArray
-) -> tuple[FloatArray, float]:
+def collapse_few(kernel: Kernel, log_w: FloatArray, x: FloatArray, P: FloatArray) -> tuple[FloatArray, float]:
     """Sum pairs into nodes, scalar state: flat arrays (M1 M2,), of which x is overwritten.
 
     Returns the new table, its first row not normalised, and the logarithm of its total.
@@ -206,7 +203,7 @@ def _log_sum(log_p: FloatArray, sign: FloatArray | None) -> float:
     return top + (log(total) if total > 0.0 else float("nan"))  # the caller looks at negative masses
 
 
-def _collapse(
+def collapse(
     kernel: Kernel, log_w: FloatArray, offset: FloatArray, table: FloatArray, sign: FloatArray | None
 ) -> tuple[FloatArray, FloatArray | None, float]:
     """Sum pairs into nodes, for any state and any number of nodes.
@@ -246,18 +243,6 @@ def _collapse(
     return table, sign, log_likelihood
 
 
-def probabilities(table: FloatArray, sign: FloatArray | None = None) -> FloatArray:
-    """Probabilities (..., M) of the nodes of a state (..., 1 + m + m*m, M)."""
-    p: FloatArray = np.exp(table[..., 0, :])
-    return p if sign is None else p * sign
-
-
-def node_moments(table: FloatArray, m: int) -> tuple[FloatArray, FloatArray]:
-    """Means (..., M, m) and covariances (..., M, m, m) given each node."""
-    flat = np.swapaxes(table[..., 1:, :], -1, -2)
-    return flat[..., :m], flat[..., m:].reshape(*flat.shape[:-1], m, m)
-
-
 def node_mean(p: FloatArray, means: FloatArray) -> FloatArray:
     """Mean (m,) of a mixture with weights p (M,) and means (m, M)."""
     mean: FloatArray = means.dot(p)
@@ -274,211 +259,205 @@ def log_pairs(kernel: Kernel, U: FloatArray) -> FloatArray:
     return log_w
 
 
-def run(
-    kernel: Kernel, table: FloatArray, sign: FloatArray | None, U: FloatArray
+# --------------------------------------------------------------------------- what is missing
+
+
+class PairMoments(NamedTuple):
+    """Weights of the pairs of nodes, and moments of s' = (X', Y', w) given each."""
+
+    log_w: FloatArray  # (M1, M2): log p_i + log |P_ij|, and the density of what is there of Y'
+    sign: FloatArray | None  # (M1, M2)
+    mean: FloatArray  # (M1, M2, e)
+    covariance: FloatArray  # (M1, M2, e, e)
+
+
+def window_moments(table: FloatArray, window: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean (M, m + w) and covariance of X and the whole window, per node.
+
+    Parameters
+    ----------
+    table : ndarray, shape (1 + e + e*e, M)
+        Of s = (X, u), u the parts of the window that are missing.
+    window : ndarray, shape (w,)
+        NaN where missing.
+    """
+    missing, M, e = np.isnan(window), table.shape[1], (isqrt(4 * len(table) - 3) - 1) // 2
+    m = e - int(missing.sum())
+    at = np.flatnonzero(np.concatenate([np.ones(m, dtype=bool), missing]))
+    mean, covariance = np.empty((M, m + window.size)), np.zeros((M, m + window.size, m + window.size))
+    mean[:, m:] = window
+    mean[:, at] = table[1 : 1 + e].T
+    covariance[:, at[:, None], at] = table[1 + e :].T.reshape(M, e, e)
+    return mean, covariance
+
+
+def window_table(
+    log_p: FloatArray, mean: FloatArray, covariance: FloatArray, window: FloatArray
+) -> FloatArray:
+    """Return the table of (X, u) from moments of X and the whole window, per node."""
+    m = mean.shape[1] - window.size
+    at = np.flatnonzero(np.concatenate([np.ones(m, dtype=bool), np.isnan(window)]))
+    return _table(log_p, mean[:, at], covariance[:, at[:, None], at])
+
+
+def pair_moments(
+    transition: FloatArray,
+    pairs: tuple[FloatArray, ...],
+    table: FloatArray,
+    sign: FloatArray | None,
+    window: FloatArray,
+) -> PairMoments:
+    """Move X and the window through every pair of nodes, before Y' is seen.
+
+    Parameters
+    ----------
+    transition : ndarray, shape (M1, M2)
+    pairs : tuple of ndarray
+        Axx, H, G, c, C, Ayy, Ny, Qyy of the regressions of X' and Y', leading shape (M1, M2).
+    table, sign, window
+        The state, as in `step`; NaN where the window is missing.
+    """
+    Axx, H, G, c, C, Ayy, Ny, Qyy = pairs
+    m, q, w = Axx.shape[-1], Qyy.shape[-1], window.size
+    x, P = window_moments(table, window)
+    F = np.zeros((*transition.shape, m + q + w, m + w))
+    F[..., :m, :m] = Axx
+    F[..., :m, m:] = H + G @ Ayy
+    F[..., m : m + q, m:] = Ayy
+    F[..., m + q :, m:] = np.eye(w)
+    mean = (F @ x[:, None, :, None])[..., 0]
+    mean[..., :m] += c + (G @ Ny[..., None])[..., 0]
+    mean[..., m : m + q] += Ny
+    covariance = F @ P[:, None] @ np.swapaxes(F, -1, -2)
+    cross = G @ Qyy
+    covariance[..., :m, :m] += C + cross @ np.swapaxes(G, -1, -2)
+    covariance[..., :m, m : m + q] += cross
+    covariance[..., m : m + q, :m] += np.swapaxes(cross, -1, -2)
+    covariance[..., m : m + q, m : m + q] += Qyy
+    with np.errstate(divide="ignore"):
+        log_w = np.maximum(np.log(np.abs(transition)), LOG_ZERO) + table[0][:, None]
+    signs = np.sign(transition) if (transition < 0.0).any() else None
+    if signs is not None and sign is not None:
+        signs = signs * sign[:, None]
+    return PairMoments(log_w, signs, mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
+
+
+def condition_pairs(pairs: PairMoments, y: FloatArray, m: int) -> PairMoments:
+    """Condition every pair on the parts of y (q,) that are there, whose density joins the weights."""
+    there = ~np.isnan(y)
+    if not there.any():
+        return pairs
+    at = m + np.flatnonzero(there)
+    log_w, sign, mean, covariance = pairs
+    factor = np.linalg.cholesky(covariance[..., at[:, None], at])
+    root = np.linalg.solve(factor, covariance[..., at, :])  # L^-1 Cov(Y', s')
+    white = np.linalg.solve(factor, (y[there] - mean[..., at])[..., None])
+    log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+    log_w = log_w - 0.5 * (white * white).sum(axis=(-1, -2)) - log_det - at.size * _HALF_LOG_2PI
+    mean = mean + (np.swapaxes(root, -1, -2) @ white)[..., 0]
+    covariance = covariance - np.swapaxes(root, -1, -2) @ root
+    mean[..., at] = y[there]
+    covariance[..., at, :] = 0.0
+    covariance[..., :, at] = 0.0
+    return PairMoments(log_w, sign, mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
+
+
+def collapse_weights(
+    log_w: FloatArray, sign: FloatArray | None
 ) -> tuple[FloatArray, FloatArray | None, FloatArray]:
-    """Run `step` along a series with constant tables.
-
-    The densities of all observations are computed ahead of the recursion, in chunks.
-
-    Parameters
-    ----------
-    kernel, table, sign
-        As in `step`.
-    U : ndarray, shape (n, 1 + w + q)
-        Rows (1, w, y').
-
-    Returns
-    -------
-    tables : ndarray, shape (n, 1 + m + m*m, M)
-    signs : ndarray, shape (n, M), or None
-    log_likelihood : ndarray, shape (n,)
-    """
-    n = len(U)
-    M1, M2, m, q = kernel.shape
-    p = M1 * M2
-    tables = np.empty((n, 1 + m + m * m, M2))
-    signs = None if kernel.sign is None else np.empty((n, M2))
-    log_likelihood = np.empty(n)
-    chunk = max(1, _CHUNK // ((q + m) * p))
-    for start in range(0, n, chunk):
-        part = U[start : start + chunk]
-        log_w = log_pairs(kernel, part)
-        if kernel.few is not None:
-            mix = kernel.few.mix
-            pairs = np.empty((len(part), 3 * p))
-            pairs[:, :p] = log_w
-            np.matmul(part, kernel.rows[p:].T, out=pairs[:, p : 2 * p])
-            pairs[:, 2 * p :] = kernel.C.ravel()
-            log_totals, carried = np.empty(len(part)), np.zeros(len(part))
-            log_total = 0.0
-            for k, row in enumerate(pairs):
-                if not -_DRIFT < log_total < _DRIFT:
-                    table[0] -= log_total
-                    log_total = 0.0
-                carried[k] = log_total
-                np.add(row, mix.dot(table.ravel()), row)
-                table, log_total = _collapse_few(kernel, row[:p], row[p : 2 * p], row[2 * p :])
-                log_totals[k] = log_total
-                tables[start + k] = table
-            block = slice(start, start + len(part))
-            log_likelihood[block] = log_totals - carried
-            tables[block, 0] -= log_totals[:, None]
-            table = tables[start + len(part) - 1]
-        else:
-            offsets = (part @ kernel.rows[q * p :].T).reshape(-1, m, p)
-            for k, (row, offset) in enumerate(zip(log_w, offsets, strict=True), start):
-                table, sign, log_likelihood[k] = _collapse(kernel, row, offset, table, sign)
-                tables[k] = table
-                if signs is not None:
-                    signs[k] = sign
-    return tables, signs, log_likelihood
+    """Column sums in the log domain, their signs, and o_ij = w_ij / sum_k w_kj."""
+    top = log_w.max(axis=0)
+    w = np.exp(log_w - top)
+    if sign is None:
+        column = w.sum(axis=0)
+        return np.log(column) + top, None, w / column
+    w *= sign
+    column = w.sum(axis=0)
+    column = np.where(column == 0.0, np.finfo(np.float64).tiny, column)
+    return np.log(np.abs(column)) + top, np.where(column < 0.0, -1.0, 1.0), w / column
 
 
-# --------------------------------------------------------------------------- many series
+def _collapse_pairs(pairs: PairMoments, window: FloatArray) -> tuple[FloatArray, FloatArray | None, float]:
+    """Sum pairs into nodes and keep of the window what is missing; table, signs and the log of the total."""
+    log_p, sign, o = collapse_weights(pairs.log_w, pairs.sign)
+    mean = np.einsum("ij,ijk->jk", o, pairs.mean)
+    off = pairs.mean - mean
+    covariance = np.transpose(o[..., None] * off, (1, 2, 0)) @ np.swapaxes(off, 0, 1)  # of the means, per j
+    covariance += np.einsum("ij,ijkl->jkl", o, pairs.covariance)
+    log_total = _log_sum(log_p, sign)
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+    table = window_table(log_p - log_total, mean, covariance, window)
+    _bury(table, log_p)
+    return table, sign, log_total
 
 
-def step_many(kernel: Kernel, table: FloatArray, U: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Run `step` for many series side by side; no negative weights.
+def first_step_in_part(
+    log_initial: FloatArray, mean: FloatArray, covariance: FloatArray, y: FloatArray
+) -> tuple[FloatArray, float]:
+    """Condition the law of (r_1, Z_1) on the parts of y (q,) that are there; arguments as in `first_step`."""
+    alone = PairMoments(log_initial[None], None, mean[None], covariance[None])  # one imaginary predecessor
+    pairs = condition_pairs(alone, y, mean.shape[1] - y.size)
+    table, _, log_total = _collapse_pairs(pairs, y)
+    return table, 0.0 if np.isnan(y).all() else log_total
+
+
+def step_in_part(
+    transition: FloatArray,
+    pairs: tuple[FloatArray, ...],
+    table: FloatArray,
+    sign: FloatArray | None,
+    window: FloatArray,
+    y: FloatArray,
+    after: FloatArray,
+) -> tuple[FloatArray, FloatArray | None, float]:
+    """Do a `step` where parts of the observation y (q,), of the window, or of both are missing.
 
     Parameters
     ----------
-    kernel : Kernel
-    table : ndarray, shape (s, 1 + m + m*m, M1)
-    U : ndarray, shape (s, 1 + w + q)
-        Rows (1, w, y').
+    transition, pairs, table, sign, window
+        As in `pair_moments`.
+    y : ndarray, shape (q,)
+    after : ndarray, shape (w',)
+        The window after it: y and what is kept of ``window``.
 
     Returns
     -------
-    table : ndarray, shape (s, 1 + m + m*m, M2)
-    log_likelihood : ndarray, shape (s,)
+    table, sign, log_likelihood
+        The log-likelihood is that of the parts that are there; 0 if none is.
     """
-    M1, M2, m, q = kernel.shape
-    s = len(U)
-    w = log_pairs(kernel, U).reshape(s, M1, M2)
-    w += table[:, 0, :, None]
-    top = w.max(axis=1)
-    w -= top[:, None]
-    np.exp(w, out=w)
-    column = w.sum(axis=1)
-    w /= column[:, None]
-    offset = (U @ kernel.rows[q * M1 * M2 :].T).reshape(s, m, M1, M2)
-    new = np.empty((s, 1 + m + m * m, M2))
-    if m == 1:
-        a, C = kernel.Axx[..., 0, 0], kernel.C[..., 0, 0]
-        x = offset[:, 0]
-        x += a * table[:, 1, :, None]
-        new[:, 1] = np.einsum("sij,sij->sj", w, x)
-        x -= new[:, 1, None]
-        x *= x
-        x += a * a * table[:, 2, :, None] + C
-        new[:, 2] = np.einsum("sij,sij->sj", w, x)
-    else:
-        moments = np.swapaxes(table[:, 1:], 1, 2)
-        x_node, P_node = moments[..., :m], moments[..., m:].reshape(s, M1, 1, m, m)
-        x_pair = (kernel.Axx @ x_node[:, :, None, :, None])[..., 0] + np.moveaxis(offset, 1, -1)
-        P_pair = kernel.Axx @ P_node @ np.swapaxes(kernel.Axx, -1, -2) + kernel.C
-        mean = np.einsum("sij,sijk->sjk", w, x_pair)
-        x_pair -= mean[:, None]
-        P = np.einsum("sij,sijkl->sjkl", w, P_pair)
-        P += np.einsum("sijk,sijl->sjkl", w[..., None] * x_pair, x_pair)
-        P = 0.5 * (P + np.swapaxes(P, -1, -2))
-        new[:, 1 : 1 + m] = np.swapaxes(mean, 1, 2)
-        new[:, 1 + m :] = np.swapaxes(P.reshape(s, M2, m * m), 1, 2)
-    log_p = np.log(column) + top
-    peak = log_p.max(axis=1, keepdims=True)
-    log_likelihood = np.log(np.exp(log_p - peak).sum(axis=1)) + peak[:, 0]
-    new[:, 0] = log_p - log_likelihood[:, None]
-    return new, log_likelihood
+    m = pairs[0].shape[-1]
+    keep = slice(0, m + after.size)
+    log_w, signs, mean, covariance = pair_moments(transition, pairs, table, sign, window)
+    seen = condition_pairs(PairMoments(log_w, signs, mean[..., keep], covariance[..., keep, keep]), y, m)
+    table, signs, log_total = _collapse_pairs(seen, after)
+    return table, signs, 0.0 if np.isnan(y).all() else log_total
 
 
-# --------------------------------------------------------------------------- hidden Markov chains
-
-
-def forward_backward(
-    first: FloatArray, transition: FloatArray, log_emission: FloatArray
+def before_step(
+    transition: FloatArray,
+    pairs: tuple[FloatArray, ...],
+    table: FloatArray,
+    sign: FloatArray | None,
+    window: FloatArray,
+    mass: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Posterior of the states of a chain given one stretch of observations.
+    """Probabilities (M2,) of the next nodes, mean and covariance of (X', Y'), before Y' is seen.
 
     Parameters
     ----------
-    first : ndarray, shape (M,)
-        Probabilities of the first state.
-    transition : ndarray, shape (M, M)
-    log_emission : ndarray, shape (T, M, M)
-        Log-density of what is observed at each transition, given the pair of states.
-
-    Returns
-    -------
-    gamma : ndarray, shape (T + 1, M)
-        Posterior probability of each state.
-    xi : ndarray, shape (T, M, M)
-        Posterior probability of each pair.
-    log_likelihood : ndarray, shape (T,)
+    transition, pairs, table, sign, window
+        As in `pair_moments`.
+    mass : ndarray, shape (M1,), optional
+        The probabilities, where more digits are known of them than ``table`` has.
     """
-    peaks = log_emission.max(axis=(1, 2), initial=-np.inf)
-    moves = np.exp(log_emission - peaks[:, None, None])
-    moves *= transition
-    scaled = _scaled_messages(first, moves)
-    if scaled is None:  # what floating-point numbers cannot hold may matter here
-        return _in_logarithms(first, transition, log_emission)
-    alpha, beta, scale = scaled
-    xi = alpha[:-1, :, None] * moves
-    xi *= (beta[1:] / scale[:, None])[:, None, :]
-    return alpha * beta, xi, np.log(scale) + peaks
-
-
-def _scaled_messages(
-    first: FloatArray, moves: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Forward messages that sum to one, backward ones scaled alike, and totals; None if they underflow."""
-    T, M = len(moves), first.size
-    alpha, beta, scale = np.empty((T + 1, M)), np.empty((T + 1, M)), np.empty(T)
-    ones = np.ones(M)
-    alpha[0] = now = first
-    for n, move in enumerate(moves):
-        now = now.dot(move)
-        total = now.dot(ones)
-        if not total > _LOST:
-            return None
-        now /= total
-        alpha[n + 1], scale[n] = now, total
-    beta[T] = now = ones
-    with np.errstate(over="ignore", invalid="ignore"):
-        for n in range(T - 1, -1, -1):
-            now = moves[n].dot(now)
-            now /= scale[n]
-            beta[n] = now
-    return (alpha, beta, scale) if beta.max() < _FAVOURED else None
-
-
-def _in_logarithms(
-    first: FloatArray, transition: FloatArray, log_emission: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the same as `forward_backward`, several times slower, whatever the densities."""
-    T, M = len(log_emission), first.size
-    with np.errstate(divide="ignore"):
-        moves = log_emission + np.log(transition)
-        now = np.log(first)
-    alpha, beta, scale = np.empty((T + 1, M)), np.empty((T + 1, M)), np.empty(T)
-    alpha[0] = now
-    for n, move in enumerate(moves):
-        now = _log_sums(now[:, None] + move, 0)
-        scale[n] = _log_sums(now, 0)
-        now = now - scale[n]
-        alpha[n + 1] = now
-    beta[T] = now = np.zeros(M)
-    for n in range(T - 1, -1, -1):
-        now = _log_sums(moves[n] + now, 1) - scale[n]
-        beta[n] = now
-    xi = np.exp(alpha[:-1, :, None] + moves + (beta[1:] - scale[:, None])[:, None, :])
-    return np.exp(alpha + beta), xi, scale
-
-
-def _log_sums(a: FloatArray, axis: int) -> FloatArray:
-    """Logarithms of sums of exponentials; minus infinity stands for zero."""
-    top = a.max(axis=axis)
-    top = np.where(top > -np.inf, top, 0.0)
-    with np.errstate(divide="ignore"):
-        sums: FloatArray = np.log(np.exp(a - np.expand_dims(top, axis)).sum(axis=axis)) + top
-    return sums
+    d = pairs[0].shape[-1] + pairs[-1].shape[-1]
+    moments = pair_moments(transition, pairs, table, sign, window)
+    p = np.exp(table[0]) if mass is None else mass
+    if sign is not None:
+        p = p * sign
+    weights = p[:, None] * transition
+    mean = np.einsum("ij,ijk->k", weights, moments.mean[..., :d])
+    off = (moments.mean[..., :d] - mean).reshape(-1, d)
+    covariance = (off * weights.reshape(-1, 1)).T @ off
+    covariance += np.einsum("ij,ijkl->kl", weights, moments.covariance[..., :d, :d])
+    return p @ transition, mean, 0.5 * (covariance + covariance.T)

@@ -212,10 +212,10 @@ class SwitchingFilter(Stepper, Filter):
             ``switch_mean`` and ``log_likelihood``.  The filter stays at the last
             observation, so that `step` continues.
         """
-        ys = as_observations(zs, self.dim_z)
+        ys, index = as_observations(zs, self.dim_z), index_of(zs)
         trajectory = filter_one(self._method, self._system, ys, SHOWN, states=keep_nodes)
         self._adopt(trajectory, ys)
-        return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))
+        return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index)
 
     def _adopt(self, trajectory: Trajectory, ys: FloatArray) -> None:
         """Stay at the last observation of a series."""
@@ -241,11 +241,11 @@ class SwitchingFilter(Stepper, Filter):
             With ``x``, ``P``, ``mu``, ``nodes``, ``switch``, ``switch_mean``, the most
             likely ``switch_path``, and the ``log_likelihood`` of the filter.
         """
-        ys = as_observations(zs, self.dim_z)
+        ys, index = as_observations(zs, self.dim_z), index_of(zs)
         trajectory = filter_one(self._method, self._system, ys, ("log_likelihood",), states=True)
         self._adopt(trajectory, ys)
         smoothed = self._method.smooth(self._system, trajectory, ys)
-        return smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index_of(zs))
+        return smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index)
 
     def filter_many(
         self,

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from fuzzykf.engine import selected as engine
 from fuzzykf.gaussian import mixture_moments, symmetrize
-from fuzzykf.switching.inference.exact import collapse_weights, condition_pairs, pair_prediction
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -72,12 +72,12 @@ def step_back(
     """
     m, q = tables.pairs.dim_x, y.size
     following = slice(m, m + filtered.mean.shape[1])  # the next window, which begins with y
-    before = pair_prediction(tables, mixture)
-    x, P, _ = mixture.spread(m)
-    after = condition_pairs(before, y, m)
+    before = engine.pair_moments(tables.transition, tables.pairs, mixture.table, mixture.sign, mixture.window)
+    x, P = engine.window_moments(mixture.table, mixture.window)
+    after = engine.condition_pairs(before, y, m)
     law = Moments(after.mean[..., following], after.covariance[..., following, following])
     log_evidence, updated = _weigh(law, filtered, smoothed)
-    joint = collapse_weights(after.log_w + log_evidence, after.sign)[2] * gamma  # p(i, j | y_1..N)
+    joint = engine.collapse_weights(after.log_w + log_evidence, after.sign)[2] * gamma  # p(i, j | y_1..N)
     total = joint.sum(axis=1)
     # regression of the window here on the next one
     S = before.covariance[..., following, following]
@@ -95,7 +95,7 @@ def smooth_state(mixture: Mixture, window: Moments, m: int) -> tuple[FloatArray,
 
     With B = P_xw P_ww^-1: x + B (ms - mf) and P_xx + B (Vs - P_ww) B'.
     """
-    mean, P, _ = mixture.spread(m)
+    mean, P = engine.window_moments(mixture.table, mixture.window)
     B = _divide(P[:, :m, m:], P[:, m:, m:])
     x = mean[:, :m] + (B @ (window.mean - mean[:, m:])[..., None])[..., 0]
     change = window.covariance - P[:, m:, m:]

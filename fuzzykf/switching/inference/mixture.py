@@ -17,7 +17,7 @@ from fuzzykf.gaussian import mixture_moments
 from fuzzykf.io import decode, encode
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import BoolArray, FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import PairTables
     from fuzzykf.switching.laws.chain import SwitchChain
 
@@ -52,16 +52,14 @@ class Mixture:
     @property
     def probabilities(self) -> FloatArray:
         """p(r_n = i | y_1..n), (M,)."""
-        return self.mass.copy() if self.mass is not None else engine.probabilities(self.table, self.sign)
+        if self.mass is not None:
+            return self.mass.copy()
+        p: FloatArray = np.exp(self.table[0])
+        return p if self.sign is None else p * self.sign
 
     def state_table(self, m: int) -> FloatArray:
         """Return the table of X alone, (1 + m + m*m, M)."""
-        if not self.unknown:
-            return self.table
-        e = m + self.unknown
-        rows = np.arange(e * e).reshape(e, e)[:m, :m].ravel()
-        table: FloatArray = self.table[np.concatenate([np.arange(1 + m), 1 + e + rows])]
-        return table
+        return engine.state_table(self.table, m)
 
     def mean(self, m: int) -> FloatArray:
         """Mean (m,) of X given all observations so far (2020 paper, eq. 21)."""
@@ -71,35 +69,6 @@ class Mixture:
         """Mean (m,) and covariance (m, m) of X given all observations so far (eqs. 21 and 22)."""
         return mixture_moments(self.probabilities, *engine.node_moments(self.state_table(m), m))
 
-    # ------------------------------------------------------------------ X and the whole window
-
-    def spread(self, m: int) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return mean (M, m + w) and covariance of (X, w) per node, and which parts of w are known."""
-        known = ~np.isnan(self.window)
-        at = np.flatnonzero(np.concatenate([np.ones(m, dtype=bool), ~known]))
-        e, M, size = at.size, self.table.shape[1], m + known.size
-        mean, covariance = np.empty((M, size)), np.zeros((M, size, size))
-        mean[:, m:] = self.window
-        mean[:, at] = self.table[1 : 1 + e].T
-        covariance[:, at[:, None], at] = self.table[1 + e :].T.reshape(M, e, e)
-        return mean, covariance, known
-
-    @classmethod
-    def gather(
-        cls,
-        log_p: FloatArray,
-        sign: FloatArray | None,
-        mean: FloatArray,
-        covariance: FloatArray,
-        window: FloatArray,
-    ) -> Mixture:
-        """Make a mixture from moments of (X, w) per node; what is known of the window is certain."""
-        unknown = np.isnan(window)
-        at = np.flatnonzero(np.concatenate([np.ones(mean.shape[1] - window.size, dtype=bool), unknown]))
-        P = covariance[:, at[:, None], at].reshape(len(mean), -1)
-        table = np.concatenate([log_p[None], mean[:, at].T, P.T])
-        return cls(np.ascontiguousarray(table), window, sign, None, int(unknown.sum()))
-
     # ------------------------------------------------------------------ files
 
     def to_dict(self) -> dict[str, Any]:
@@ -108,13 +77,13 @@ class Mixture:
         if not self.unknown:
             state = {"table": encode(self.table), "sign": sign, "mass": encode(self.mass)}
             return {"kind": "complete", "window": window, "state": state}
-        mean, covariance, known = self.spread(_dim_x(self.table, self.unknown))
+        mean, covariance = engine.window_moments(self.table, self.window)
         state = {
             "log_p": encode(self.table[0]),
             "sign": sign,
             "mean": mean.tolist(),
             "covariance": covariance.tolist(),
-            "known": known.tolist(),
+            "known": (~np.isnan(self.window)).tolist(),
         }
         return {"kind": "gap", "window": window, "state": state}
 
@@ -128,8 +97,11 @@ class Mixture:
         known = np.array(state["known"], dtype=bool)
         if known.shape != window.shape or not np.array_equal(known, ~np.isnan(window)):
             raise ValueError(f"known: got {known.tolist()} for the window {window.tolist()}")
-        moments = decode(state["log_p"], 1), sign, decode(state["mean"], 2), decode(state["covariance"], 3)
-        return cls.gather(*moments, window)
+        log_p, mean, covariance = (
+            decode(state[name], k) for name, k in (("log_p", 1), ("mean", 2), ("covariance", 3))
+        )
+        table = engine.window_table(log_p, mean, covariance, window)
+        return cls(table, window, sign, None, int((~known).sum()))
 
     def is_sound(self, m: int, q: int, M: int, order: int) -> bool:
         """Whether it has the sizes of a system, and finite numbers."""
@@ -146,11 +118,6 @@ class Source:
 
     mixture: Mixture
     tables: PairTables
-
-
-def _dim_x(table: FloatArray, unknown: int) -> int:
-    e = round((np.sqrt(4 * len(table) - 3) - 1) / 2)
-    return int(e) - unknown
 
 
 def most_likely_switch(chain: SwitchChain, mu: FloatArray) -> FloatArray:

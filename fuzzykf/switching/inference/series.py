@@ -23,7 +23,7 @@ from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_swi
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.dynamics.pairs import Ahead, SwitchingSystem
+    from fuzzykf.switching.dynamics.pairs import Ahead, PairTables, SwitchingSystem
     from fuzzykf.switching.inference.method import Method, Smoothed
     from fuzzykf.switching.laws.chain import SwitchChain
 
@@ -161,17 +161,21 @@ def _filter_block(
     steady_from = n if system.steady_from is None else system.steady_from
     switch = chain.nodes, chain.weights, chain.atoms
     law = system.initial()
-    if "x_prior" in out or "P_prior" in out:
-        _put_prior(out, 0, law.ahead(m))
+    priors: list[tuple[int, Ahead]] = []  # what was known before observations taken alone
+    wants_prior = "x_prior" in out or "P_prior" in out
     # known of the latest observation: tables and signs of all series, or of one whatever is known
     table = sign = None
     mixture: Mixture | None = None
     before: Source | None = None
-    single: list[tuple[int, FloatArray, FloatArray | None, float]] = []  # observations taken alone
+    tables: PairTables | None = None
+    single: list[tuple[int, Mixture, float]] = []  # observations taken alone
     k = 0
     while k < n:
         stop = holes[bisect_left(holes, k)]
-        tables = system.pair_tables(max(k - 1, 0)) if k or (stop > 1 and not steady_from) else None
+        if tables is None or k <= steady_from + 1:
+            tables = system.pair_tables(max(k - 1, 0)) if k or (stop > 1 and not steady_from) else None
+        if k == 0 and wants_prior:
+            priors.append((0, law.ahead(m)))
         steady = k > steady_from or (k == 0 and order == 1 and not chain.is_signed)
         known = stop > k and not (mixture is not None and mixture.unknown)
         if tables is not None and known and (steady or (k > 0 and s > 1)):
@@ -194,30 +198,35 @@ def _filter_block(
             mixture, value = method.first(law, ys[0, 0])
         else:
             tables = system.pair_tables(k - 1) if tables is None else tables
-            if "x_prior" in out or "P_prior" in out:
-                _put_prior(out, k, method.ahead(tables, mixture))
+            if wants_prior:
+                priors.append((k, method.ahead(tables, mixture)))
             before = Source(mixture, tables)
             mixture, value = method.advance(tables, mixture, ys[0, k], min(k + 1, order) * q)
         if mixture.unknown:
             gaps[k] = mixture
-        table = mixture.state_table(m)[None]
-        sign = None if mixture.sign is None else mixture.sign[None]
-        single.append((k, table, sign, value))
+        table, sign = mixture.table[None], None if mixture.sign is None else mixture.sign[None]
+        single.append((k, mixture, value))
         k += 1
+    for at, ahead in priors:
+        for name, moment in (("x_prior", ahead.x), ("P_prior", ahead.P)):
+            if name in out:
+                out[name][:, at] = moment
     if single:
-        at, found, signs, values_of = zip(*single, strict=True)
-        signed = None
-        if chain.is_signed:
-            signed = np.array([[np.ones(len(chain.nodes)) if one is None else one[0] for one in signs]])
-        states, log_likelihood = np.concatenate(found)[None], np.array([values_of], dtype=np.float64)
-        engine.summarise(out, np.array(at), states, signed, log_likelihood, switch)
+        _put_states(out, single, m, chain)
     return Trajectory(out, gaps, mixture, before)
 
 
-def _put_prior(out: dict[str, FloatArray], k: int, ahead: Ahead) -> None:
-    for name, value in (("x_prior", ahead.x), ("P_prior", ahead.P)):
-        if name in out:
-            out[name][:, k] = value
+def _put_states(
+    out: dict[str, FloatArray], single: list[tuple[int, Mixture, float]], m: int, chain: SwitchChain
+) -> None:
+    """Fill in what was known after observations that were taken alone."""
+    at, mixtures, values = zip(*single, strict=True)
+    states = np.array([[engine.state_table(one.table, m) for one in mixtures]])
+    signs, ones = None, np.ones(len(chain.nodes))
+    if chain.is_signed:
+        signs = np.array([[ones if one.sign is None else one.sign for one in mixtures]])
+    switch = chain.nodes, chain.weights, chain.atoms
+    engine.summarise(out, np.array(at), states, signs, np.array([values], dtype=np.float64), switch)
 
 
 def _sign(out: dict[str, FloatArray], at: int) -> FloatArray | None:

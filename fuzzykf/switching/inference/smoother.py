@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.engine import selected as engine
-from fuzzykf.switching.inference.exact import collapse_weights, observed_log_density, pair_prediction
 from fuzzykf.switching.inference.gap_smoother import Moments, smooth_state, step_back
 from fuzzykf.switching.inference.method import Smoothed
 from fuzzykf.switching.inference.mixture import Mixture
@@ -129,7 +128,8 @@ class _Backward:
     def window(self, k: int) -> Moments:
         """Return the filtered moments of the window at k, given each node."""
         m = self.system.dim_x
-        mean, covariance, _ = self.mixture(k).spread(m)
+        mixture = self.mixture(k)
+        mean, covariance = engine.window_moments(mixture.table, mixture.window)
         return Moments(mean[:, m:], covariance[:, m:, m:])
 
     def _log_pairs(self, k: int) -> FloatArray:
@@ -140,8 +140,10 @@ class _Backward:
             u = np.concatenate([np.ones(1), self._windows[k, :width], self.ys[k + 1]])
             return engine.log_pairs(tables.kernel, u[None]).reshape(tables.transition.shape)
         mixture = self.mixture(k)
-        prediction = pair_prediction(tables, mixture)
-        log_w = prediction.log_w + observed_log_density(prediction, self.ys[k + 1], self.system.dim_x)
+        before = engine.pair_moments(
+            tables.transition, tables.pairs, mixture.table, mixture.sign, mixture.window
+        )
+        log_w = engine.condition_pairs(before, self.ys[k + 1], self.system.dim_x).log_w
         log_pairs: FloatArray = log_w - mixture.table[0][:, None]
         return log_pairs
 
@@ -152,7 +154,7 @@ class _Backward:
         sign = np.ones_like(log_w)
         if "sign" in fields:
             sign = fields["sign"][k, :, None] * np.sign(self.system.pair_tables(k).transition)
-        o: FloatArray = collapse_weights(log_w, sign)[2]
+        o: FloatArray = engine.collapse_weights(log_w, sign)[2]
         return o
 
     def most_likely_path(self) -> NDArray[np.int64]:

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fuzzykf.engine.numpy import switching, tables
+from fuzzykf.engine.numpy import series, switching, tables
 
 core = pytest.importorskip("fuzzykf.engine.compiled.switching", reason="the compiled core has not been built")
+core_series = pytest.importorskip("fuzzykf.engine.compiled.series")
 packed = pytest.importorskip("fuzzykf.engine.compiled.tables")
 
 few = settings(max_examples=40, deadline=None)
@@ -70,8 +71,8 @@ def test_a_series_is_that_of_numpy_up_to_100_standard_deviations(
     white = np.linalg.solve(L, innovation[..., None])
     U[:, 1:] *= deviations / np.abs(white).max()  # no innovation is further off, for any pair
     got, expected = (
-        core.run(compiled, state_of(shape), None, U),
-        switching.run(reference, state_of(shape), None, U),
+        core_series.run(compiled, state_of(shape), None, U),
+        series.run(reference, state_of(shape), None, U),
     )
     assert_same(got, expected)
     for table, u in zip(got[0][:-1], U[1:], strict=True):  # the state after a step stands for itself
@@ -89,8 +90,8 @@ def test_far_outliers_differ_by_the_rounding_of_their_weights_only(
     U = rows_of(shape, 30)
     U[10, -1] = U[11, 1] = scale  # an outlier, and ordinary data after it
     largest = np.abs(switching.log_pairs(reference, U)).max()
-    got = core.run(compiled, state_of(shape), None, U)
-    assert_same(got, switching.run(reference, state_of(shape), None, U), 1.0 * largest)
+    got = core_series.run(compiled, state_of(shape), None, U)
+    assert_same(got, series.run(reference, state_of(shape), None, U), 1.0 * largest)
     assert all(np.isfinite(part).all() for part in (got[0], got[2]))
 
 
@@ -98,8 +99,8 @@ def test_a_signed_series_is_that_of_numpy(tables_of, state_of) -> None:
     shape = (6, 6, 1, 1)
     arguments = tables_of(shape, signed=True)
     U = rows_of(shape, 30)
-    got = core.run(packed.pack(*arguments), state_of(shape), np.ones(6), U)
-    assert_same(got, switching.run(tables.pack(*arguments), state_of(shape), np.ones(6), U))
+    got = core_series.run(packed.pack(*arguments), state_of(shape), np.ones(6), U)
+    assert_same(got, series.run(tables.pack(*arguments), state_of(shape), np.ones(6), U))
 
 
 @pytest.mark.parametrize("shape", SIZES)
@@ -107,8 +108,8 @@ def test_many_series_side_by_side_are_those_of_numpy(shape, tables_of, state_of)
     arguments = tables_of(shape)
     states = np.stack([state_of(shape, seed) for seed in range(4)])
     U = rows_of(shape, 4)
-    got = core.step_many(packed.pack(*arguments), states, U)
-    assert_same(got, switching.step_many(tables.pack(*arguments), states, U))
+    got = core_series.step_many(packed.pack(*arguments), states, U)
+    assert_same(got, series.step_many(tables.pack(*arguments), states, U))
 
 
 @pytest.mark.parametrize(("M", "m", "q"), [(1, 1, 1), (7, 1, 1), (3, 2, 2), (9, 4, 3)])
@@ -126,20 +127,6 @@ def test_the_first_step_is_that_of_numpy(M, m, q) -> None:
     got, expected = core.first_step(*arguments), switching.first_step(*arguments)
     np.testing.assert_allclose(got[0], expected[0], rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(got[1], expected[1], rtol=1e-12)
-
-
-@pytest.mark.parametrize("M", [1, 3, 7, 12])
-@pytest.mark.parametrize("scale", [1.0, 1000.0])
-def test_forward_and_backward_are_those_of_numpy(M, scale) -> None:
-    # at the larger scale some steps make every likely state impossible
-    rng = np.random.default_rng(4)
-    transition = rng.dirichlet(np.ones(M), M)
-    transition[0, -1] = 0.0 if M > 1 else 1.0
-    log_emission = rng.normal(size=(50, M, M)) * scale
-    with np.errstate(divide="ignore"):
-        arguments = rng.dirichlet(np.ones(M)), transition, log_emission
-        got, expected = core.forward_backward(*arguments), switching.forward_backward(*arguments)
-    assert_same(got, expected, np.abs(log_emission).max())
 
 
 # --------------------------------------------------------------------------- inputs of every kind
@@ -167,7 +154,9 @@ def test_any_type_stride_alignment_and_length_gives_the_same_answer(
         unaligned[...] = U
         U = unaligned
     table = np.asfortranarray(state_of(shape))
-    assert_same(core.run(compiled, table, None, U), core.run(compiled, state_of(shape), None, plain))
+    assert_same(
+        core_series.run(compiled, table, None, U), core_series.run(compiled, state_of(shape), None, plain)
+    )
 
 
 @pytest.mark.parametrize(
@@ -175,11 +164,9 @@ def test_any_type_stride_alignment_and_length_gives_the_same_answer(
     [
         (lambda k, t: core.step(k, t, None, np.ones(2), np.ones(1)), "window: got shape"),
         (lambda k, t: core.step(k, t[:2], None, np.ones(1), np.ones(1)), "table: got shape"),
-        (lambda k, t: core.run(k, t, None, np.ones((4, 2))), "U: got shape"),
-        (lambda k, t: core.run(k, t, None, np.ones(3)), "U: got shape"),
-        (lambda k, t: core.step_many(k, t, np.ones((2, 3))), "table: got shape"),
-        (lambda k, t: core.forward_backward([1.0], [[1.0]], np.ones((2, 2, 3))), "log_emission: got shape"),
-        (lambda k, t: core.forward_backward([], np.ones((0, 0)), np.ones((2, 0, 0))), "log_emission"),
+        (lambda k, t: core_series.run(k, t, None, np.ones((4, 2))), "U: got shape"),
+        (lambda k, t: core_series.run(k, t, None, np.ones(3)), "U: got shape"),
+        (lambda k, t: core_series.step_many(k, t, np.ones((2, 3))), "table: got shape"),
         (lambda k, t: core.node_mean(np.ones(2), np.ones((1, 3))), "p: got shape"),
     ],
 )

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from fuzzykf.engine.numpy import switching
+from fuzzykf.engine.numpy import hidden_markov
 
 
 def enumerate_all(first, transition, log_emission):
@@ -32,8 +32,8 @@ def enumerate_all(first, transition, log_emission):
 def check(first, transition, log_emission, rtol=1e-10, atol=1e-12):
     gamma, xi, total = enumerate_all(first, transition, log_emission)
     for found in (
-        switching.forward_backward(first, transition, log_emission),
-        switching._in_logarithms(first, transition, log_emission),
+        hidden_markov.forward_backward(first, transition, log_emission),
+        hidden_markov._in_logarithms(first, transition, log_emission),
     ):
         np.testing.assert_allclose(found[0], gamma, rtol=rtol, atol=atol)
         np.testing.assert_allclose(found[1], xi, rtol=rtol, atol=atol)
@@ -76,7 +76,7 @@ def test_an_impossible_state_stays_impossible():
     first, transition = np.array([1.0, 0.0]), np.array([[1.0, 0.0], [0.5, 0.5]])
     log_emission = np.zeros((1000, 2, 2))
     log_emission[:, :, 1] = 1.0
-    gamma, xi, log_likelihood = switching.forward_backward(first, transition, log_emission)
+    gamma, xi, log_likelihood = hidden_markov.forward_backward(first, transition, log_emission)
     np.testing.assert_array_equal(gamma, np.tile([1.0, 0.0], (1001, 1)))
     np.testing.assert_allclose(xi[:, 0, 0], 1.0, rtol=1e-12)
     np.testing.assert_allclose(log_likelihood, 0.0, atol=1e-12)
@@ -87,13 +87,13 @@ def test_a_state_that_seemed_lost_comes_back():
     first, transition = np.array([0.5, 0.5]), np.eye(2)
     log_emission = np.zeros((3, 2, 2))
     log_emission[0, 1, 1], log_emission[2, 1, 1] = -800.0, 900.0
-    gamma = switching.forward_backward(first, transition, log_emission)[0]
+    gamma = hidden_markov.forward_backward(first, transition, log_emission)[0]
     np.testing.assert_allclose(gamma[:, 1], 1.0, rtol=1e-12)
 
 
 def test_no_steps():
     first, transition, _ = chain(3, 4)
-    gamma, xi, log_likelihood = switching.forward_backward(first, transition, np.empty((0, 3, 3)))
+    gamma, xi, log_likelihood = hidden_markov.forward_backward(first, transition, np.empty((0, 3, 3)))
     np.testing.assert_array_equal(gamma, [first])
     assert xi.shape == (0, 3, 3)
     assert log_likelihood.shape == (0,)
@@ -104,7 +104,7 @@ def test_long_series(scale):
     # marginals agree with one another and sum to one; likelihoods with those of a plain recursion
     first, transition, rng = chain(4, 5)
     log_emission = scale * rng.normal(size=(3000, 4, 4))
-    gamma, xi, log_likelihood = switching.forward_backward(first, transition, log_emission)
+    gamma, xi, log_likelihood = hidden_markov.forward_backward(first, transition, log_emission)
     np.testing.assert_allclose(gamma.sum(axis=1), 1.0, rtol=1e-9)
     np.testing.assert_allclose(xi.sum(axis=2), gamma[:-1], rtol=1e-7, atol=1e-12)
     np.testing.assert_allclose(xi.sum(axis=1), gamma[1:], rtol=1e-7, atol=1e-12)
@@ -119,6 +119,6 @@ def test_arguments_stay_as_they_were():
     first, transition, rng = chain(3, 6)
     log_emission = 200.0 * rng.normal(size=(20, 3, 3))
     before = first.copy(), transition.copy(), log_emission.copy()
-    switching.forward_backward(first, transition, log_emission)
+    hidden_markov.forward_backward(first, transition, log_emission)
     for now, then in zip((first, transition, log_emission), before, strict=True):
         np.testing.assert_array_equal(now, then)
