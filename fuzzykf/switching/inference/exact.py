@@ -30,6 +30,7 @@ from fuzzykf.engine import selected as engine
 from fuzzykf.errors import QuadratureError
 from fuzzykf.gaussian import check_definite
 from fuzzykf.switching.dynamics.pairs import Ahead
+from fuzzykf.switching.inference.method import Method
 from fuzzykf.switching.inference.mixture import Mixture
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ __all__ = ["EXACT", "Exact"]
 NEGATIVE_MASS = 1e-2
 
 
-class Exact:
+class Exact(Method):
     """Exact filtering of systems in which Y alone is Markov given the switch; see `Method`."""
 
     def first(self, law: InitialLaw, y: FloatArray) -> tuple[Mixture, float]:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+import numpy as np
+
+from fuzzykf.engine import selected as engine
+from fuzzykf.errors import ParameterError
+from fuzzykf.switching.inference.mixture import Mixture
+
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables, SwitchingSystem
-    from fuzzykf.switching.inference.mixture import Mixture
     from fuzzykf.switching.inference.series import Trajectory
 
 __all__ = ["Method", "Smoothed"]
@@ -25,16 +30,27 @@ class Smoothed(NamedTuple):
 class Method(Protocol):
     """How a placed system is filtered; the one state is a `Mixture`.
 
-    A method holds no state of its own: filters, series and smoothers call it with what they know.
+    A method holds no state of its own: filters, series and smoothers call it with what they know.  One
+    that inherits from this class has to bring `first`, `advance` and `ahead`; whole series then go step
+    by step, and there is no smoother.
     """
 
     def first(self, law: InitialLaw, y: FloatArray) -> tuple[Mixture, float]:
-        """Condition the initial law on the first observation (q,), NaN where missing."""
+        """Condition the initial law on the first observation (q,), NaN where missing.
+
+        Returns
+        -------
+        mixture, log_likelihood
+            The log-likelihood is that of the parts that are there; 0 if none is.
+        """
 
     def advance(
         self, tables: PairTables, mixture: Mixture, y: FloatArray, width: int
     ) -> tuple[Mixture, float]:
-        """Take the next observation into account, and keep a window of ``width`` numbers."""
+        """Take the next observation (q,) into account, and keep a window of ``width`` numbers.
+
+        Parameters, and what is returned, are those of `Exact.advance`.
+        """
 
     def ahead(self, tables: PairTables, mixture: Mixture) -> Ahead:
         """Say what is known of the next time before its observation is seen."""
@@ -51,8 +67,64 @@ class Method(Protocol):
     ) -> tuple[FloatArray, FloatArray]:
         """Filter complete observations start, ..., stop - 1 of series (s, n, q) under constant tables.
 
-        As `fuzzykf.engine.numpy.series.filter_series`, which see.
+        Parameters, and what is returned, are those of `fuzzykf.engine.numpy.series.filter_series`.
         """
+        states: list[tuple[FloatArray, FloatArray]] = []
+        for k in range(len(ys)):
+            mixture = None
+            if start:
+                table, sign = begin
+                assert table is not None
+                window = ys[k, max(0, start - system.order) : start][::-1].ravel()
+                mixture = Mixture(table[k], window, None if sign is None else sign[k])
+            part = {name: values[k : k + 1] for name, values in out.items()}
+            states.append(self._series(system, tables, mixture, ys[k], start, stop, part))
+        before, last = zip(*states, strict=True)
+        return np.array(before), np.array(last)
+
+    def _series(
+        self,
+        system: SwitchingSystem,
+        tables: PairTables,
+        mixture: Mixture | None,
+        ys: FloatArray,
+        start: int,
+        stop: int,
+        out: dict[str, FloatArray],
+    ) -> tuple[FloatArray, FloatArray]:
+        """Do a series of `series` step by step."""
+        chain, before = system.chain, mixture
+        for k in range(start, stop):
+            before = mixture
+            if mixture is None:
+                mixture, value = self.first(system.initial(), ys[k])
+            else:
+                if "x_prior" in out or "P_prior" in out:
+                    prior = self.ahead(tables, mixture)
+                    for name, moment in (("x_prior", prior.x), ("P_prior", prior.P)):
+                        if name in out:
+                            out[name][:, k] = moment
+                mixture, value = self.advance(tables, mixture, ys[k], min(k + 1, system.order) * ys.shape[1])
+            sign = mixture.sign
+            if sign is None and chain.is_signed:
+                sign = np.ones(len(chain.nodes))
+            engine.summarise(
+                out,
+                slice(k, k + 1),
+                mixture.table[None, None],
+                None if sign is None else sign[None, None],
+                np.array([[value]]),
+                (chain.nodes, chain.weights, chain.atoms),
+            )
+        assert mixture is not None
+        return (mixture if before is None else before).table, mixture.table
 
     def smooth(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> Smoothed:
-        """Estimate every state of a filtered series (n, q) from all of it."""
+        """Estimate every state of a filtered series (n, q) from all of it.
+
+        Raises
+        ------
+        ParameterError
+            If the method has no smoother.
+        """
+        raise ParameterError(f"smooth: the method {type(self).__name__} has no smoother")
