@@ -22,9 +22,7 @@ __all__ = ["MODULES", "NAMES", "install", "lookup"]
 #: Folders of today, and the modules in them that stood one folder above.
 _FOLDERS = {
     "fuzzykf.comparison.candidates": "linear regression switching",
-    "fuzzykf.engine.numpy": (
-        "backward convolution grid imm kalman kalman_series kernels moments raster scales switching"
-    ),
+    "fuzzykf.engine.numpy": "backward convolution grid imm kalman kalman_series kernels raster switching",
     "fuzzykf.possibility.grid": "conditioning lattice meeting noise propagation scalar warp",
     "fuzzykf.possibility.intervals": "boxes",
     "fuzzykf.switching.dynamics": "form_checks forms interpolation simulation",
@@ -46,6 +44,8 @@ MODULES = {
     "fuzzykf.comparison.methods": "fuzzykf.comparison.run",
     "fuzzykf.comparison.rolling": "fuzzykf.comparison.evaluation",
     "fuzzykf.engine.hmm": "fuzzykf.engine.numpy.hidden_markov",
+    "fuzzykf.engine.moments": "fuzzykf.engine.numpy.grid",
+    "fuzzykf.engine.scales": "fuzzykf.engine.numpy.grid",
     "fuzzykf.engine.stepper": "fuzzykf.kalman.stepper",
     "fuzzykf.engine.switching_many": "fuzzykf.engine.numpy.series",
     "fuzzykf.model_choice": "fuzzykf.comparison.models",

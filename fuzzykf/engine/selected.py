@@ -20,9 +20,7 @@ from fuzzykf.engine.numpy.imm import *
 from fuzzykf.engine.numpy.kalman import *
 from fuzzykf.engine.numpy.kalman_series import *
 from fuzzykf.engine.numpy.kernels import *
-from fuzzykf.engine.numpy.moments import *
 from fuzzykf.engine.numpy.raster import *
-from fuzzykf.engine.numpy.scales import *
 from fuzzykf.engine.numpy.series import *
 from fuzzykf.engine.numpy.switching import *
 from fuzzykf.engine.numpy.tables import *

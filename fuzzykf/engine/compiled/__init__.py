@@ -13,6 +13,6 @@ MODULES = {
     for name in (
         *("arrays", "processor"),  # helpers, without twins
         *("backward", "convolution", "grid", "hidden_markov", "imm", "kalman", "kernels"),
-        *("moments", "raster", "series", "switching", "tables"),
+        *("raster", "series", "switching", "tables"),
     )
 }

@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
-"""Interpolation of costs on regular lattices; see `fuzzykf.engine.numpy.grid`."""
+"""Costs on regular lattices: interpolation, tails and moments; see `fuzzykf.engine.numpy.grid`."""
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, axes_of, doubles, lattice
 
@@ -9,7 +9,7 @@ import numpy as np
 
 cnp.import_array()
 
-__all__ = ["continue_tails", "interpolate", "interpolate_lines", "least_outside", "pull_back"]
+__all__ = ["continue_tails", "interpolate", "interpolate_lines", "least_outside", "moments_about", "pull_back"]
 
 cdef extern from "src/interpolation.h" nogil:
     enum: FK_LOG
@@ -32,6 +32,11 @@ cdef extern from "src/interpolation.h" nogil:
     ) noexcept
     double fk_least_outside(const double *, const double *, fk_index, int, const double *) noexcept
     void fk_continue_tails(int, const fk_index *, double *, double) noexcept
+
+cdef extern from "src/moments.h" nogil:
+    void fk_moments(
+        int, const fk_index *, const double *, const double *const *, double *, double *
+    ) noexcept
 
 
 cdef int code_of(object scale) except -1:
@@ -114,3 +119,21 @@ def continue_tails(cost, double limit):
     with nogil:
         fk_continue_tails(cnp.PyArray_NDIM(result), shape, at(result), limit)
     return result
+
+
+def moments_about(mass, axes, center):
+    cdef cnp.ndarray masses = lattice(mass, "mass")
+    cdef int d = cnp.PyArray_NDIM(masses), k
+    cdef fk_index shape[FK_AXES]
+    cdef const double *deviations[FK_AXES]
+    axes_of(masses, shape)
+    cdef cnp.ndarray middle = doubles(center, "center", (d,)), first = np.empty(d), second = np.empty((d, d))
+    if len(axes) != d or masses.size == 0:
+        raise ValueError(f"mass: got shape {np.shape(masses)}, expected the lengths of {len(axes)} axes")
+    # What is subtracted here is owned by the list for as long as the sums take.
+    cdef list held = [doubles(axis, "axes", (shape[k],)) - middle[k] for k, axis in enumerate(axes)]
+    for k in range(d):
+        deviations[k] = at(held[k])
+    with nogil:
+        fk_moments(d, shape, at(masses), deviations, at(first), at(second))
+    return first, second

@@ -1,4 +1,4 @@
-"""Interpolation of costs on regular lattices.
+"""Costs on regular lattices: interpolation between the nodes, curvature, tails and moments.
 
 A lattice is given by its origin, its steps and its shape; positions are measured
 in steps from the origin.  Within a cell costs are interpolated linearly and corrected
@@ -6,32 +6,38 @@ for their second differences: quadratic costs, that is Gaussian memberships, com
 exact at any resolution.  Where the second differences at the two ends of an edge do
 not agree (at the edge of a compact support, at a kink) the memberships are
 interpolated linearly instead.
+
+How costs and memberships are related is their scale, given by the generator of a t-norm.
 """
 
 from __future__ import annotations
 
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from fuzzykf.engine.numpy.scales import from_membership, to_membership
-
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.engine.numpy.scales import Scale
 
 __all__ = [
     "CUT",
+    "Scale",
     "continue_tails",
+    "from_membership",
     "interpolate",
     "interpolate_lines",
     "least_outside",
+    "moments_about",
     "pull_back",
+    "scaled",
     "sharpness",
     "subgrid_minimum",
+    "to_membership",
 ]
 
+#: "log": -log(membership); "reciprocal": 1/membership - 1; "complement": 1 - membership.
+Scale: TypeAlias = Literal["log", "reciprocal", "complement"]
 
 #: Elements worked on at a time: the temporaries then stay in the cache.
 CHUNK = 1 << 15
@@ -50,6 +56,30 @@ ON_NODE = 1e-11
 
 #: How far (in steps) beyond the last node a position still counts as on it.
 SLACK = 1e-9
+
+
+def from_membership(membership: FloatArray, scale: Scale) -> FloatArray:
+    """Costs of memberships: 0 for 1; infinite ("complement": 1) for 0."""
+    if scale == "complement":
+        return 1.0 - membership
+    with np.errstate(divide="ignore", over="ignore"):
+        return -np.log(membership) if scale == "log" else 1.0 / membership - 1.0
+
+
+def to_membership(cost: FloatArray, scale: Scale) -> FloatArray:
+    """Memberships of costs."""
+    if scale == "log":
+        return np.exp(-cost)
+    if scale == "reciprocal":
+        return 1.0 / (1.0 + cost)
+    return np.maximum(0.0, 1.0 - cost)
+
+
+def scaled(cost: FloatArray, factor: FloatArray, scale: Scale) -> FloatArray:
+    """Costs after multiplication of the memberships by a positive factor."""
+    if scale == "log":
+        return cost - np.log(factor)
+    return from_membership(to_membership(cost, scale) * factor, scale)
 
 
 def interpolate(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:
@@ -366,3 +396,35 @@ def _continue_ends(lines: FloatArray, limit: float) -> None:
     steps = np.arange(n) - last[:, None]
     tail = start[:, None] + slope[:, None] * steps + 0.5 * bend[:, None] * steps * (steps + 1.0)
     lines[chosen] = np.where(steps > 0, np.maximum(tail, CUT * limit), lines[chosen])
+
+
+def moments_about(
+    mass: FloatArray, axes: tuple[FloatArray, ...], center: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """First and second moments about a point, by the trapezoidal rule.
+
+    Parameters
+    ----------
+    mass : ndarray, shape (n_1, ..., n_d)
+        Of which some is positive.
+    axes : tuple of ndarray
+        Coordinates of the nodes.
+    center : ndarray, shape (d,)
+        A point within the spread of the mass, so that nothing cancels.
+
+    Returns
+    -------
+    first : ndarray, shape (d,)
+    second : ndarray, shape (d, d)
+    """
+    for axis, c in zip(reversed(axes), reversed(center), strict=True):
+        weight = np.ones(axis.size)
+        weight[[0, -1]] *= 0.5
+        deviation = axis - c
+        basis = np.stack([weight, weight * deviation, weight * deviation**2], axis=1)
+        mass = np.moveaxis(mass @ basis, -1, 0)
+    d = len(axes)
+    unit = np.eye(d, dtype=np.intp)
+    mass = mass / mass[(0,) * d]
+    first = np.array([mass[tuple(unit[k])] for k in range(d)])
+    return first, np.array([[mass[tuple(unit[j] + unit[k])] for j in range(d)] for k in range(d)])

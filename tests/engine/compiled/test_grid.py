@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from fuzzykf.engine.numpy import convolution, grid, kernels, moments, raster
+from fuzzykf.engine.numpy import convolution, grid, kernels, raster
 
 core = pytest.importorskip("fuzzykf.engine.compiled", reason="the compiled core has not been built")
 
@@ -287,7 +287,7 @@ def test_moments(seed, shape):
     mass, axes = rng.random(shape), tuple(np.linspace(*np.sort(rng.normal(size=2)), n) for n in shape)
     center = rng.normal(size=len(shape))
     for a, b in zip(
-        core.moments.moments_about(mass, axes, center), moments.moments_about(mass, axes, center), strict=True
+        core.grid.moments_about(mass, axes, center), grid.moments_about(mass, axes, center), strict=True
     ):
         assert_same(a, b)
 
@@ -310,7 +310,7 @@ def calls(a):
         "span": lambda: core.raster.span(a, np.ones(6, dtype=bool)),
         "live": lambda: core.raster.live_cells(a),
         "flat": lambda: core.raster.flat_cells(np.ones((6, 5, 2)), a),
-        "moments": lambda: core.moments.moments_about(a + 1, (np.arange(6), np.arange(5)), [0.0, 0.0]),
+        "moments": lambda: core.grid.moments_about(a + 1, (np.arange(6), np.arange(5)), [0.0, 0.0]),
     }
 
 
@@ -370,9 +370,9 @@ ONE, PLANE = np.ones((2, 3)), np.ones((4, 4))
         (lambda: list(core.raster.cover(ONE, np.ones(2), (4, 4))), "shape: got"),
         (lambda: core.raster.stranded(np.ones((2, 1)), np.ones(2), ONE), "out: got shape"),
         (lambda: core.raster.span(np.full((2, 1), np.nan), np.ones(2)), "live: expected"),
-        (lambda: core.moments.moments_about(ONE, (np.ones(2),), [0.0]), "center: got shape|mass: got shape"),
-        (lambda: core.moments.moments_about(ONE[:0], (np.ones(0), np.ones(3)), [0, 0]), "mass: got shape"),
-        (lambda: core.moments.moments_about(ONE, (np.ones(2), np.ones(4)), [0, 0]), "axes: got shape"),
+        (lambda: core.grid.moments_about(ONE, (np.ones(2),), [0.0]), "center: got shape|mass: got shape"),
+        (lambda: core.grid.moments_about(ONE[:0], (np.ones(0), np.ones(3)), [0, 0]), "mass: got shape"),
+        (lambda: core.grid.moments_about(ONE, (np.ones(2), np.ones(4)), [0, 0]), "axes: got shape"),
     ],
 )
 def test_what_is_inadmissible_is_refused(call, message):

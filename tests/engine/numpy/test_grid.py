@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf.engine.numpy.grid import continue_tails, interpolate, interpolate_lines, subgrid_minimum
-from fuzzykf.engine.numpy.scales import from_membership, scaled, to_membership
+from fuzzykf.engine.numpy.grid import (
+    continue_tails,
+    from_membership,
+    interpolate,
+    interpolate_lines,
+    scaled,
+    subgrid_minimum,
+    to_membership,
+)
 
 
 def random_quadratic(d, seed=0):

@@ -1,4 +1,4 @@
-/* Moments of memberships on a lattice; see fuzzykf/engine/numpy/moments.py. */
+/* Moments of memberships on a lattice; see fuzzykf/engine/numpy/grid.py. */
 #ifndef FUZZYKF_MOMENTS_H
 #define FUZZYKF_MOMENTS_H
 
