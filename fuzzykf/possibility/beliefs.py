@@ -19,8 +19,8 @@ from fuzzykf.possibility.representation import FAMILIES, required_box, required_
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.possibility.grid.lattice import Universe
     from fuzzykf.possibility.grid.noise import Noise
-    from fuzzykf.possibility.grid.universe import Universe
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import (
         EllipticalMembership,

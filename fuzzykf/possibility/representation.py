@@ -9,7 +9,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import check_covariance
-from fuzzykf.possibility.grid.universe import Universe
+from fuzzykf.possibility.grid.lattice import Universe
 from fuzzykf.possibility.memberships import (
     CauchyMembership,
     EllipticalMembership,

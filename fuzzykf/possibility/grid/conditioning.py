@@ -21,7 +21,7 @@ from fuzzykf.possibility.grid.lattice import Lattice
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.possibility.grid.universe import Universe
+    from fuzzykf.possibility.grid.lattice import Universe
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import Membership
 

@@ -1,4 +1,8 @@
-"""A membership as costs on a regular lattice, and what can be read from it."""
+"""What a grid consists of: a universe, the costs of states on a lattice in it, and those of a noise.
+
+Costs take the place of memberships (see `fuzzykf.possibility.norms`).  None of these
+objects changes once it is made; prediction and update, beside this module, make new ones.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +15,14 @@ import numpy as np
 from fuzzykf.engine.selected import interpolate, live_cells, moments_about, sharpness, subgrid_minimum
 from fuzzykf.errors import ParameterError
 from fuzzykf.possibility.mapping import grid_points
-from fuzzykf.possibility.memberships import GridMembership
+from fuzzykf.possibility.memberships import EllipticalMembership, GridMembership, TriangularMembership
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["Lattice"]
+__all__ = ["Kernel", "Lattice", "Universe"]
 
 #: Nodes wanted per standard deviation of the sharpest direction, for integrals to 0.1 %.
 RESOLUTION = 0.7
@@ -34,6 +38,39 @@ NEGLIGIBLE = 60.0
 
 #: Cells integrated at a time.
 SLAB = 1 << 12
+
+
+@dataclass(frozen=True)
+class Universe:
+    """How large a lattice is and where it lies.
+
+    Attributes
+    ----------
+    points : tuple of int
+        Nodes per axis.
+    domain : ndarray, shape (d, 2), or None
+        A fixed box; None lets the lattice follow the live region.
+    limit : float
+        Without a domain, states of a higher cost are left out.
+    bounded : bool
+        Whether the states form a bounded set, so that the edges of the lattice are
+        those of their support.
+    """
+
+    points: tuple[int, ...]
+    domain: FloatArray | None
+    limit: float
+    bounded: bool
+
+    def axis(self, k: int, lower: float, upper: float) -> FloatArray:
+        """Return the axis over the given bounds, or over the domain if there is one."""
+        if self.domain is not None:
+            lower, upper = self.domain[k]
+        return np.linspace(lower, upper, self.points[k])
+
+    def is_small(self, k: int, span: float) -> bool:
+        """Whether a span is so small a part of the domain that an axis of its own pays."""
+        return self.domain is not None and span < 0.5 * float(self.domain[k, 1] - self.domain[k, 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,3 +252,43 @@ class Lattice:
         points = grid_points(axes)
         cost = self.at(points.reshape(-1, len(axes))).reshape(points.shape[:-1])
         return Lattice(axes, cost, self.t_norm)
+
+
+class Kernel:
+    """A scalar noise membership as the kernel of a convolution, its peak moved to zero.
+
+    Attributes
+    ----------
+    t_norm : TNorm
+    lower, upper : float
+        Bounds of the offsets that are possible.
+    curvature : float or None
+        If the cost is curvature * offset^2.
+    kinks : tuple of float
+        Offsets at which the cost is not smooth.
+    """
+
+    def __init__(self, membership: Membership, t_norm: TNorm) -> None:
+        self.t_norm = t_norm
+        self._membership, self._peak = membership, float(membership.peak[0])
+        self.lower, self.upper = (float(bound[0]) - self._peak for bound in membership.support())
+        self.kinks = (0.0,) if isinstance(membership, TriangularMembership) else ()
+        self.curvature: float | None = None
+        if isinstance(membership, EllipticalMembership) and membership.family == t_norm.family:
+            half = 0.5 if membership.family == "gaussian" else 1.0
+            self.curvature = half / float(membership.matrix[0, 0])
+
+    def cost(self, offset: FloatArray) -> FloatArray:
+        """Costs of offsets from the peak."""
+        if self.curvature is not None:
+            return self.curvature * (offset * offset)
+        return self._membership.cost((offset + self._peak)[..., None], self.t_norm)
+
+    def reach(self, cost: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the offsets that cost no more than each of many costs."""
+        if self.curvature is not None:
+            half = np.sqrt(np.maximum(cost, 0.0) / self.curvature)
+            return -half, half
+        level = np.clip(self.t_norm.membership(cost), np.finfo(float).tiny, 1.0)
+        lower, upper = self._membership.reach(level)
+        return lower[:, 0] - self._peak, upper[:, 0] - self._peak

@@ -12,7 +12,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, IntArray
-    from fuzzykf.possibility.grid.noise import Kernel
+    from fuzzykf.possibility.grid.lattice import Kernel
 
 __all__ = ["meeting"]
 

@@ -1,4 +1,4 @@
-"""Process noise on a grid: one kernel per axis, in coordinates in which it has axes."""
+"""From which scalar kernels a process noise combines: one per axis, in coordinates in which it has axes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fuzzykf.possibility.grid.lattice import Kernel
 from fuzzykf.possibility.memberships import (
     CutMembership,
     EllipticalMembership,
@@ -20,47 +21,7 @@ if TYPE_CHECKING:
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["Kernel", "Noise", "decompose", "shear"]
-
-
-class Kernel:
-    """A scalar noise membership as the kernel of a convolution, its peak moved to zero.
-
-    Attributes
-    ----------
-    t_norm : TNorm
-    lower, upper : float
-        Bounds of the offsets that are possible.
-    curvature : float or None
-        If the cost is curvature * offset^2.
-    kinks : tuple of float
-        Offsets at which the cost is not smooth.
-    """
-
-    def __init__(self, membership: Membership, t_norm: TNorm) -> None:
-        self.t_norm = t_norm
-        self._membership, self._peak = membership, float(membership.peak[0])
-        self.lower, self.upper = (float(bound[0]) - self._peak for bound in membership.support())
-        self.kinks = (0.0,) if isinstance(membership, TriangularMembership) else ()
-        self.curvature: float | None = None
-        if isinstance(membership, EllipticalMembership) and membership.family == t_norm.family:
-            half = 0.5 if membership.family == "gaussian" else 1.0
-            self.curvature = half / float(membership.matrix[0, 0])
-
-    def cost(self, offset: FloatArray) -> FloatArray:
-        """Costs of offsets from the peak."""
-        if self.curvature is not None:
-            return self.curvature * (offset * offset)
-        return self._membership.cost((offset + self._peak)[..., None], self.t_norm)
-
-    def reach(self, cost: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the offsets that cost no more than each of many costs."""
-        if self.curvature is not None:
-            half = np.sqrt(np.maximum(cost, 0.0) / self.curvature)
-            return -half, half
-        level = np.clip(self.t_norm.membership(cost), np.finfo(float).tiny, 1.0)
-        lower, upper = self._membership.reach(level)
-        return lower[:, 0] - self._peak, upper[:, 0] - self._peak
+__all__ = ["Noise", "decompose", "shear"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,9 @@ from fuzzykf.engine.selected import (
     refine,
     totals,
 )
-from fuzzykf.possibility.grid.lattice import Lattice
+from fuzzykf.possibility.grid.lattice import Kernel, Lattice
 from fuzzykf.possibility.grid.meeting import meeting
-from fuzzykf.possibility.grid.noise import Kernel, shear
+from fuzzykf.possibility.grid.noise import shear
 from fuzzykf.possibility.grid.scalar import predict_scalar
 from fuzzykf.possibility.grid.warp import landing, warp
 from fuzzykf.possibility.mapping import Mapping, grid_points
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from typing import TypeAlias
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.possibility.grid.lattice import Universe
     from fuzzykf.possibility.grid.noise import Noise
-    from fuzzykf.possibility.grid.universe import Universe
     from fuzzykf.possibility.memberships import Membership
 
     Kernels: TypeAlias = tuple[Kernel | None, ...]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.engine.selected import Scale
-    from fuzzykf.possibility.grid.noise import Kernel
+    from fuzzykf.possibility.grid.lattice import Kernel
     from fuzzykf.possibility.mapping import Mapping
 
 __all__ = ["predict_scalar"]

@@ -34,7 +34,7 @@ from fuzzykf.engine.selected import (
     tangents,
 )
 from fuzzykf.errors import SupportLostError
-from fuzzykf.possibility.grid.noise import Kernel
+from fuzzykf.possibility.grid.lattice import Kernel
 from fuzzykf.possibility.mapping import grid_points
 from fuzzykf.possibility.memberships import GaussianMembership, ParabolicMembership
 
@@ -42,8 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzykf.arrays import BoolArray, FloatArray
-    from fuzzykf.possibility.grid.lattice import Lattice
-    from fuzzykf.possibility.grid.universe import Universe
+    from fuzzykf.possibility.grid.lattice import Lattice, Universe
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import Membership
 
