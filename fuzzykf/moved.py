@@ -23,7 +23,7 @@ __all__ = ["MODULES", "NAMES", "install", "lookup"]
 _FOLDERS = {
     "fuzzykf.comparison.candidates": "linear regression switching",
     "fuzzykf.engine.numpy": "backward convolution grid imm kalman kalman_series kernels raster switching",
-    "fuzzykf.possibility.grid": "conditioning lattice meeting noise propagation scalar warp",
+    "fuzzykf.possibility.grid": "conditioning lattice meeting noise scalar warp",
     "fuzzykf.possibility.intervals": "boxes",
     "fuzzykf.switching.dynamics": "form_checks forms interpolation simulation",
     "fuzzykf.switching.filters": "known_switch",
@@ -53,6 +53,7 @@ MODULES = {
     "fuzzykf.possibility.attributes": "fuzzykf.possibility.estimator",
     "fuzzykf.possibility.choice": "fuzzykf.possibility.representation",
     "fuzzykf.possibility.landing": "fuzzykf.possibility.grid.warp",
+    "fuzzykf.possibility.propagation": "fuzzykf.possibility.grid.belief",
     "fuzzykf.switching.belief": "fuzzykf.switching.inference.mixture",
     "fuzzykf.switching.filter_base": "fuzzykf.switching.filters.switching_filter",
     "fuzzykf.switching.fuzzy_model": "fuzzykf.switching.models.fuzzy",

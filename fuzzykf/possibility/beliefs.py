@@ -1,94 +1,32 @@
-"""What an estimator knows of the state: a quadratic form, a box or a grid; immutable values."""
+"""What an estimator knows of the state: a quadratic form, a box or a grid; immutable values.
+
+That on a grid stands with its prediction in `fuzzykf.possibility.grid.belief`.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fuzzykf.errors import EmptyIntersectionError, UnreachableMeasurementError
 from fuzzykf.possibility import closed_form
-from fuzzykf.possibility.grid import conditioning
-from fuzzykf.possibility.grid.lattice import Lattice
-from fuzzykf.possibility.grid.noise import decompose
-from fuzzykf.possibility.grid.propagation import propagate
+from fuzzykf.possibility.grid.belief import GridBelief
 from fuzzykf.possibility.intervals import boxes
 from fuzzykf.possibility.mapping import matrix_of
+from fuzzykf.possibility.protocol import Belief, Outcome
 from fuzzykf.possibility.representation import FAMILIES, required_box, required_quadratic
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.grid.lattice import Universe
-    from fuzzykf.possibility.grid.noise import Noise
     from fuzzykf.possibility.mapping import Mapping
-    from fuzzykf.possibility.memberships import (
-        EllipticalMembership,
-        GridMembership,
-        IntervalMembership,
-        Membership,
-    )
+    from fuzzykf.possibility.memberships import EllipticalMembership, IntervalMembership, Membership
     from fuzzykf.possibility.norms import TNorm
     from fuzzykf.possibility.representation import Representation
 
 __all__ = ["Belief", "BoxBelief", "GridBelief", "Outcome", "QuadraticBelief", "believe", "nothing_explains"]
-
-#: The loss of states at an edge is reported from this membership on: of unbounded
-#: memberships, which every domain cuts somewhere, and of bounded ones.
-LOSS_UNBOUNDED, LOSS_BOUNDED = 0.5, 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """Result of a prediction or an update.
-
-    Attributes
-    ----------
-    belief : Belief or None
-        None if prediction and measurement exclude each other.
-    possibility : float
-        Of the measurement.
-    reachable : bool
-        Whether any state, possible or not, could explain the measurement.
-    notes : list of str
-        What the user has to be warned of.
-    posterior : Posterior or None
-        Residual and gain of an update in closed form.
-    """
-
-    belief: Belief | None
-    possibility: float = 1.0
-    reachable: bool = True
-    notes: list[str] = field(default_factory=list)
-    posterior: closed_form.Posterior | None = None
-
-
-class Belief(Protocol):
-    """What `FuzzyRelationEstimator` asks of a belief."""
-
-    def moments(self) -> tuple[FloatArray, FloatArray]:
-        """Centroid (d, 1) (or as the user gave it) and spread (d, d)."""
-
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Bounds (d,) of the possible states."""
-
-    def as_membership(self) -> Membership:
-        """Membership of the state."""
-
-    def mean_of_maximum(self) -> FloatArray:
-        """Mean (d,) of the likeliest states."""
-
-    def peak(self) -> FloatArray:
-        """Likeliest state (d,)."""
-
-    def predict(self, move: Mapping, noise: Membership) -> Outcome:
-        """Image under the map, spread by the noise."""
-
-    def update(self, measure: Mapping, noise: Membership, z: FloatArray) -> Outcome:
-        """Combine with a measurement."""
-
-    def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> Belief | None:
-        """Return what the measurement alone says; None if that is not enough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,78 +132,6 @@ class BoxBelief:
         """All states that explain the measurement."""
         found = boxes.restart(self.box, measure, required_box("noise", noise), z)
         return None if found is None else BoxBelief(found)
-
-
-@dataclass(frozen=True, eq=False)
-class GridBelief:
-    """Costs on a lattice that is fixed or follows the live region."""
-
-    lattice: Lattice
-    universe: Universe
-    noise: Noise | None = None  # of the latest prediction: it is mostly the same at the next one
-
-    @classmethod
-    def of(cls, name: str, membership: Membership, t_norm: TNorm, universe: Universe) -> GridBelief:
-        """Sample a membership; components of zero width are kept as known exactly."""
-        floor = 0.0 if membership.is_bounded else float(t_norm.membership(universe.limit))
-        lower, upper = membership.support(floor)
-        axes = tuple(
-            np.array([low]) if low == high else universe.axis(k, float(low), float(high))
-            for k, (low, high) in enumerate(zip(lower, upper, strict=True))
-        )
-        return cls(Lattice.of(name, membership, axes, t_norm), universe)
-
-    def moments(self) -> tuple[FloatArray, FloatArray]:
-        """Centroid and second central moments, by the trapezoidal rule."""
-        mean, P = self.lattice.moments
-        return mean.reshape(-1, 1), P
-
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the live nodes."""
-        return self.lattice.bounds(self.universe.limit)
-
-    def as_membership(self) -> GridMembership:
-        """Return the values on the nodes."""
-        return self.lattice.as_membership()
-
-    def mean_of_maximum(self) -> FloatArray:
-        """Mean of the nodes of largest membership."""
-        return self.lattice.mean_of_maximum()
-
-    def peak(self) -> FloatArray:
-        """Likeliest point, between the nodes."""
-        return self.lattice.peak()
-
-    def predict(self, move: Mapping, noise: Membership) -> Outcome:
-        """Warp by the map, and convolution with the noise."""
-        t_norm, universe, parts = self.lattice.t_norm, self.universe, self.noise
-        if parts is None or parts.membership is not noise:
-            parts = decompose(noise, t_norm)
-        lattice, lost = propagate(self.lattice, move, parts, universe)
-        notes = lattice.notes(follows=universe.domain is None)
-        level = 0.0 if np.isinf(lost) else float(t_norm.membership(lost))
-        if level > (LOSS_BOUNDED if universe.bounded else LOSS_UNBOUNDED):
-            notes.append(
-                f"domain: states of membership up to {level:.3g} leave it at this prediction and count as "
-                "impossible from now on; widen the domain, or leave it out so that the grid follows the state"
-            )
-        return Outcome(GridBelief(lattice, universe, parts), notes=notes)
-
-    def update(self, measure: Mapping, noise: Membership, z: FloatArray) -> Outcome:
-        """Combine with a measurement, on a lattice that fits the result."""
-        found = conditioning.condition(self.lattice, measure, noise, z, self.universe)
-        if found.lattice is None:
-            return Outcome(None, found.possibility, found.reachable, found.notes)
-        notes = found.notes or found.lattice.notes(follows=self.universe.domain is None)
-        return Outcome(self._with(found.lattice), found.possibility, found.reachable, notes)
-
-    def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> GridBelief | None:
-        """Return what the measurement alone says."""
-        lattice = conditioning.restart(self.lattice, measure, noise, z, self.universe)
-        return None if lattice is None else self._with(lattice)
-
-    def _with(self, lattice: Lattice) -> GridBelief:
-        return GridBelief(lattice, self.universe, self.noise)
 
 
 def believe(

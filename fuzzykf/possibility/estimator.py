@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray, IntArray
-    from fuzzykf.possibility.beliefs import Belief, Outcome
     from fuzzykf.possibility.closed_form import Posterior
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TConorm, TNorm
+    from fuzzykf.possibility.protocol import Belief, Outcome
 
 __all__ = ["FuzzyRelationEstimator"]
 

@@ -1,4 +1,6 @@
-"""Prediction on a lattice: warp the costs by the map, then convolve along the noisy axes.
+"""What an estimator knows of the state on a grid, and how it predicts.
+
+A prediction warps the costs by the map and then convolves them along the noisy axes:
 
     mu'(x') = sup over (x, w) with x' = f(x) + w of T(mu(x), mu_W(w))
 
@@ -9,7 +11,7 @@ known and rasterised forward otherwise (`fuzzykf.possibility.grid.warp`).  What 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,12 +25,14 @@ from fuzzykf.engine.selected import (
     refine,
     totals,
 )
+from fuzzykf.possibility.grid import conditioning
 from fuzzykf.possibility.grid.lattice import Kernel, Lattice
 from fuzzykf.possibility.grid.meeting import meeting
-from fuzzykf.possibility.grid.noise import shear
+from fuzzykf.possibility.grid.noise import decompose, shear
 from fuzzykf.possibility.grid.scalar import predict_scalar
 from fuzzykf.possibility.grid.warp import landing, warp
 from fuzzykf.possibility.mapping import Mapping, grid_points
+from fuzzykf.possibility.protocol import Outcome
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -36,14 +40,91 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.grid.lattice import Universe
     from fuzzykf.possibility.grid.noise import Noise
-    from fuzzykf.possibility.memberships import Membership
+    from fuzzykf.possibility.memberships import GridMembership, Membership
+    from fuzzykf.possibility.norms import TNorm
 
     Kernels: TypeAlias = tuple[Kernel | None, ...]
 
-__all__ = ["convolve_axis", "propagate"]
+__all__ = ["GridBelief", "convolve_axis", "propagate"]
+
+#: The loss of states at an edge is reported from this membership on: of unbounded
+#: memberships, which every domain cuts somewhere, and of bounded ones.
+LOSS_UNBOUNDED, LOSS_BOUNDED = 0.5, 0.01
 
 #: Tables up to this many entries are filled for a scalar state and a function without an inverse.
 DIRECT = 1_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class GridBelief:
+    """Costs on a lattice that is fixed or follows the live region."""
+
+    lattice: Lattice
+    universe: Universe
+    noise: Noise | None = None  # of the latest prediction: it is mostly the same at the next one
+
+    @classmethod
+    def of(cls, name: str, membership: Membership, t_norm: TNorm, universe: Universe) -> GridBelief:
+        """Sample a membership; components of zero width are kept as known exactly."""
+        floor = 0.0 if membership.is_bounded else float(t_norm.membership(universe.limit))
+        lower, upper = membership.support(floor)
+        axes = tuple(
+            np.array([low]) if low == high else universe.axis(k, float(low), float(high))
+            for k, (low, high) in enumerate(zip(lower, upper, strict=True))
+        )
+        return cls(Lattice.of(name, membership, axes, t_norm), universe)
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Centroid and second central moments, by the trapezoidal rule."""
+        mean, P = self.lattice.moments
+        return mean.reshape(-1, 1), P
+
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the live nodes."""
+        return self.lattice.bounds(self.universe.limit)
+
+    def as_membership(self) -> GridMembership:
+        """Return the values on the nodes."""
+        return self.lattice.as_membership()
+
+    def mean_of_maximum(self) -> FloatArray:
+        """Mean of the nodes of largest membership."""
+        return self.lattice.mean_of_maximum()
+
+    def peak(self) -> FloatArray:
+        """Likeliest point, between the nodes."""
+        return self.lattice.peak()
+
+    def predict(self, move: Mapping, noise: Membership) -> Outcome:
+        """Warp by the map, and convolution with the noise."""
+        t_norm, universe, parts = self.lattice.t_norm, self.universe, self.noise
+        if parts is None or parts.membership is not noise:
+            parts = decompose(noise, t_norm)
+        lattice, lost = propagate(self.lattice, move, parts, universe)
+        notes = lattice.notes(follows=universe.domain is None)
+        level = 0.0 if np.isinf(lost) else float(t_norm.membership(lost))
+        if level > (LOSS_BOUNDED if universe.bounded else LOSS_UNBOUNDED):
+            notes.append(
+                f"domain: states of membership up to {level:.3g} leave it at this prediction and count as "
+                "impossible from now on; widen the domain, or leave it out so that the grid follows the state"
+            )
+        return Outcome(GridBelief(lattice, universe, parts), notes=notes)
+
+    def update(self, measure: Mapping, noise: Membership, z: FloatArray) -> Outcome:
+        """Combine with a measurement, on a lattice that fits the result."""
+        found = conditioning.condition(self.lattice, measure, noise, z, self.universe)
+        if found.lattice is None:
+            return Outcome(None, found.possibility, found.reachable, found.notes)
+        notes = found.notes or found.lattice.notes(follows=self.universe.domain is None)
+        return Outcome(self._with(found.lattice), found.possibility, found.reachable, notes)
+
+    def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> GridBelief | None:
+        """Return what the measurement alone says."""
+        lattice = conditioning.restart(self.lattice, measure, noise, z, self.universe)
+        return None if lattice is None else self._with(lattice)
+
+    def _with(self, lattice: Lattice) -> GridBelief:
+        return GridBelief(lattice, self.universe, self.noise)
 
 
 def propagate(source: Lattice, move: Mapping, noise: Noise, universe: Universe) -> tuple[Lattice, float]:
