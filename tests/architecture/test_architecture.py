@@ -38,6 +38,9 @@ FACADES = {"fit", "filter", "plot", "smooth"}
 
 MOST_LINES = 350
 
+#: Calls that somebody may want to read along: how many files they visit, and how often the file changes.
+LONGEST_WALKS = {"grid predict": (10, 80)}
+
 
 def test_no_circle_of_imports_crosses_a_package(capsys) -> None:
     assert circles.main() == 0, capsys.readouterr().out
@@ -82,6 +85,22 @@ def test_lines_of_docstrings_and_comments_do_not_count(tmp_path) -> None:
         '"""Say\n\nmuch."""\n\n# why\nx = [\n    1,\n]\n\n\ndef f():\n    """Say."""\n    return x\n'
     )
     assert lines.lines_of_code(path) == 5
+
+
+def test_a_reader_of_a_call_walks_through_few_files() -> None:
+    # The kernels of NumPy are a part of the walk, whatever engine these tests run on.
+    run = subprocess.run(
+        [sys.executable, str(HERE / "walks.py")],
+        env={**os.environ, "FUZZYKF_ENGINE": "numpy"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    told = re.findall(r"^(.+): (\d+) files, (\d+) changes of file$", run.stdout, re.MULTILINE)
+    found = {name: (int(files), int(changes)) for name, files, changes in told}
+    for name, (files, changes) in LONGEST_WALKS.items():
+        assert found[name][0] <= files, run.stdout
+        assert found[name][1] <= changes, run.stdout
 
 
 # --------------------------------------------------------------------------- old paths
