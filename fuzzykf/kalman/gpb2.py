@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.engine.selected import merge_modes
+from fuzzykf.engine.selected import merge_modes, weigh_pairs
 from fuzzykf.kalman.bank import (
     check_possible,
     clone,
@@ -75,21 +75,19 @@ class PairBranches:
             updated = [update_members(members, z) for members in self.banks]
             log_likelihood = np.array([values for values, _, _ in updated])
             check_possible(z, log_likelihood.ravel(), self.log_joint.ravel())
-        log_pairs = self.log_joint + log_likelihood
-        log_modes = np.logaddexp.reduce(log_pairs, axis=0)
+        weights, log_mu, total, log_modes = weigh_pairs(self.log_joint, log_likelihood)
         log_prior = np.logaddexp.reduce(self.log_joint, axis=0)
-        total = float(np.logaddexp.reduce(log_modes))
         reached = log_modes > -np.inf
-        within = np.where(reached, log_modes, 0.0)
-        weights = np.where(reached, np.exp(log_pairs - within), np.eye(len(filters)))
         xs, Ps = _merge_pairs(weights, [(x, P) for _, x, P in updated])
         for j, f in enumerate(filters):
             prior = {name: value for name, value in f.__dict__.items() if name in ("x_prior", "P_prior")}
             f.__dict__.update(self.banks[int(np.argmax(weights[:, j]))][j].__dict__)
             f.__dict__.update(prior)
             put_moments(f, "post", xs[j], Ps[j])
-        modes = np.where(reached, within - np.where(reached, log_prior, 0.0), -np.inf)
-        return log_modes - total, total, modes, xs, Ps
+        modes = np.where(
+            reached, np.where(reached, log_modes, 0.0) - np.where(reached, log_prior, 0.0), -np.inf
+        )
+        return log_mu, float(total), modes, xs, Ps
 
 
 def _merge_pairs(

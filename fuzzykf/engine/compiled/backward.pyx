@@ -54,7 +54,7 @@ def best_path(Kernel kernel not None, score, U):
     check(k, n)
     cdef cnp.ndarray pointers = np.empty((n, k.M2), dtype=np.int64), end = np.empty(k.M2 if n else k.M1)
     cdef int M = max(k.M1, k.M2)
-    cdef Buffer room = Buffer(2 * fk_padded(M))
+    cdef Buffer room = Buffer(4 * fk_padded(M))
     cdef const double *from_u = at(u)
     cdef int64_t *to = <int64_t *> cnp.PyArray_DATA(pointers)
     memcpy(room.data, at(start), k.M1 * sizeof(double))

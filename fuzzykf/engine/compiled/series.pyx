@@ -72,7 +72,7 @@ def filter_series(
     cdef fk_output o = outputs(out, s, n, m, M)
     cdef Workspace work = Workspace(kernel)
     cdef size_t ahead = fk_chunk_tables(M) if k.is_scalar else 0, pairs = fk_chunk_weights(M) if k.is_scalar else 0
-    cdef Buffer more = Buffer(ahead + pairs + 1 + k.w + q + q * (1 + m))
+    cdef Buffer more = Buffer(ahead + pairs + 1 + k.w + q + q * (3 + m))
     cdef double *root = more.data + ahead + pairs + 1 + k.w + q
     cdef fk_room room
     room.p, room.x, room.scratch = work.p, work.x, work.scratch

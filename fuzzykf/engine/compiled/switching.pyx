@@ -33,7 +33,7 @@ def first_step(log_initial, mean, covariance, factor, ys):
     cdef cnp.ndarray l_ = doubles(log_initial, "log_initial", (M,)), mean_ = doubles(mean, "mean", (M, d))
     cdef cnp.ndarray S_ = doubles(covariance, "covariance", (M, d, d)), f_ = doubles(factor, "factor", (M, q, q))
     cdef cnp.ndarray table = np.empty((s, rows, M)), log_likelihood = np.empty(s)
-    cdef Buffer scratch = Buffer(q * (1 + m))
+    cdef Buffer scratch = Buffer(q * (3 + m))
     cdef double *to = at(table)
     cdef double *values = at(log_likelihood)
     cdef const double *y = at(y_)

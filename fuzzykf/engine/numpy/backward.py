@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.numpy.switching import log_pairs
+from fuzzykf.engine.numpy.outliers import NEAR, are_far
+from fuzzykf.engine.numpy.switching import far_pairs, log_pairs
+from fuzzykf.engine.numpy.tables import DEAD
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,7 +48,11 @@ def smooth_back(kernel: Kernel, log_p: FloatArray, U: FloatArray, after: FloatAr
     for stop in range(len(U), 0, -_CHUNK):
         start = max(0, stop - _CHUNK)
         log_w = log_pairs(kernel, U[start:stop]).reshape(-1, M1, M2) + log_p[start:stop, :, None]
-        w = np.exp(log_w - log_w.max(axis=1, keepdims=True))
+        top = log_w.max(axis=1)
+        for t in np.flatnonzero(((top < NEAR) & (top > DEAD)).any(axis=1)):
+            log_w[t] = far_pairs(kernel, log_p[start + t], U[start + t])[0]
+            top[t] = log_w[t].max(axis=0)
+        w = np.exp(log_w - top[:, None])
         w /= w.sum(axis=1, keepdims=True)
         for t in range(stop - 1, start - 1, -1):
             after = w[t - start] @ after
@@ -78,6 +84,9 @@ def best_path(kernel: Kernel, score: FloatArray, U: FloatArray) -> tuple[FloatAr
     for start in range(0, len(U), _CHUNK):
         for t, pairs in enumerate(log_pairs(kernel, U[start : start + _CHUNK]), start):
             total = score[:, None] + pairs.reshape(M1, M2)
+            if are_far(total.max(axis=0)):
+                total, reference, _ = far_pairs(kernel, score, U[t])
+                total += reference
             pointers[t] = total.argmax(axis=0)
             score = total[pointers[t], columns]
             score = score - score.max()

@@ -25,6 +25,7 @@ __all__ = [
     "mix_modes",
     "move_bank",
     "weigh_modes",
+    "weigh_pairs",
 ]
 
 
@@ -61,9 +62,37 @@ def weigh_modes(log_prior: FloatArray, log_likelihood: FloatArray) -> tuple[Floa
 
     The weights are NaN where no hypothesis has a positive density.
     """
-    log_joint = log_prior + log_likelihood
+    # differences of log-likelihoods first: those of an outlier would round the prior away
+    possible = np.where(np.isneginf(log_prior), -np.inf, log_likelihood)
+    best = possible.max(axis=-1)
+    best = np.where(np.isneginf(best), 0.0, best)
+    log_joint = log_prior + (log_likelihood - best[..., None])
     total: FloatArray = np.logaddexp.reduce(log_joint, axis=-1)
-    return log_joint - total[..., None], total
+    return log_joint - total[..., None], total + best
+
+
+def weigh_pairs(
+    log_joint: FloatArray, log_likelihood: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Bayes' rule for pairs of modes (..., K, K), each with its own log-likelihood.
+
+    Returns
+    -------
+    omega : ndarray, shape (..., K, K)
+        P(i | j).  A mode that cannot be reached keeps to itself.
+    log_mu, total : ndarray, shapes (..., K) and (...)
+        As from `weigh_modes`, of the modes j.
+    log_joint_mode : ndarray, shape (..., K)
+        Log of the joint density of mode j and the observation.
+    """
+    best = np.where(np.isneginf(log_joint), -np.inf, log_likelihood).max(axis=-2)
+    best = np.where(np.isneginf(best), 0.0, best)
+    within = log_joint + (log_likelihood - best[..., None, :])  # each column by its own best pair
+    column: FloatArray = np.logaddexp.reduce(within, axis=-2)
+    lost = np.isneginf(column)[..., None, :]
+    omega = np.exp(within - np.where(lost, 0.0, column[..., None, :]))
+    log_mu, total = weigh_modes(column, best)
+    return np.where(lost, np.eye(log_joint.shape[-1]), omega), log_mu, total, column + best
 
 
 def merge_modes(weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -263,13 +292,8 @@ def filter_bank_many(
         y_seen = None if seen.all() else seen[axes]
         *_, xs, Ps, log_likelihood = correct_bank(xs, Ps, zs[:, t][axes], H, R, y_seen)
         if every_pair:
-            log_pairs = log_joint + log_likelihood
-            within = np.logaddexp.reduce(log_pairs, axis=-2)
-            lost = within[:, None] == -np.inf
-            weights = np.exp(log_pairs - np.where(lost, 0.0, within[:, None]))
-            weights = np.where(lost, np.eye(len(log_M)), weights)
-            xs, Ps = merge_modes(np.swapaxes(weights, 1, 2), np.swapaxes(xs, 1, 2), np.swapaxes(Ps, 1, 2))
-            log_mu, total = weigh_modes(within, np.zeros_like(within))
+            omega, log_mu, total, _ = weigh_pairs(log_joint, log_likelihood)
+            xs, Ps = merge_modes(np.swapaxes(omega, 1, 2), np.swapaxes(xs, 1, 2), np.swapaxes(Ps, 1, 2))
         else:
             log_mu, total = weigh_modes(log_cbar, log_likelihood)
         mu = np.exp(log_mu)

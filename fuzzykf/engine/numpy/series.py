@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from fuzzykf.engine.numpy.switching import collapse, collapse_few, first_step, log_pairs
+from fuzzykf.engine.numpy.outliers import NEAR
+from fuzzykf.engine.numpy.switching import collapse, collapse_few, far_pairs, first_step, log_pairs
+from fuzzykf.engine.numpy.tables import DEAD
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray, IntArray
@@ -154,7 +156,7 @@ def run(
             pairs[:, :p] = log_w
             np.matmul(part, kernel.rows[p:].T, out=pairs[:, p : 2 * p])
             pairs[:, 2 * p :] = kernel.C.ravel()
-            log_totals, carried = np.empty(len(part)), np.zeros(len(part))
+            log_totals, carried, bests = (np.zeros(len(part)) for _ in range(3))
             log_total = 0.0
             for k, row in enumerate(pairs):
                 if not -_DRIFT < log_total < _DRIFT:
@@ -162,17 +164,19 @@ def run(
                     log_total = 0.0
                 carried[k] = log_total
                 np.add(row, mix.dot(table.ravel()), row)
-                table, log_total = collapse_few(kernel, row[:p], row[p : 2 * p], row[2 * p :])
+                table, log_total, bests[k] = collapse_few(
+                    kernel, row[:p], row[p : 2 * p], row[2 * p :], table[0], part[k]
+                )
                 log_totals[k] = log_total
                 tables[start + k] = table
             block = slice(start, start + len(part))
-            log_likelihood[block] = log_totals - carried
+            log_likelihood[block] = log_totals - carried + bests
             tables[block, 0] -= log_totals[:, None]
             table = tables[start + len(part) - 1]
         else:
             offsets = (part @ kernel.rows[q * p :].T).reshape(-1, m, p)
-            for k, (row, offset) in enumerate(zip(log_w, offsets, strict=True), start):
-                table, sign, log_likelihood[k] = collapse(kernel, row, offset, table, sign)
+            for k, (u, row, offset) in enumerate(zip(part, log_w, offsets, strict=True), start):
+                table, sign, log_likelihood[k] = collapse(kernel, row, offset, table, sign, u)
                 tables[k] = table
                 if signs is not None:
                     signs[k] = sign
@@ -199,6 +203,11 @@ def step_many(kernel: Kernel, table: FloatArray, U: FloatArray) -> tuple[FloatAr
     w = log_pairs(kernel, U).reshape(s, M1, M2)
     w += table[:, 0, :, None]
     top = w.max(axis=1)
+    base, best = top.copy(), np.zeros(s)
+    for k in np.flatnonzero(((top < NEAR) & (top > DEAD)).any(axis=1)):
+        w[k], reference, best[k] = far_pairs(kernel, table[k, 0], U[k])
+        top[k] = w[k].max(axis=0)
+        base[k] = top[k] + reference
     w -= top[:, None]
     np.exp(w, out=w)
     column = w.sum(axis=1)
@@ -226,11 +235,12 @@ def step_many(kernel: Kernel, table: FloatArray, U: FloatArray) -> tuple[FloatAr
         P = 0.5 * (P + np.swapaxes(P, -1, -2))
         new[:, 1 : 1 + m] = np.swapaxes(mean, 1, 2)
         new[:, 1 + m :] = np.swapaxes(P.reshape(s, M2, m * m), 1, 2)
-    log_p = np.log(column) + top
+    new[:, 1:][np.broadcast_to((top < DEAD)[:, None], new[:, 1:].shape)] = 0.0  # no path reaches these nodes
+    log_p = np.log(column) + base
     peak = log_p.max(axis=1, keepdims=True)
-    log_likelihood = np.log(np.exp(log_p - peak).sum(axis=1)) + peak[:, 0]
-    new[:, 0] = log_p - log_likelihood[:, None]
-    return new, log_likelihood
+    log_total = np.log(np.exp(log_p - peak).sum(axis=1)) + peak[:, 0]
+    new[:, 0] = log_p - log_total[:, None]
+    return new, log_total + best
 
 
 def summarise(

@@ -29,10 +29,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from fuzzykf.engine.numpy.outliers import NEAR, are_far, far_weights, relative_weights
 from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.engine.numpy.tables import Kernel
 
 __all__ = [
@@ -40,6 +41,7 @@ __all__ = [
     "before_step",
     "collapse_weights",
     "condition_pairs",
+    "far_pairs",
     "first_step",
     "first_step_in_part",
     "log_pairs",
@@ -53,6 +55,9 @@ __all__ = [
 
 _ONE = np.ones(1)
 _HALF_LOG_2PI = 0.5 * log(2.0 * np.pi)
+
+#: Factors of covariances that differ by less, relatively, are one.
+_ALIKE = 1e-14
 
 #: Sums of weights between these lose nothing without a maximum taken out.
 _TINY, _HUGE = 1e-250, 1e250
@@ -90,6 +95,14 @@ def first_step(
     log_likelihood = top + np.log(np.exp(log_w - top).sum(axis=0))
     table = np.empty((s, 1 + m + m * m, M))
     table[:, 0] = (log_w - log_likelihood).T
+    for k in np.flatnonzero((top < NEAR) & (top > DEAD)):
+        # nodes take the place of pairs, in one column
+        there = np.concatenate([-mean[:, m:, None], np.broadcast_to(np.eye(q), (M, q, q))], axis=-1)
+        rows = np.moveaxis(np.linalg.solve(factor, there) * np.sqrt(0.5), 1, 0)[:, :, None]
+        small = (log_initial - log_det - q * _HALF_LOG_2PI)[:, None]
+        relative, _, best = far_weights(rows, small, np.concatenate((_ONE, ys[k])))
+        total = _log_sum(relative[:, 0], None)
+        table[k, 0], log_likelihood[k] = relative[:, 0] - total, best + total
     table[:, 1 : 1 + m] = x.T
     table[:, 1 + m :] = P.reshape(M, m * m).T
     return table, log_likelihood
@@ -117,17 +130,29 @@ def step(
     """
     M1, M2, m, q = kernel.shape
     if kernel.few is not None:
-        pairs = kernel.few.whole.dot(np.concatenate((_ONE, window, y, table.ravel())))
+        u = np.concatenate((_ONE, window, y, table.ravel()))
+        pairs = kernel.few.whole.dot(u)
         n = M1 * M2
         white, log_w = pairs[:n], pairs[n : 2 * n]
         np.multiply(white, white, white)
         np.subtract(log_w, white, log_w)
-        table, log_likelihood = collapse_few(kernel, log_w, pairs[2 * n : 3 * n], pairs[3 * n :])
-        table[0] -= log_likelihood
-        return table, None, log_likelihood
-    product = (kernel.rows @ np.concatenate((_ONE, window, y))).reshape(q + m, M1 * M2)
+        table, log_total, best = collapse_few(
+            kernel, log_w, pairs[2 * n : 3 * n], pairs[3 * n :], table[0], u
+        )
+        table[0] -= log_total
+        return table, None, log_total + best
+    u = np.concatenate((_ONE, window, y))
+    product = (kernel.rows @ u).reshape(q + m, M1 * M2)
     log_w = kernel.log_scale - np.add.reduce(product[:q] ** 2, axis=0)
-    return collapse(kernel, log_w, product[q:], table, sign)
+    return collapse(kernel, log_w, product[q:], table, sign, u)
+
+
+def far_pairs(kernel: Kernel, log_p: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Weigh the pairs at an observation that is far off, see `far_weights`; ``u`` begins with (1, w, y')."""
+    M1, M2, _, q = kernel.shape
+    rows = kernel.rows[: q * M1 * M2].reshape(q, M1, M2, -1)
+    small = kernel.log_scale.reshape(M1, M2) + log_p[:, None]
+    return far_weights(rows, small, u[: rows.shape[-1]])
 
 
 def _signed(
@@ -143,10 +168,14 @@ def _signed(
     return column, np.where(column < 0.0, -1.0, 1.0)
 
 
-def collapse_few(kernel: Kernel, log_w: FloatArray, x: FloatArray, P: FloatArray) -> tuple[FloatArray, float]:
+def collapse_few(
+    kernel: Kernel, log_w: FloatArray, x: FloatArray, P: FloatArray, log_p: FloatArray, u: FloatArray
+) -> tuple[FloatArray, float, float]:
     """Sum pairs into nodes, scalar state: flat arrays (M1 M2,), of which x is overwritten.
 
-    Returns the new table, its first row not normalised, and the logarithm of its total.
+    ``log_p`` (M1,) and ``u``, which begins with (1, w, y'), are what ``log_w`` was made from.  Returns the
+    new table, its first row not normalised, the logarithm of its total, and the log-density
+    to which that is relative: zero, but for outliers.
     """
     M1, M2 = kernel.shape[:2]
     few = kernel.few
@@ -161,8 +190,13 @@ def collapse_few(kernel: Kernel, log_w: FloatArray, x: FloatArray, P: FloatArray
     sums: list[float] = column.tolist()
     total = sum(sums)
     top = None
+    best = 0.0
     if not (min(sums) > _TINY and total < _HUGE):  # an outlier, or a node out of reach
-        top = np.maximum.reduce(log_w.reshape(M1, M2), axis=0)
+        top = base = np.maximum.reduce(log_w.reshape(M1, M2), axis=0)
+        if are_far(top):
+            relative, reference, best = far_pairs(kernel, log_p, u)
+            log_w, top = relative.ravel(), np.maximum.reduce(relative, axis=0)
+            base = top + reference
         np.exp(log_w - spread.dot(top), w)
         np.multiply(w, x, wx)
         both = weighted.dot(few.sums)
@@ -174,12 +208,12 @@ def collapse_few(kernel: Kernel, log_w: FloatArray, x: FloatArray, P: FloatArray
     np.add(x, P, x)
     np.multiply(x, w, x)
     np.divide(x.dot(spread), column, table[2])
-    log_p = np.log(column, table[0])
+    new_log_p = np.log(column, table[0])
     if top is None:
-        return table, log(total)
+        return table, log(total), best
     _bury(table, top)
-    log_p += top
-    return table, _log_sum(log_p, None)
+    new_log_p += base
+    return table, _log_sum(new_log_p, None), best
 
 
 def _table(log_p: FloatArray, mean: FloatArray, P: FloatArray) -> FloatArray:
@@ -204,16 +238,27 @@ def _log_sum(log_p: FloatArray, sign: FloatArray | None) -> float:
 
 
 def collapse(
-    kernel: Kernel, log_w: FloatArray, offset: FloatArray, table: FloatArray, sign: FloatArray | None
+    kernel: Kernel,
+    log_w: FloatArray,
+    offset: FloatArray,
+    table: FloatArray,
+    sign: FloatArray | None,
+    u: FloatArray,
 ) -> tuple[FloatArray, FloatArray | None, float]:
     """Sum pairs into nodes, for any state and any number of nodes.
 
     ``log_w`` (M1 M2,) holds log(P_ij N(y'; ...)), ``offset`` (m, M1 M2) holds
-    H w + G y' + c.  Returns the new table, the signs of its masses and the log-likelihood.
+    H w + G y' + c; both were made from ``u``, (1, w, y').
+    Returns the new table, the signs of its masses and the log-likelihood.
     """
     M1, M2, m, _ = kernel.shape
     w = log_w.reshape(M1, M2) + table[0][:, None]
-    top = np.maximum.reduce(w, axis=0)
+    top = base = np.maximum.reduce(w, axis=0)
+    best = 0.0
+    if are_far(top):
+        w, reference, best = far_pairs(kernel, table[0], u)
+        top = np.maximum.reduce(w, axis=0)
+        base = top + reference
     w -= top
     np.exp(w, out=w)
     column = kernel.ones.dot(w)
@@ -235,12 +280,12 @@ def collapse(
     spread = np.swapaxes(deviation * w.T[..., None], -1, -2) @ deviation
     P_node = np.einsum("ij,ijkl->jkl", w, P_pair) + spread
     P_node = 0.5 * (P_node + np.swapaxes(P_node, -1, -2))
-    log_p = np.log(column if sign is None else np.abs(column)) + top
-    log_likelihood = _log_sum(log_p, sign)
-    log_p -= log_likelihood
+    log_p = np.log(column if sign is None else np.abs(column)) + base
+    log_total = _log_sum(log_p, sign)
+    log_p -= log_total
     table = _table(log_p, mean, P_node)
     _bury(table, top)
-    return table, sign, log_likelihood
+    return table, sign, log_total + best
 
 
 def node_mean(p: FloatArray, means: FloatArray) -> FloatArray:
@@ -269,6 +314,8 @@ class PairMoments(NamedTuple):
     sign: FloatArray | None  # (M1, M2)
     mean: FloatArray  # (M1, M2, e)
     covariance: FloatArray  # (M1, M2, e, e)
+    reference: FloatArray | float = 0.0  # (M2,): that to which the weights of each column are relative
+    best: float = 0.0  # that to which the references are relative
 
 
 def window_moments(table: FloatArray, window: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -348,18 +395,31 @@ def condition_pairs(pairs: PairMoments, y: FloatArray, m: int) -> PairMoments:
     if not there.any():
         return pairs
     at = m + np.flatnonzero(there)
-    log_w, sign, mean, covariance = pairs
+    log_w, sign, mean, covariance, *_ = pairs
     factor = np.linalg.cholesky(covariance[..., at[:, None], at])
     root = np.linalg.solve(factor, covariance[..., at, :])  # L^-1 Cov(Y', s')
     white = np.linalg.solve(factor, (y[there] - mean[..., at])[..., None])
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
-    log_w = log_w - 0.5 * (white * white).sum(axis=(-1, -2)) - log_det - at.size * _HALF_LOG_2PI
+    small = log_w - log_det - at.size * _HALF_LOG_2PI
+    log_w = small - 0.5 * (white * white).sum(axis=(-1, -2))
+    reference, best = pairs.reference, pairs.best
+    if are_far(log_w.max(axis=0)):
+        z = np.moveaxis(white[..., 0], -1, 0) * np.sqrt(0.5)
+
+        def minus(i: IntArray, j: IntArray) -> FloatArray:
+            """Return z - z[:, i, j]; where both have one covariance, from the difference of the means."""
+            off = np.linalg.solve(factor, (mean[i, j] - mean)[..., at, None])[..., 0] * np.sqrt(0.5)
+            alike = (np.abs(factor - factor[i, j]) <= _ALIKE * np.abs(factor)).all(axis=(-1, -2))
+            return np.where(alike, np.moveaxis(off, -1, 0), z - z[:, i, j][:, None])
+
+        log_w, reference, best = relative_weights(z, small, minus)
     mean = mean + (np.swapaxes(root, -1, -2) @ white)[..., 0]
     covariance = covariance - np.swapaxes(root, -1, -2) @ root
     mean[..., at] = y[there]
     covariance[..., at, :] = 0.0
     covariance[..., :, at] = 0.0
-    return PairMoments(log_w, sign, mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+    return PairMoments(log_w, sign, mean, covariance, reference, best)
 
 
 def collapse_weights(
@@ -384,11 +444,13 @@ def _collapse_pairs(pairs: PairMoments, window: FloatArray) -> tuple[FloatArray,
     off = pairs.mean - mean
     covariance = np.transpose(o[..., None] * off, (1, 2, 0)) @ np.swapaxes(off, 0, 1)  # of the means, per j
     covariance += np.einsum("ij,ijkl->jkl", o, pairs.covariance)
+    is_lost = log_p < DEAD
+    log_p = log_p + pairs.reference
     log_total = _log_sum(log_p, sign)
     covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
     table = window_table(log_p - log_total, mean, covariance, window)
-    _bury(table, log_p)
-    return table, sign, log_total
+    table[1:, is_lost] = 0.0
+    return table, sign, log_total + pairs.best
 
 
 def first_step_in_part(
@@ -427,7 +489,7 @@ def step_in_part(
     """
     m = pairs[0].shape[-1]
     keep = slice(0, m + after.size)
-    log_w, signs, mean, covariance = pair_moments(transition, pairs, table, sign, window)
+    log_w, signs, mean, covariance, *_ = pair_moments(transition, pairs, table, sign, window)
     seen = condition_pairs(PairMoments(log_w, signs, mean[..., keep], covariance[..., keep, keep]), y, m)
     table, signs, log_total = _collapse_pairs(seen, after)
     return table, signs, 0.0 if np.isnan(y).all() else log_total

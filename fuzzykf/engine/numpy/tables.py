@@ -12,8 +12,9 @@ if TYPE_CHECKING:
 
 __all__ = ["DEAD", "LOG_ZERO", "Kernel", "Summary", "pack"]
 
-#: Stand-in for log 0: sums of a few stay finite, and exp of it is zero.
-LOG_ZERO = -1e300
+#: Stand-in for log 0: sums of a few stay finite, and exp of it is zero.  What is not zero, the density
+#: of an observation 1e153 standard deviations off, say, is larger.
+LOG_ZERO = -1e307
 
 #: Below this a logarithm stands for a probability of zero, not for a small one.
 DEAD = 0.5 * LOG_ZERO

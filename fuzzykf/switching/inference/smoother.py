@@ -143,8 +143,8 @@ class _Backward:
         before = engine.pair_moments(
             tables.transition, tables.pairs, mixture.table, mixture.sign, mixture.window
         )
-        log_w = engine.condition_pairs(before, self.ys[k + 1], self.system.dim_x).log_w
-        log_pairs: FloatArray = log_w - mixture.table[0][:, None]
+        after = engine.condition_pairs(before, self.ys[k + 1], self.system.dim_x)
+        log_pairs: FloatArray = after.log_w + after.reference - mixture.table[0][:, None]
         return log_pairs
 
     def weights(self, k: int) -> FloatArray:

@@ -41,6 +41,9 @@ FK_TARGET static void FK_NAME(fk_smooth_back)(const fk_kernel *k, size_t n, cons
         e[i] = FK_NAME(fk_log_pair)(k, i, b, u) + p[i];
         top = FK_NAME(fk_max)(top, e[i]);
       }
+      double reference;
+      for (int l = 0, j = b * FK_WIDTH; l < FK_WIDTH && j < k->M2; l++, j++)
+        if (top[l] < FK_NEAR && top[l] > FK_DEAD) top[l] = fk_far_column(k, p, u, j, (double *)e + l, FK_WIDTH, &reference);
       for (int i = 0; i < M1; i++) {
         e[i] = FK_NAME(fk_exp)(e[i] - top);
         column += e[i];
@@ -57,7 +60,7 @@ FK_TARGET static void FK_NAME(fk_smooth_back)(const fk_kernel *k, size_t n, cons
 
 /* Viterbi's recursion along n steps: score (padded M1 = padded M2), pointers (n, M2) to the nodes before. */
 FK_TARGET static void FK_NAME(fk_best_path)(const fk_kernel *k, size_t n, double *score, const double *U,
-                                            int64_t *pointers, double *scratch) {
+                                            int64_t *pointers, double *scratch) { /* scratch: 3 padded M */
   const int M1 = k->M1, M2 = k->M2, width = 1 + k->w + k->q;
   for (size_t t = 0; t < n; t++) {
     double peak = -INFINITY;
@@ -74,6 +77,19 @@ FK_TARGET static void FK_NAME(fk_best_path)(const fk_kernel *k, size_t n, double
         pointers[t * M2 + j] = (int64_t)from[j - b * FK_WIDTH];
         peak = scratch[j] > peak ? scratch[j] : peak;
       }
+    }
+    if (peak < FK_NEAR && peak > FK_DEAD) { /* an outlier: differences of densities first */
+      double *references = scratch + fk_padded(M2), *total = references + fk_padded(M2);
+      const double *u = U + t * width;
+      for (int j = 0; j < M2; j++) {
+        int from = 0;
+        scratch[j] = fk_far_column(k, score, u, j, total, 1, references + j);
+        while (from < M1 - 1 && total[from] != scratch[j]) from++;
+        pointers[t * M2 + j] = from;
+      }
+      fk_far_references(k, u, references, scratch);
+      peak = -INFINITY;
+      for (int j = 0; j < M2; j++) peak = scratch[j] > peak ? scratch[j] : peak;
     }
     for (int j = 0; j < M2; j++) score[j] = scratch[j] - peak;
   }

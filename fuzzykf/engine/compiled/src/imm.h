@@ -86,17 +86,22 @@ FK_STATIC void fk_bank_predict(const fk_kalman_engine *engine, fk_bank *b) {
   fk_bank_merge(b, b->weights, 1, 1, b->x_prior, b->P_prior);
 }
 
-/* Bayes' rule for the modes, and the moments of the mixture; 0 if none is possible. */
+/* Bayes' rule for the modes, and the moments of the mixture; 0 if none is possible.  Differences of
+ * log-likelihoods come first: those of an outlier would round the predicted weights away. */
 FK_STATIC int fk_bank_weigh(fk_bank *b) {
-  double top = -INFINITY, sum = 0.0;
+  double best = -INFINITY, top = -INFINITY, sum = 0.0;
+  for (int j = 0; j < b->modes; j++)
+    if (b->log_cbar[j] > -INFINITY && b->log_likelihood[j] > best) best = b->log_likelihood[j];
+  if (!(best > -INFINITY && best < INFINITY)) return 0;
   for (int j = 0; j < b->modes; j++) {
-    b->log_mu[j] = b->log_cbar[j] + b->log_likelihood[j];
+    b->log_mu[j] = b->log_cbar[j] + (b->log_likelihood[j] - best);
     if (b->log_mu[j] > top) top = b->log_mu[j];
   }
   if (!(top > -INFINITY && top < INFINITY)) return 0;
   for (int j = 0; j < b->modes; j++) sum += exp(b->log_mu[j] - top);
-  b->total = top + log(sum);
-  for (int j = 0; j < b->modes; j++) b->weights[j] = exp(b->log_mu[j] -= b->total);
+  top += log(sum);
+  b->total = best + top;
+  for (int j = 0; j < b->modes; j++) b->weights[j] = exp(b->log_mu[j] -= top);
   fk_bank_merge(b, b->weights, 1, 0, b->x, b->P);
   return 1;
 }

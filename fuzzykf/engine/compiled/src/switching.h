@@ -5,8 +5,9 @@
 #include "hmm_logs.h"
 #include "lanes.h"
 
-#define FK_LOG_ZERO (-1e300)
+#define FK_LOG_ZERO (-1e307)
 #define FK_DEAD (0.5 * FK_LOG_ZERO)
+#define FK_NEAR (-500.0) /* logarithms of weights above this keep their digits beside one another */
 #define FK_TINY 1e-250
 #define FK_HUGE 1e250
 
@@ -47,8 +48,11 @@ FK_INLINE int fk_padded(int M) { return (M + FK_LANES - 1) / FK_LANES * FK_LANES
 FK_INLINE size_t fk_table_size(int M, int m) { return (size_t)(1 + m + m * m) * fk_padded(M); }
 FK_INLINE int fk_cell_size(int m, int q, int w) { return 2 + (m + q) * (1 + w + q) + 2 * m * m; }
 FK_INLINE size_t fk_scratch_size(int M, int m) {
-  return (size_t)FK_LANES * (3 * m * m + 3 * m + 4) + (size_t)fk_padded(M) * M * (1 + m) + FK_LANES * (size_t)M;
+  return (size_t)FK_LANES * (3 * m * m + 3 * m + 4) + (size_t)fk_padded(M) * M * (1 + m) + FK_LANES * (size_t)M +
+         2 * (size_t)fk_padded(M);
 }
+/* Where, in the scratch of a step, the numbers of the references of the columns stand. */
+FK_INLINE size_t fk_scratch_references(int M, int m) { return fk_scratch_size(M, m) - 2 * (size_t)fk_padded(M); }
 
 /* Fill cell column j of row i from the coefficients of its pair; factor is the lower Cholesky
  * factor of Qyy.  The white rows solve L z = (y' - Ayy w - Ny), divided by sqrt(2). */
@@ -81,13 +85,136 @@ FK_STATIC void fk_fill(fk_kernel *k, int i, int j, double transition, const doub
 #undef FK_ENTRY
 }
 
+/* The cell of a pair; its entries are FK_LANES numbers apart. */
+FK_INLINE const double *fk_pair(const fk_kernel *k, int i, int j) {
+  return k->cells + ((size_t)i * k->blocks + j / FK_LANES) * k->stride * FK_LANES + j % FK_LANES;
+}
+
+/* -|z|^2 of a pair: its log-density, but for constants. */
+FK_STATIC double fk_density(const fk_kernel *k, const double *cell, const double *u) {
+  const int n = 1 + k->w + k->q;
+  double l = 0.0;
+  for (int r = 0; r < k->q; r++) {
+    double z = 0.0;
+    for (int t = 0; t < n; t++) z += cell[(size_t)(2 + r * n + t) * FK_LANES] * u[t];
+    l -= z * z;
+  }
+  return l;
+}
+
+/* The same of a pair less that of another, with its digits kept: -(z_a - z_b)'(z_a + z_b), with z_a - z_b
+ * from differences of coefficients.  See outliers.py of the engine in NumPy. */
+FK_STATIC double fk_density_less(const fk_kernel *k, const double *a, const double *b, const double *u) {
+  const int n = 1 + k->w + k->q;
+  double l = 0.0;
+  for (int r = 0; r < k->q; r++) {
+    double less = 0.0, both = 0.0;
+    for (int t = 0; t < n; t++) {
+      const double of_a = a[(size_t)(2 + r * n + t) * FK_LANES], of_b = b[(size_t)(2 + r * n + t) * FK_LANES];
+      less += (of_a - of_b) * u[t];
+      both += (of_a + of_b) * u[t];
+    }
+    l -= less * both;
+  }
+  return l;
+}
+
+/* Log-weights of the pairs of column j relative to the best possible one, `reference`, whose number is
+ * negative if no pair is possible.  Entries of `log_w` are `stride` apart.  Returns the largest. */
+FK_STATIC double fk_far_column(const fk_kernel *k, const double *log_p, const double *u, int j, double *log_w,
+                               int stride, double *reference) {
+  int best = -1;
+  double top = FK_LOG_ZERO, closest = 0.0;
+  for (int i = 0; i < k->M1; i++) {
+    const double *cell = fk_pair(k, i, j);
+    if (!(log_p[i] + cell[0] > FK_DEAD)) continue;
+    const double l = fk_density(k, cell, u);
+    if (best < 0 || l > closest) best = i, closest = l;
+  }
+  for (int i = 0; i < k->M1; i++) {
+    const double *cell = fk_pair(k, i, j), small = log_p[i] + cell[0];
+    double *to = log_w + (size_t)i * stride;
+    *to = small > FK_DEAD ? small + fk_density_less(k, cell, fk_pair(k, best, j), u) : FK_LOG_ZERO;
+    if (*to > top) top = *to;
+  }
+  *reference = best;
+  return top;
+}
+
+/* Add to each column what its reference, a number of `references`, is above the best of them, whose
+ * density is returned; none for columns without one. */
+FK_STATIC double fk_far_references(const fk_kernel *k, const double *u, const double *references, double *log_p) {
+  const double *best = NULL;
+  double closest = 0.0;
+  for (int j = 0; j < k->M2; j++) {
+    if (references[j] < 0.0) continue;
+    const double *cell = fk_pair(k, (int)references[j], j);
+    const double l = fk_density(k, cell, u);
+    if (!best || l > closest) best = cell, closest = l;
+  }
+  for (int j = 0; j < k->M2; j++)
+    if (references[j] >= 0.0) log_p[j] += fk_density_less(k, fk_pair(k, (int)references[j], j), best, u);
+  return closest;
+}
+
+/* z = L^-1 a for a lower triangle L. */
+FK_STATIC void fk_whiten(int q, const double *L, const double *a, double *z) {
+  for (int r = 0; r < q; r++) {
+    z[r] = a[r];
+    for (int s = 0; s < r; s++) z[r] -= L[r * q + s] * z[s];
+    z[r] /= L[r * q + r];
+  }
+}
+
+/* The log-weights of the nodes at a first observation that is far off, relative to `best`, the
+ * log-density of the closest; returns the largest.  scratch holds 2 q numbers. */
+FK_STATIC double fk_first_far(int M, int m, int q, const double *log_initial, const double *mean,
+                              const double *factor, const double *y, double *table, double *scratch, double *best) {
+  const int d = m + q;
+  double *z = scratch, *z_best = scratch + q, top = FK_LOG_ZERO;
+  int at = -1;
+  for (int i = 0; i < M; i++) {
+    double l = 0.0;
+    if (!(log_initial[i] > FK_DEAD)) continue;
+    for (int r = 0; r < q; r++) z[r] = y[r] - mean[(size_t)i * d + m + r];
+    fk_whiten(q, factor + (size_t)i * q * q, z, z);
+    for (int r = 0; r < q; r++) l -= 0.5 * z[r] * z[r];
+    if (at >= 0 && l <= *best) continue;
+    at = i, *best = l;
+    memcpy(z_best, z, q * sizeof(double));
+  }
+  for (int i = 0; i < M; i++) {
+    const double *L = factor + (size_t)i * q * q, *L_best = factor + (size_t)at * q * q;
+    const double *mu = mean + (size_t)i * d + m, *mu_best = mean + (size_t)at * d + m;
+    double log_w = log_initial[i];
+    if (!(log_w > FK_DEAD)) {
+      table[i] = FK_LOG_ZERO;
+      continue;
+    }
+    int alike = 1;
+    for (int r = 0; r < q * q; r++) alike &= fabs(L[r] - L_best[r]) <= 1e-14 * fabs(L[r]);
+    for (int r = 0; r < q; r++) {
+      log_w -= log(L[r * q + r]) + 0.91893853320467274178;
+      z[r] = alike ? mu_best[r] - mu[r] : y[r] - mu[r];
+    }
+    fk_whiten(q, L, z, z);
+    for (int r = 0; r < q; r++) {
+      const double less = alike ? z[r] : z[r] - z_best[r];
+      log_w -= 0.5 * less * (less + 2.0 * z_best[r]);
+    }
+    table[i] = log_w;
+    if (log_w > top) top = log_w;
+  }
+  return top;
+}
+
 /* Condition the law of (r_1, Z_1) on the first observation, as first_step in NumPy.
- * mean (M, d), covariance (M, d, d), factor (M, q, q); scratch holds q (1 + m) numbers. */
+ * mean (M, d), covariance (M, d, d), factor (M, q, q); scratch holds q (3 + m) numbers. */
 FK_STATIC double fk_first(int M, int m, int q, const double *log_initial, const double *mean,
                        const double *covariance, const double *factor, const double *y, double *table, int ld,
                        double *scratch) {
   const int d = m + q;
-  double peak = -INFINITY, total = 0.0, *white = scratch, *root = scratch + q;
+  double peak = -INFINITY, total = 0.0, best = 0.0, *white = scratch, *root = scratch + q;
   for (int i = 0; i < M; i++) {
     const double *mu = mean + (size_t)i * d, *S = covariance + (size_t)i * d * d, *L = factor + (size_t)i * q * q;
     double log_w = log_initial[i];
@@ -117,10 +244,12 @@ FK_STATIC double fk_first(int M, int m, int q, const double *log_initial, const 
       }
     }
   }
+  if (peak < FK_NEAR && peak > FK_DEAD)
+    peak = fk_first_far(M, m, q, log_initial, mean, factor, y, table, scratch + (size_t)q * (1 + m), &best);
   for (int i = 0; i < M; i++) total += exp(table[i] - peak);
-  const double log_likelihood = peak + log(total);
-  for (int i = 0; i < M; i++) table[i] -= log_likelihood;
-  return log_likelihood;
+  const double log_total = peak + log(total);
+  for (int i = 0; i < M; i++) table[i] -= log_total;
+  return log_total + best;
 }
 
 /* Sum up the pairs of row i of a scalar system: with the mean of X' linear in v = (1, w, x_i), the

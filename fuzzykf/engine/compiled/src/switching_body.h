@@ -13,7 +13,8 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
   FK_V *weight = (FK_V *)scratch, *X = weight + M1, *rest = X + (size_t)M1 * m;
   FK_V *T = m <= 4 ? few_T : rest, *V = m <= 4 ? few_V : rest + m * m;
   FK_V *S = m <= 4 ? few_S : rest + 2 * m * m, *D = m <= 4 ? few_D : rest + 2 * m * m + m;
-  double peak = -INFINITY, total = 0.0;
+  double peak = -INFINITY, total = 0.0, best = 0.0, *references = scratch + fk_scratch_references(M1 > M2 ? M1 : M2, m);
+  int far = 0, near = 0; /* columns whose best weight is lost among its digits, and others that can be reached */
   for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
     FK_V top = FK_NAME(fk_all)(-DBL_MAX), column = FK_NAME(fk_all)(0.0);
     for (int i = 0; i < M1; i++) {
@@ -27,6 +28,15 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
       }
       weight[i] = log_w;
       top = FK_NAME(fk_max)(top, log_w);
+    }
+    for (int t = 0, j = b * FK_WIDTH; t < FK_WIDTH && j < M2; t++, j++) {
+      references[j] = -1.0;
+      if (top[t] >= FK_NEAR || !(top[t] > FK_DEAD)) {
+        near += top[t] >= FK_NEAR;
+        continue;
+      }
+      far++;
+      top[t] = fk_far_column(k, table, u, j, (double *)weight + t, FK_WIDTH, references + j);
     }
     FK_UNROLL for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
     for (int i = 0; i < M1; i++) {
@@ -83,18 +93,22 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
       const int j = b * FK_WIDTH + t;
       out[j] = j < M2 ? log(fabs(column[t])) + top[t] : FK_LOG_ZERO;
       if (out_sign) out_sign[j] = column[t] < 0.0 ? -1.0 : 1.0;
-      if (j < M2 && out[j] > peak) peak = out[j];
     }
   }
+  if (far && near) { /* beside what is near the digits of the others do not count */
+    for (int j = 0; j < M2; j++)
+      if (references[j] >= 0.0) out[j] += fk_density(k, fk_pair(k, (int)references[j], j), u);
+  } else if (far) best = fk_far_references(k, u, references, out);
+  for (int j = 0; j < M2; j++) peak = out[j] > peak ? out[j] : peak;
   for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
     FK_V mass = FK_NAME(fk_exp)(FK_AT(out, b) - peak);
     if (out_sign) mass *= FK_AT(out_sign, b);
     total += FK_NAME(fk_sum)(mass * FK_READ(k->mask, b));
   }
   /* the caller looks at negative masses */
-  const double log_likelihood = peak + (total > 0.0 ? log(total) : NAN);
-  for (int j = 0; j < to; j++) out[j] = j < M2 ? out[j] - log_likelihood : 0.0; /* padding stays zero */
-  return log_likelihood;
+  const double log_total = peak + (total > 0.0 ? log(total) : NAN);
+  for (int j = 0; j < to; j++) out[j] = j < M2 ? out[j] - log_total : 0.0; /* padding stays zero */
+  return log_total + best;
 }
 
 FK_TARGET static double FK_NAME(fk_step)(const fk_kernel *k, const double *table, const double *sign,

@@ -1,0 +1,87 @@
+"""Weights of pairs many standard deviations from an observation, with their digits kept; NumPy.
+
+The log-density l of an observation d standard deviations off is about -d^2/2.  Added to log p + log P
+it would round those away: at 1e6 standard deviations to 1e-4, at 1e8 to nothing.  So differences of l are
+taken first, and the small terms added after.  Where z is the whitened residual, l = -|z|^2 + constants and
+
+    l_a - l_b = -(z_a - z_b)'(z_a + z_b),
+
+with z_a - z_b from differences of the coefficients of z: what two pairs have in common cancels
+before it is multiplied by a large observation.  Each column j has a reference of its own, the best of
+its pairs; columns are compared through their references.  Pairs that cannot be do not take part.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fuzzykf.arrays import FloatArray, IntArray
+
+__all__ = ["NEAR", "are_far", "far_weights", "relative_weights"]
+
+#: Logarithms of weights above this keep their digits (to 1e-13) beside one another.
+NEAR = -500.0
+
+
+def are_far(top: FloatArray) -> bool:
+    """Whether the best log-weight of a node that can be reached, (..., M2), is lost among its digits."""
+    return bool(((top < NEAR) & (top > DEAD)).any()) if top.min() < NEAR else False
+
+
+def far_weights(rows: FloatArray, small: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Weigh the pairs (i, j) at an observation.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (q, M1, M2, n)
+        Coefficients of the whitened residuals z, divided by sqrt(2).
+    small : ndarray, shape (M1, M2)
+        Everything but -|z|^2 in the log-weight; below `DEAD` where a pair cannot be.
+    u : ndarray, shape (n,)
+        What the coefficients are multiplied by.
+
+    Returns
+    -------
+    log_w : ndarray, shape (M1, M2)
+        Relative to the reference of the column.
+    reference : ndarray, shape (M2,)
+        Log-density of the references of the columns, relative to ``best``.
+    best : float
+        The largest of them.
+    """
+
+    def minus(i: IntArray, j: IntArray) -> FloatArray:
+        """Z - z[:, i, j]."""
+        residual: FloatArray = (rows - rows[:, i, j][:, None]) @ u
+        return residual
+
+    return relative_weights(rows @ u, small, minus)
+
+
+def relative_weights(
+    z: FloatArray, small: FloatArray, minus: Callable[[IntArray, IntArray], FloatArray]
+) -> tuple[FloatArray, FloatArray, float]:
+    """Do `far_weights` with residuals z (q, M1, M2).
+
+    ``minus(i, j)`` is (q, M1, M2), z - z[:, i, j] with digits kept; i and j broadcast against (M2,).
+    """
+    possible = small > DEAD
+    density = np.where(possible, -(z * z).sum(axis=0), -np.inf)
+    columns = np.arange(z.shape[2])
+    i = density.argmax(axis=0)
+    log_w = small - (minus(i, columns) * (z + z[:, i, columns][:, None])).sum(axis=0)
+    log_w = np.where(possible, log_w, LOG_ZERO)
+    of_column = density[i, columns]
+    j = np.array([of_column.argmax()])
+    best = float(of_column[j[0]])
+    z_best = z[:, i[j], j]
+    off = minus(i[j], j)[:, i, columns]
+    reference = -(off * (z[:, i, columns] + z_best)).sum(axis=0)
+    return log_w, np.where(of_column > -np.inf, reference, 0.0), best

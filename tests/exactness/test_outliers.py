@@ -1,0 +1,142 @@
+"""Weights keep their digits, however far an observation is off: ties stay ties, probabilities sum to one.
+
+The reference is the recursion in decimal numbers of 80 digits.
+"""
+
+from __future__ import annotations
+
+from decimal import Decimal, localcontext
+
+import numpy as np
+import pytest
+
+from fuzzykf import CGOMSMFilter, CGOMSModel, IMMEstimator, KalmanFilter
+from fuzzykf.engine import selected as engine
+from fuzzykf.engine.numpy import tables
+
+FAR = [1e3, 1e4, 1e6, 1e8, 1e10, 1e100, 1e150]
+
+
+def equal_regimes(k: int, transition) -> CGOMSMFilter:
+    """A filter of k regimes that do not differ."""
+    z = np.array([[1.0, 0.5], [0.5, 1.0]])
+    pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
+    model = CGOMSModel(transition, np.zeros((k, 2)), np.broadcast_to(pair, (k, k, 4, 4)), 1)
+    return CGOMSMFilter(model)
+
+
+def assert_alike(one, two) -> None:
+    for name in ("x", "P", "log_likelihood"):
+        np.testing.assert_allclose(getattr(two, name), getattr(one, name), rtol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_two_equal_regimes_are_one_filter(far) -> None:
+    one, two = equal_regimes(1, [[1.0]]), equal_regimes(2, [[0.5, 0.5], [0.5, 0.5]])
+    zs = [0.1, 0.2, -far, 0.3, 0.1]
+    a, b = one.filter(zs), two.filter(zs)
+    assert_alike(a, b)
+    np.testing.assert_allclose(b.mu, 0.5, rtol=1e-12)
+    np.testing.assert_allclose(two.smooth(zs).mu, 0.5, rtol=1e-12)
+    many = two.filter_many([zs, zs[::-1]], keep=("x", "P", "log_likelihood", "mu"))
+    assert_alike(a, type(a)(x=many.x[0], P=many.P[0], log_likelihood=many.log_likelihood[0]))
+    np.testing.assert_allclose(many.mu, 0.5, rtol=1e-12)
+    one.reset()
+    two.reset()
+    for z in zs:
+        one.step(z)
+        two.step(z)
+        np.testing.assert_allclose(two.P, one.P, rtol=1e-12)
+        np.testing.assert_allclose(two.mu, 0.5, rtol=1e-12)
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_the_memory_of_the_switch_outlives_an_outlier(far) -> None:
+    # observations say nothing about regimes that do not differ: the switch moves by its own law
+    f = equal_regimes(2, [[0.99, 0.01], [0.3, 0.7]])
+    result = f.filter([0.1, 0.2, far, 0.1])
+    stationary = np.array([0.3, 0.01]) / 0.31
+    np.testing.assert_allclose(result.mu, np.broadcast_to(stationary, (4, 2)), rtol=1e-12)
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_a_bank_of_equal_filters_keeps_its_weights(far) -> None:
+    def kalman():
+        f = KalmanFilter(2, 1)
+        f.F, f.H, f.Q, f.R = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]]), 0.1 * np.eye(2), 1.0
+        return f
+
+    transition = np.array([[0.9, 0.1], [0.4, 0.6]])
+    for kind in ("imm", "gpb2"):
+        f = IMMEstimator([kalman(), kalman()], [0.8, 0.2], transition, method=kind)
+        result = f.filter([0.1, far, 0.3])
+        np.testing.assert_allclose(result.mu, np.broadcast_to([0.8, 0.2], (3, 2)), rtol=1e-12)
+
+
+# --------------------------------------------------------------------------- in decimal numbers
+
+
+def exact_step(rows, small, u):
+    """Log-weights (M1, M2) in decimal numbers: probabilities of j, o_ij, and the log of the total."""
+    q, M1, M2, n = rows.shape
+    with localcontext() as context:
+        context.prec, context.Emin, context.Emax = 400, -(10**9), 10**9
+        U = [Decimal(float(a)) for a in u]
+        log_w = {}
+        for i in range(M1):
+            for j in range(M2):
+                if small[i, j] < tables.DEAD:
+                    continue
+                log_w[i, j] = Decimal(float(small[i, j]))
+                for r in range(q):
+                    z = sum(Decimal(float(rows[r, i, j, t])) * U[t] for t in range(n))
+                    log_w[i, j] -= z * z
+        top = max(log_w.values())
+        context.prec = 60
+        w = {
+            key: (value - top).exp() if value - top > -100000 else Decimal(0) for key, value in log_w.items()
+        }
+        column = [sum(value for (_, b), value in w.items() if b == j) for j in range(M2)]
+        total = sum(column)
+        o = np.zeros((M1, M2))
+        for j in range(M2):
+            tops = max(value for (_, b), value in log_w.items() if b == j)
+            shares = {
+                a: (value - tops).exp() if value - tops > -100000 else Decimal(0)
+                for (a, b), value in log_w.items()
+                if b == j
+            }
+            for a, share in shares.items():
+                o[a, j] = float(share / sum(shares.values()))
+        return np.array([float(c / total) for c in column]), o, float(top + total.ln())
+
+
+@pytest.mark.parametrize("kind", ["ties", "near means", "by column", "random", "impossible"])
+@pytest.mark.parametrize("deviations", [1.0, 1e2, 1e4, 1e6, 1e8, 1e12])
+@pytest.mark.parametrize("q", [1, 2])
+def test_weights_are_those_of_decimal_numbers(kind, deviations, q) -> None:
+    rng = np.random.default_rng(5)
+    M, n = 3, 1 + 2 * q
+    rows = np.zeros((q, M, M, n))
+    rows[:, :, :, 1 + q :] = np.eye(q)[:, None, None]  # z = y' - mean, of unit noise
+    if kind == "near means":
+        rows[..., 0] += 1e-3 * rng.normal(size=(q, M, M)) / deviations
+    if kind == "by column":
+        rows *= (1.0 + 0.1 * np.arange(M))[:, None]
+        rows[..., 0] += 1e-3 * rng.normal(size=(q, M, M)) / deviations
+    if kind == "random":
+        rows += 0.3 * rng.normal(size=rows.shape)
+    small = np.log(rng.dirichlet(np.ones(M), M) * rng.dirichlet(np.ones(M))[:, None])
+    if kind == "impossible":  # the pair with the best density
+        rows[:, 0, 1] *= 0.1
+        small[0, 1] = tables.LOG_ZERO
+    u = np.concatenate([[1.0], rng.normal(size=q), deviations * rng.normal(size=q)])
+    p, o, total = exact_step(rows, small, u)
+    log_w, reference, best = engine.far_weights(rows, small, u)
+    top = log_w.max(axis=0)
+    column = np.exp(log_w - top).sum(axis=0)
+    log_p = np.log(column) + top + reference
+    found = np.exp(log_p - log_p.max())
+    np.testing.assert_allclose(np.exp(log_w - top) / column, o, atol=2e-15)
+    np.testing.assert_allclose(found / found.sum(), p, atol=2e-15)
+    np.testing.assert_allclose(best + log_p.max() + np.log(found.sum()), total, rtol=1e-14, atol=1e-12)
