@@ -187,3 +187,63 @@ def test_a_summary_of_other_tables_is_refused(tables_of, name) -> None:
     arguments = {key: np.zeros(shape) for key, shape in shapes.items()} | {name: np.zeros((5, 5))}
     with pytest.raises(ValueError, match=f"{name}: got shape"):
         packed.Summary(packed.pack(*tables_of((M, M, m, 1))), **arguments)
+
+
+# --------------------------------------------------------------------------- MPM (2020 paper, section VI-B)
+
+
+def mpm(mu, nodes, weights, atoms):
+    """The rule in words: more than half on the atoms, then the likelier, the later on a tie; else by density."""
+    hard = [i for i in range(len(mu)) if atoms[i]]
+    soft = [i for i in range(len(mu)) if not atoms[i]]
+    if hard and (not soft or sum(mu[i] for i in hard) > 0.5):
+        return nodes[max(hard, key=lambda i: (mu[i], i))]
+    return nodes[max(soft, key=lambda i: (mu[i] / weights[i], -i))]
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 1), (1, 2)], ids=["scalar", "two states", "two observations"])
+@pytest.mark.parametrize(
+    ("law", "atoms", "expected"),
+    [
+        ([0.5, 0.5], [1, 1], 1.0),  # a tie of atoms goes to the later one
+        ([0.25, 0.25, 0.25, 0.25], [1, 1, 1, 1], 1.0),
+        ([0.375, 0.125, 0.125, 0.375], [1, 0, 0, 1], 1.0),
+        ([0.375, 0.375, 0.125, 0.125], [1, 1, 0, 0], 1 / 3),
+        ([0.125, 0.375, 0.375, 0.125], [1, 0, 0, 1], 1 / 3),  # one of densities to the earlier one
+        ([0.25, 0.25, 0.25, 0.25], [0, 0, 0, 0], 0.0),
+        ([0.5, 0.5], [1, 0], 1.0),  # one half on the atoms is not more than half
+    ],
+)
+def test_mpm_of_ties(tables_of, law, atoms, expected, size) -> None:
+    # the dynamics are the same on all nodes, so that every observation leaves the law as it is
+    M, (m, q) = len(law), size
+    first = tables_of((M, M, m, q))
+    same = [np.ascontiguousarray(np.broadcast_to(a[:1, :1], a.shape)) for a in first[1:]]
+    kernel = packed.pack(np.tile(law, (M, 1)), *same)
+    _, Axx, H, _, c, C, _, _ = same
+    nodes, weights, atoms = np.linspace(0.0, 1.0, M), np.full(M, 0.5), np.array(atoms, dtype=bool)
+    summary = packed.Summary(
+        kernel=kernel,
+        transition=np.tile(law, (M, 1)),
+        offset=np.moveaxis(np.concatenate([c[..., None], H], axis=-1), -1, 0).reshape(1 + q, -1),
+        twice=np.einsum("ij,ijkl,ijrs->ilskr", np.tile(law, (M, 1)), Axx, Axx).reshape(-1, m * m),
+        noise=C[0].reshape(M, m * m),
+        nodes=nodes,
+        weights=weights,
+        atoms=atoms,
+    )
+    state = np.zeros((1, 1 + m + m * m, M))
+    state[0, 0] = np.log(law)
+    state[0, 1 + m :] = np.eye(m).reshape(-1, 1)
+    out = {"mu": np.empty((1, 400, M)), "switch": np.empty((1, 400))}
+    ys = np.random.default_rng(6).normal(size=(1, 400, q))
+    core.filter_series(kernel, summary, (state, None), ys, 1, 400, out)
+    mu, switch = out["mu"][0, 1:], out["switch"][0, 1:]
+    np.testing.assert_allclose(mu, np.tile(law, (399, 1)), rtol=1e-14)
+    for chosen, probabilities in zip(switch, mu, strict=True):
+        assert chosen == mpm(probabilities, nodes, weights, atoms)
+    tied = (mu[:, np.equal.outer(law, law).argmax(axis=0)] == mu).all(axis=1)  # not broken by rounding
+    if np.array(law)[atoms].sum() == 0.5:
+        tied &= mu[:, atoms].sum(axis=1) == 0.5
+    assert tied.sum() > 3
+    np.testing.assert_array_equal(switch[tied], expected)

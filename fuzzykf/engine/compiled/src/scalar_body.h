@@ -131,7 +131,7 @@ FK_TARGET static void FK_NAME(fk_summarise_scalar)(const fk_summary *s, int M, c
     const size_t k = first + t;
     if (out->log_likelihood) out->log_likelihood[k] = log(totals[t]);
     if (out->mu) memcpy(out->mu + k * M, table, M * sizeof(double));
-    if (out->modes) out->modes[k] = fk_most_likely(s, table);
+    if (out->modes) out->modes[k] = fk_most_likely(s, table); /* MPM */
     if (out->means) {
       FK_V sum = FK_NAME(fk_all)(0.0);
       for (int b = 0; b < blocks; b++) sum += FK_READ(table, b) * FK_READ(s->nodes, b);

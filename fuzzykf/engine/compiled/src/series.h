@@ -88,7 +88,7 @@ FK_STATIC void fk_summarise(const fk_engine *e, const fk_summary *s, const fk_st
   fk_keep(state, M, m, n, out);
   if (out->log_likelihood) out->log_likelihood[n] = fk_log_likelihood(state);
   if (out->mu) memcpy(out->mu + n * M, mu, M * sizeof(double));
-  if (out->modes) out->modes[n] = fk_most_likely(s, mu);
+  if (out->modes) out->modes[n] = fk_most_likely(s, mu); /* MPM */
   if (out->means) {
     double mean = 0.0;
     for (int j = 0; j < M; j++) mean += mu[j] * s->nodes[j];

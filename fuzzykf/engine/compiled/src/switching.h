@@ -278,22 +278,23 @@ FK_STATIC void fk_fill_ahead(int i, int M2, int ld, const double *transition, do
   for (int r = 0; r < 6; r++) ahead[(size_t)(3 + r) * ld + i] = upper[r];
 }
 
-/* The estimate of the switch by the rule of the 2020 paper, section VI-B; no branch depends on mu. */
+/* MPM, the estimate of the switch by the rule of the 2020 paper, section VI-B; no branch depends on mu. */
 FK_STATIC double fk_most_likely(const fk_summary *s, const double *mu) {
   const int *order = s->order;
   double atoms = 0.0, best = -INFINITY, best_inner = -INFINITY;
   int hard = 0, soft = 0;
-  for (int a = 0; a < s->n_atoms; a++) { /* on a tie of atoms the later one counts */
+  for (int a = 0; a < s->n_atoms; a++) { /* MPM of atoms: by mass, backwards: on a tie the later counts */
     const double mass = mu[order[a]];
     atoms += mass;
     hard = mass > best ? order[a] : hard;
     best = mass > best ? mass : best;
   }
-  for (int a = s->n_atoms; a < s->M; a++) {
+  for (int a = s->n_atoms; a < s->M; a++) { /* MPM of the others: by density, on a tie the earlier one */
     const double density = mu[order[a]] / s->weights[order[a]];
     soft = density > best_inner ? order[a] : soft;
     best_inner = density > best_inner ? density : best_inner;
   }
+  /* exactly one half on the atoms is not more than one half */
   const int is_hard = s->n_atoms == s->M || (s->n_atoms && atoms > 0.5);
   return s->nodes[is_hard ? hard : soft];
 }
