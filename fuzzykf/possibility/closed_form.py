@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import LOG_2PI, RANK_TOLERANCE, symmetrize, whitening
 
 if TYPE_CHECKING:
@@ -147,7 +148,9 @@ def possibility(surprise: float, family: str) -> float:
         return float(np.exp(-0.5 * surprise))
     if family == "cauchy":
         return 1.0 / (1.0 + surprise)
-    return max(0.0, 1.0 - surprise)
+    if family == "parabolic":
+        return max(0.0, 1.0 - surprise)
+    raise ParameterError(f"family: got {family!r}, expected 'gaussian', 'cauchy' or 'parabolic'")
 
 
 def restart(

@@ -22,8 +22,8 @@ scale in which costs combine by their maximum.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from functools import cached_property, reduce
+from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 import numpy as np
 
@@ -53,12 +53,62 @@ __all__ = [
 ]
 
 
+def _hamacher(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a b / (a + b - a b), which neither underflows nor cancels in this order."""
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    either = high + low * (1.0 - high)
+    ratio: FloatArray = low * (high / np.where(high > 0.0, either, 1.0))
+    return ratio
+
+
+def _hamacher_sum(membership: FloatArray, axis: int | tuple[int, ...] | None) -> FloatArray:
+    """Return s / (1 + s) with s = sum x / (1 - x), and 1 where an x is 1."""
+    with np.errstate(divide="ignore", over="ignore"):
+        total = np.sum(membership / (1.0 - membership), axis=axis)
+    return np.where(np.isfinite(total), total, 1.0) / np.where(np.isfinite(total), 1.0 + total, 1.0)
+
+
+class _Generated(NamedTuple):
+    """What a generator g makes, in closed forms that are exact where sums of costs are rounded.
+
+    Attributes
+    ----------
+    meet : callable
+        g^-1(g(a) + g(b)).
+    join : callable
+        1 - g^-1(sum of g(1 - x)), along axes.
+    family : str
+        Name of the shape with memberships g^-1(quadratic form).
+    """
+
+    meet: Callable[[FloatArray, FloatArray], FloatArray]
+    join: Callable[[FloatArray, int | tuple[int, ...] | None], FloatArray]
+    family: Literal["gaussian", "cauchy", "parabolic"]
+
+
+#: By the scale, which says what the generator is: norms are told apart by it, and never by their names.
+_GENERATED: dict[str, _Generated] = {
+    "log": _Generated(
+        meet=lambda a, b: a * b,
+        join=lambda x, axis: np.asarray(1.0 - np.prod(1.0 - x, axis=axis)),
+        family="gaussian",
+    ),
+    "reciprocal": _Generated(meet=_hamacher, join=_hamacher_sum, family="cauchy"),
+    "complement": _Generated(
+        meet=lambda a, b: np.maximum(0.0, a + b - 1.0),
+        join=lambda x, axis: np.minimum(1.0, x.sum(axis=axis)),
+        family="parabolic",
+    ),
+}
+
+
 @dataclass(frozen=True)
 class TNorm:
     """A triangular norm, n-ary, with its generator where it has one.
 
     The instances are `PRODUCT`, `MIN`, `LUKASIEWICZ` and `HAMACHER`; functions that
-    take a t-norm also take its name.
+    take a t-norm also take its name.  What a norm does follows from its scale and from
+    whether it is additive; the name is for people.
 
     Attributes
     ----------
@@ -70,7 +120,12 @@ class TNorm:
         Whether costs combine by their sum (by their maximum otherwise).
     family : str or None
         Name of the shape with memberships g^-1(quadratic form), which linear models
-        do not leave: "gaussian", "cauchy" or "parabolic".
+        do not leave: "gaussian", "cauchy" or "parabolic"; None if it is not to be used.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scale, or if the family is not that of the generator.
 
     Notes
     -----
@@ -89,6 +144,19 @@ class TNorm:
     additive: bool
     family: Literal["gaussian", "cauchy", "parabolic"] | None
 
+    def __post_init__(self) -> None:
+        """Check that the scale is known, and that the family is that of the generator."""
+        if self.scale not in _GENERATED:
+            allowed = ", ".join(map(repr, _GENERATED))
+            raise ParameterError(f"scale: got {self.scale!r}, expected one of {allowed}")
+        family = _GENERATED[self.scale].family if self.additive else None
+        if self.family not in (None, family):
+            allowed = "None" if family is None else f"{family!r} or None"
+            raise ParameterError(
+                f"family: got {self.family!r}, expected {allowed} with scale={self.scale!r} and "
+                f"additive={self.additive}"
+            )
+
     def __call__(self, *memberships: ArrayLike) -> FloatArray:
         """Combine memberships in [0, 1], element by element with broadcasting.
 
@@ -102,18 +170,7 @@ class TNorm:
         ndarray
         """
         values = _memberships(self.name, memberships)
-        result = values[0]
-        for value in values[1:]:
-            if self.name == "product":
-                result = result * value
-            elif self.name == "min":
-                result = np.minimum(result, value)
-            elif self.name == "lukasiewicz":
-                result = np.maximum(0.0, result + value - 1.0)
-            else:
-                either = result + value - result * value
-                result = np.where(either > 0.0, result * value / np.where(either > 0.0, either, 1.0), 0.0)
-        return result
+        return reduce(_GENERATED[self.scale].meet if self.additive else np.minimum, values)
 
     @property
     def generator(self) -> Callable[[ArrayLike], FloatArray] | None:
@@ -165,12 +222,15 @@ MIN = TNorm("min", "log", False, None)
 LUKASIEWICZ = TNorm("lukasiewicz", "complement", True, "parabolic")
 HAMACHER = TNorm("hamacher", "reciprocal", True, "cauchy")
 
+_DUALS = {"max": MIN, "probabilistic_sum": PRODUCT, "bounded_sum": LUKASIEWICZ}
+
 
 @dataclass(frozen=True)
 class TConorm:
     """A triangular conorm: how memberships of alternatives join.
 
-    The instances are `MAX`, `PROBABILISTIC_SUM` and `BOUNDED_SUM`.
+    The instances are `MAX`, `PROBABILISTIC_SUM` and `BOUNDED_SUM`.  Each is the dual
+    1 - T(1 - x, 1 - y, ...) of a t-norm.
 
     Attributes
     ----------
@@ -179,6 +239,13 @@ class TConorm:
     has_continuum_limit : bool
         Whether joining ever more alternatives of a refined grid has a limit other
         than 1.  Only the maximum has.
+    dual : TNorm
+        The t-norm; may be left out for the three names above.
+
+    Raises
+    ------
+    ParameterError
+        If the dual of another name is left out.
 
     Notes
     -----
@@ -193,6 +260,14 @@ class TConorm:
 
     name: str
     has_continuum_limit: bool
+    dual: TNorm | None = None
+
+    def __post_init__(self) -> None:
+        """Look up the dual by the name if it is not given."""
+        if self.dual is None:
+            if self.name not in _DUALS:
+                raise ParameterError(f"dual: got None for {self.name!r}, expected the t-norm of this conorm")
+            object.__setattr__(self, "dual", _DUALS[self.name])
 
     def __call__(self, memberships: ArrayLike, axis: int | tuple[int, ...] | None = None) -> FloatArray:
         """Join memberships along one or several axes (by default, all).
@@ -208,11 +283,10 @@ class TConorm:
         ndarray
         """
         (value,) = _memberships(self.name, (memberships,))
-        if self.name == "max":
-            return np.asarray(value.max(axis=axis, initial=0.0))
-        if self.name == "probabilistic_sum":
-            return np.asarray(1.0 - np.prod(1.0 - value, axis=axis))
-        return np.asarray(np.minimum(1.0, value.sum(axis=axis)))
+        dual = cast("TNorm", self.dual)
+        if dual.additive:
+            return np.asarray(_GENERATED[dual.scale].join(value, axis))
+        return np.asarray(value.max(axis=axis, initial=0.0))
 
 
 MAX = TConorm("max", True)

@@ -7,6 +7,7 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from scipy.optimize import minimize
 
+from fuzzykf.errors import ParameterError
 from fuzzykf.possibility import closed_form
 
 GENERATORS = {
@@ -188,3 +189,10 @@ def test_restart_is_the_limit_of_a_vague_prediction():
     np.testing.assert_allclose(H @ x, z)
     np.testing.assert_allclose(H @ spread @ H.T, R)
     assert closed_form.restart(m, np.zeros((3, 3)), z, H, R) is None
+
+
+def test_other_families_are_refused():
+    with pytest.raises(
+        ParameterError, match=r"family: got 'triangle', expected 'gaussian', 'cauchy' or 'parab"
+    ):
+        closed_form.possibility(1.0, "triangle")

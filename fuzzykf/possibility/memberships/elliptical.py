@@ -9,7 +9,6 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import check_covariance, whitening
 from fuzzykf.possibility.memberships.base import Membership, as_vector
-from fuzzykf.possibility.norms import LUKASIEWICZ
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -243,7 +242,8 @@ class ParabolicMembership(_ScaledMembership):
         There a cost above one means impossible as much as one does, but quadratic
         costs can be interpolated across the edge of the support without error.
         """
-        return self.quadratic(x) if t_norm == LUKASIEWICZ else super().cost(x, t_norm)
+        own = t_norm.additive and t_norm.scale == "complement"
+        return self.quadratic(x) if own else super().cost(x, t_norm)
 
     def _quadratic_at(self, level: FloatArray) -> FloatArray:
         return 1.0 - level

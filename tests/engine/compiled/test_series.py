@@ -193,7 +193,7 @@ def test_a_summary_of_other_tables_is_refused(tables_of, name) -> None:
 
 
 def mpm(mu, nodes, weights, atoms):
-    """The rule in words: more than half on the atoms, then the likelier, the later on a tie; else by density."""
+    """The likelier atom, the later on a tie, if all have more than half; else the densest of the others."""
     hard = [i for i in range(len(mu)) if atoms[i]]
     soft = [i for i in range(len(mu)) if not atoms[i]]
     if hard and (not soft or sum(mu[i] for i in hard) > 0.5):
