@@ -10,6 +10,7 @@ from fuzzykf.errors import FileFormatError
 from fuzzykf.io import MODELS, Document, decode, encode
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
 from fuzzykf.switching.inference.mixture import Mixture, Source
+from fuzzykf.switching.laws.quadrature import from_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -41,7 +42,8 @@ class SavedFilter(SwitchingFilter, Document):
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Make a filter from what `to_dict` returned, in the state it was in."""
         make: Any = cls
-        loaded: Self = make(MODELS[values["model_kind"]].from_dict(values["model"]), **values["options"])
+        with from_file():
+            loaded: Self = make(MODELS[values["model_kind"]].from_dict(values["model"]), **values["options"])
         loaded._import_state(values["state"])
         return loaded
 

@@ -4,7 +4,8 @@ The nodes are 0, F points in between, and 1.  Four rules are offered:
 
 ``midpoint``, ``gauss``
     Joint masses J_ij = W_i W_j p(r_i, r_j) / Z, with the midpoints of F equal cells or
-    the Gauss-Legendre nodes.
+    the Gauss-Legendre nodes.  They must be as close as the band of the law is wide (FMC2:
+    delta): no point value tells of a step between nodes that lie further apart.
 ``cell``
     Joint masses are exact integrals of the density over pairs of cells.  It keeps
     the probability of the hard values exactly and is safe for densities that jump.
@@ -16,6 +17,9 @@ The nodes are 0, F points in between, and 1.  Four rules are offered:
 
 from __future__ import annotations
 
+import warnings
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,13 +30,17 @@ from fuzzykf.switching.laws.chain import SwitchChain
 from fuzzykf.switching.laws.integration import cell_masses, gauss_nodes
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.laws.integration import JointLaw
 
-__all__ = ["RULES", "discretize", "panel_bounds"]
+__all__ = ["RULES", "discretize", "from_file", "panel_bounds"]
 
 #: Names of the rules.
 RULES = ("cell", "midpoint", "gauss", "product")
+
+_FROM_FILE = ContextVar("from_file", default=False)
 
 
 def discretize(law: JointLaw, n_nodes: int, rule: str) -> SwitchChain:
@@ -53,7 +61,60 @@ def discretize(law: JointLaw, n_nodes: int, rule: str) -> SwitchChain:
         joint = cell_masses(law, np.linspace(0.0, 1.0, F + 1) if F else np.array([0.0]))
     else:
         joint = weights[:, None] * weights * law.joint_density(nodes[:, None], nodes)
+        _check_neighbours(law, nodes, joint, rule)
     return _chain_from_joint(nodes, weights, joint)
+
+
+def _check_neighbours(law: JointLaw, nodes: FloatArray, joint: FloatArray, rule: str) -> None:
+    """Check that the chain can go from node to node wherever the switch can go between them."""
+    mass = joint.sum(axis=1) > 0.0
+    for i in np.flatnonzero(mass[:-1] & mass[1:] & (np.diagonal(joint, 1) == 0.0)):
+        low, high = float(nodes[i]), float(nodes[i + 1])
+        width = _reach(law, low, high)
+        if not width:
+            continue
+        least = np.ceil((1.0 / width if rule == "midpoint" else np.pi / (2.0 * width) - 0.5) - 1e-6)
+        message = (
+            f"n_nodes: got {nodes.size - 2} with rule={rule!r}, whose nodes {low:.4g} and {high:.4g} are "
+            f"{high - low:.4g} apart, but the band of the law is only {width:.4g} wide, so that the chain "
+            f"falls into pieces; use rule='cell', or at least {least:.0f} nodes"
+        )
+        if _FROM_FILE.get():
+            warnings.warn(message, stacklevel=2)
+            return
+        raise ParameterError(message)
+
+
+def _reach(law: JointLaw, low: float, high: float) -> float:
+    """Return the longest step between two nodes that has a density; 0 if none or nearly all have one.
+
+    Either is no matter of a band: the switch does not cross there, or a node is on a rim.
+    """
+    distance = high - low
+
+    def has_density(step: float) -> bool:
+        start = (low + high - step) / 2.0
+        if low == 0.0 or high == 1.0:  # from or to the atom, whose density is another
+            start = low if low == 0.0 else high - step
+        return bool(step < distance and float(law.joint_density(start, start + step)) > 0.0)
+
+    within, beyond = 1e-6 * distance, distance
+    if not has_density(within):
+        return 0.0
+    for _ in range(40):
+        middle = (within + beyond) / 2.0
+        within, beyond = (middle, beyond) if has_density(middle) else (within, middle)
+    return within if within < (1.0 - 1e-9) * distance else 0.0
+
+
+@contextmanager
+def from_file() -> Iterator[None]:
+    """Warn of nodes too far apart instead of refusing them: filters of older files may have such."""
+    before = _FROM_FILE.set(True)
+    try:
+        yield
+    finally:
+        _FROM_FILE.reset(before)
 
 
 def _with_atoms(x: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import scipy.integrate
@@ -18,7 +20,7 @@ FMC2 = FuzzyMarkovLaw.fmc2(alpha=0.15, gamma=0.6, delta=0.2)
 @pytest.mark.parametrize("law", [FMC1, FMC2])
 @pytest.mark.parametrize("rule", ["midpoint", "gauss"])
 def test_point_rules_by_definition(law, rule):
-    F = 6
+    F = 8
     chain = law.discretize(F, rule)
     if rule == "midpoint":
         x, w = (np.arange(F) + 0.5) / F, np.full(F, 1 / F)
@@ -58,6 +60,78 @@ def test_no_nodes_between(rule):
 
 def test_default_is_cell():
     np.testing.assert_array_equal(FMC2.discretize(5).transition, FMC2.discretize(5, "cell").transition)
+
+
+# --------------------------------------------------------------------------- nodes and the band
+
+
+def band(delta):
+    """FMC2 with a band that has half of the mass."""
+    return FuzzyMarkovLaw.fmc2(0.15, 0.5 / (delta * (6.0 - delta)), delta)
+
+
+@pytest.mark.parametrize("rule", ["midpoint", "gauss"])
+@pytest.mark.parametrize("delta", [0.05, 0.1, 0.2, 0.3, 0.45])
+def test_nodes_further_apart_than_the_band_are_refused(rule, delta):
+    # and no others: allowed chains go from every node to its neighbours
+    law, refused = band(delta), []
+    for F in range(1, 45):
+        gauss = (np.polynomial.legendre.leggauss(F)[0] + 1) / 2
+        x = (np.arange(F) + 0.5) / F if rule == "midpoint" else gauss
+        spacing = np.diff([0.0, *x, 1.0]).max()
+        if spacing > delta + 1e-9:
+            refused.append(F)
+            with pytest.raises(ParameterError, match=f"n_nodes: got {F} with rule='{rule}', whose") as error:
+                law.discretize(F, rule)
+            told = re.search(
+                r"nodes (\S+) and (\S+) are (\S+) apart, .* only (\S+) wide.*least (\d+) nodes",
+                str(error.value),
+            )
+            left, right, apart, width = (float(v) for v in told.groups()[:4])
+            assert right - left == pytest.approx(apart, abs=2e-4)
+            assert delta < apart <= spacing * 1.001
+            assert width == pytest.approx(delta, rel=1e-3)
+            law.discretize(int(told[5]), rule)  # the number that it names is enough
+        else:
+            chain = law.discretize(F, rule)
+            assert (np.diagonal(chain.transition, 1) > 0.0).all()
+            assert (np.diagonal(chain.transition, -1) > 0.0).all()
+    assert refused
+
+
+@pytest.mark.parametrize("rule", ["midpoint", "gauss"])
+def test_a_band_of_any_density_is_found(rule):
+    # by its values: a triangle over the differences, with nothing beyond .25
+    def hat(a, b):
+        return np.maximum(0.0, 1.0 - 4.0 * np.abs(a - b))
+
+    law = FuzzyMarkovLaw.from_density(
+        [[0.2, 0.0], [0.0, 0.2]],
+        lambda k, r: 0.8 * hat(k, r),
+        lambda a, b: 0.2 / (0.25 - 1 / 48) * hat(a, b),
+        kinks=[0.0, 0.25],
+    )
+    with pytest.raises(ParameterError, match=r"n_nodes: got 3 .*only 0\.25 wide, .*rule='cell', or at least"):
+        law.discretize(3, rule)
+    law.discretize(12, rule)
+    law.discretize(3, "cell")
+
+
+@pytest.mark.parametrize("rule", ["midpoint", "gauss"])
+@pytest.mark.parametrize("F", [1, 2, 3, 9])
+def test_laws_that_do_not_move_between_are_not_mistaken_for_bands(rule, F):
+    # two halves that the switch does not cross, and laws without fuzzy values: nothing is lost there
+    halves = FuzzyMarkovLaw.from_density(
+        [[0.2, 0.05], [0.05, 0.2]], 0.0, lambda a, b: np.where((a < 0.5) == (b < 0.5), 1.0, 0.0), kinks=[0.0]
+    )
+    for law in (halves, FMC1, FuzzyMarkovLaw.fmc1(0.3, 0.0, 0.0), FuzzyMarkovLaw.fmc2(0.3, 0.0, 0.2)):
+        assert len(law.discretize(F, rule)) == F + 2
+
+
+def test_the_default_rule_takes_any_number_of_nodes():
+    for F in range(12):
+        chain = band(0.05).discretize(F)
+        assert (np.diagonal(chain.transition, 1) > 0.0).all()
 
 
 # --------------------------------------------------------------------------- product integration
