@@ -52,6 +52,13 @@ def docs(session: nox.Session) -> None:
 
 
 @nox.session(default=False)
+def explore(session: nox.Session) -> None:
+    """Run every property on fresh random examples, ten times as many as in the normal run."""
+    session.install("-e", ".[test]")
+    session.run("pytest", "tests", "--hypothesis-profile=explore", *session.posargs)
+
+
+@nox.session(default=False)
 def studies(session: nox.Session) -> None:
     """Run the simulation studies that are too long for the test suite."""
     session.install("-e", ".[test]")

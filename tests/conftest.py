@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 from pathlib import Path
 
-import numpy as np
-import pytest
-from hypothesis import settings
+# Before numpy is imported, for this process and the workers that it starts.  The matrices are small: threads
+# of BLAS wait for one another, and as many of them as there are workers made learning three times as slow.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 
-from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from hypothesis import is_hypothesis_test, settings  # noqa: E402
+
+from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw  # noqa: E402
 
 try:
     from fuzzykf.engine.compiled import processor
@@ -19,11 +25,28 @@ except ImportError:
 else:
     SETS = list(processor.available_instructions())
 
-# the normal run draws the same examples every time, so that it cannot fail by chance
+# the normal run draws the same examples every time, so that it cannot fail by chance;
+# `nox -s explore` runs the properties alone, on fresh ones and ten times as many
 settings.register_profile("normal", derandomize=True)
+settings.register_profile("explore", derandomize=False, print_blob=True)
 settings.load_profile("normal")
 
+#: How many times as many examples as in the normal run.
+EXPLORED = 10
+
 DATA = Path(__file__).parent / "data"
+
+
+def pytest_collection_modifyitems(config, items):
+    """Keep the properties alone under the profile "explore", each with more examples."""
+    if config.getoption("--hypothesis-profile", None) != "explore":
+        return
+    properties = [item for item in items if is_hypothesis_test(getattr(item, "obj", None))]
+    for test in {id(item.obj): item.obj for item in properties}.values():
+        own = test._hypothesis_internal_use_settings
+        test._hypothesis_internal_use_settings = settings(own, max_examples=EXPLORED * own.max_examples)
+    config.hook.pytest_deselected(items=[item for item in items if item not in set(properties)])
+    items[:] = properties
 
 
 @pytest.fixture(params=SETS)

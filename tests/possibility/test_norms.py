@@ -46,7 +46,7 @@ def test_axioms(norm, a, b, c):
     assert norm(a, b, c) == pytest.approx(norm(norm(a, b), c), abs=1e-15)
     assert norm(a, 1.0) == pytest.approx(a, abs=1e-15)
     assert norm(a, min(b, c)) <= norm(a, max(b, c)) + 1e-15
-    assert 0.0 <= norm(a, b) <= min(a, b)
+    assert 0.0 <= norm(a, b) <= min(a, b) + 1e-15
 
 
 @pytest.mark.parametrize(
