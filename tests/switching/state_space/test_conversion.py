@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fuzzykf.errors import NotPositiveDefiniteError
@@ -37,17 +37,40 @@ def moments_of(law, space, where=None):
     return conversion.pair_moments(law, space, str, everywhere(K) if where is None else where)
 
 
+exactly = np.vectorize(Fraction, otypes=[object])
+
+
+def inverse(matrix):
+    """Inverse of a matrix of fractions, by Gauss and Jordan."""
+    n = len(matrix)
+    rows = np.concatenate([matrix, exactly(np.eye(n))], axis=1)
+    for k in range(n):
+        pivot = k + next(r for r, value in enumerate(rows[k:, k]) if value)
+        rows[[k, pivot]] = rows[[pivot, k]]
+        rows[k] = rows[k] / rows[k, k]
+        for r in range(n):
+            if r != k:
+                rows[r] = rows[r] - rows[r, k] * rows[k]
+    return rows[:, n:]
+
+
 def by_formula(law, space, i, j):
-    """J, P, E, V, K, P' of a pair, with inverses and differences."""
-    A, B, C, D = (a[j] for a in space)
-    S = law.factor[i] @ law.factor[i].T
+    """J, P, E, V, K, P' of a pair, with inverses and differences.
+
+    In rational arithmetic: in floats these very formulas lose all digits in a few of a thousand
+    draws (cond(S) of 1e12 and more), where the code, which works on factors, does not.
+    """
+    A, B, C, D = (exactly(a[j]) for a in space)
+    factor = exactly(law.factor[i])
+    S = factor @ factor.T
     w = len(S) - len(A)
-    J = S[w:, :w] @ np.linalg.inv(S[:w, :w])
+    J = S[w:, :w] @ inverse(S[:w, :w])
     P = S[w:, w:] - J @ S[:w, w:]
     prior = C @ C.T + A @ P @ A.T
     V = B @ prior @ B.T + D @ D.T
-    K = prior @ B.T @ np.linalg.inv(V)
-    return J, P, B @ A @ J, V, K, (np.eye(len(A)) - K @ B) @ prior
+    K = prior @ B.T @ inverse(V)
+    parts = J, P, B @ A @ J, V, K, prior - K @ B @ prior
+    return tuple(part.astype(np.float64) for part in parts)
 
 
 # --------------------------------------------------------------------------- moments
@@ -60,6 +83,7 @@ def by_formula(law, space, i, j):
     w=st.integers(1, 5),
     seed=st.integers(0, 999),
 )
+@example(K=1, m=3, q=1, w=5, seed=220)  # cond(S) = 2e11: wrong in floats
 @settings(max_examples=30, deadline=None)
 def test_pair_moments_are_the_formulas(K, m, q, w, seed):
     law, space = random_law(K, w, m, seed), random_space(K, m, q, seed)
@@ -76,7 +100,7 @@ def test_pair_moments_are_the_formulas(K, m, q, w, seed):
                 conversion.square(moments.Lnew[i, j]),
             )
             for value, expected in zip(got, (J, P, E, V, gain, post), strict=True):
-                np.testing.assert_allclose(value, expected, rtol=1e-7, atol=1e-8 * np.abs(expected).max())
+                np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-11 * np.abs(expected).max())
 
 
 def test_a_singular_innovation_names_the_pair():
