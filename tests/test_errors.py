@@ -14,7 +14,21 @@ def classes():
 @pytest.mark.parametrize("error", [e for e in classes() if not issubclass(e, Warning)])
 def test_every_error_is_one_of_the_package(error):
     assert issubclass(error, FuzzykfError)
-    assert error.__doc__
+    # its own words, which say when it is raised
+    assert error.__dict__["__doc__"].strip().endswith(".")
+    with pytest.raises(FuzzykfError) as caught:
+        raise error("what is wrong")
+    assert str(caught.value) == "what is wrong"
+
+
+def test_every_error_and_warning_is_told_of():
+    defined = {
+        name
+        for name, value in vars(errors).items()
+        if isinstance(value, type) and issubclass(value, Exception) and value.__module__ == errors.__name__
+    }
+    assert set(errors.__all__) == defined
+    assert {e.__name__ for e in classes() if issubclass(e, Warning)} == {"ClosenessWarning", "SupportWarning"}
 
 
 @pytest.mark.parametrize(

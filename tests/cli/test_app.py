@@ -31,7 +31,9 @@ def test_the_help_of_every_command_shows_an_example(name) -> None:
 
 
 def test_an_unknown_command_is_an_error() -> None:
-    assert CliRunner().invoke(app, ["improve"]).exit_code == 2
+    result = CliRunner().invoke(app, ["improve"])
+    assert result.exit_code == 2
+    assert "No such command 'improve'" in " ".join(result.output.split())
 
 
 def test_the_module_runs_as_the_program_does() -> None:

@@ -346,7 +346,10 @@ def test_a_fraction_outside_0_to_1_is_refused(fraction, write, tmp_path) -> None
 
 
 def test_a_fraction_that_is_no_number_is_a_mistake_of_usage(write) -> None:
-    assert run(write(), "--state", "load", "--obs", "temperature", "--train", "half").exit_code == 2
+    result = run(write(), "--state", "load", "--obs", "temperature", "--train", "half")
+    assert result.exit_code == 2
+    assert "--train" in result.output
+    assert "half" in result.output
 
 
 def test_a_constant_column_is_refused(write, rows, tmp_path) -> None:

@@ -38,8 +38,10 @@ def test_the_seed_decides(hard_model, tmp_path) -> None:
 
 def test_what_cannot_be_drawn_is_refused(fuzzy_model, tmp_path) -> None:
     fuzzy_model.save(tmp_path / "model.json")
-    assert run(tmp_path / "model.json", "-n", 0).exit_code == 2
-    assert run(tmp_path / "model.json", "--seed", -1).exit_code == 2
+    for option in ("-n", "--seed"):
+        result = run(tmp_path / "model.json", option, 0 if option == "-n" else -1)
+        assert result.exit_code == 2
+        assert f"Invalid value for '{option}'" in " ".join(result.output.split())
     result = run(tmp_path / "none.json", "-o", tmp_path / "out.csv")
     assert result.exit_code == 1
     assert "none.json: No such file" in result.output

@@ -109,7 +109,16 @@ def test_the_error_of_a_run_is_its_mean_squared_error() -> None:
 def test_the_model_of_the_experiments_filters_as_any_other() -> None:
     model = make_model(make_law("FMC2", (0.15, 0.6, 0.2)), "transition")
     y = model.simulate(50, np.random.default_rng(0)).y
-    assert np.isfinite(OFSRFilter(model, n_nodes=5).filter(y).log_likelihood).all()
+    plain = CGOFMSModel(
+        FuzzyMarkovLaw.fmc2(0.15, 0.6, 0.2),
+        [[0.0, 3.0], [0.0, 0.0]],
+        hard_covariances(),
+        1,
+        interpolation="transition",
+    )
+    found, expected = (OFSRFilter(m, n_nodes=5).filter(y) for m in (model, plain))
+    for name in ("x", "P", "mu", "log_likelihood"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
 
 
 @pytest.mark.parametrize("name", ["densities", "trajectories", "restoration", "nodes"])

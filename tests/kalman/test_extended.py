@@ -179,7 +179,7 @@ def test_predict_update_is_predict_then_update():
     g.step(None)
     assert np.array_equal(f.x, g.x)
     before = state(f)
-    with pytest.raises(ShapeError):
+    with pytest.raises(ShapeError, match=r"z: got shape \(3,\)"):
         f.predict_update([1.0, 2.0, 3.0])
     assert state(f) == before
 

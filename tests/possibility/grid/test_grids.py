@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import warnings
+
 import numpy as np
 import pytest
 
@@ -581,6 +584,34 @@ def test_loss_of_a_bounded_support_is_told_early():
         est.predict()
 
 
+@pytest.mark.parametrize(
+    ("state", "level", "told"),
+    [
+        ("gaussian", 0.45, False),
+        ("gaussian", 0.55, True),  # more than one half of what has tails without end
+        ("triangle", 0.007, False),
+        ("triangle", 0.015, True),  # more than one hundredth of what has none
+    ],
+)
+def test_how_much_of_a_loss_is_told(state, level, told):
+    # one step takes the peak to where the membership at the edge of the domain, 4, is the level
+    if state == "gaussian":
+        state, reach = GaussianMembership(0.0, 1.0), np.sqrt(-2.0 * np.log(level))
+    else:
+        state, reach = TriangularMembership(-1.0, 0.0, 1.0), 1.0 - level
+    est = scalar(
+        fx=lambda x: x + (4.0 - reach), state=state, process_noise=None, domain=((-4.0, 4.0),), points=3201
+    )
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        est.predict()
+    notes = [str(w.message) for w in caught if "states of membership up to" in str(w.message)]
+    assert bool(notes) == told
+    if told:
+        found = float(re.search(r"up to ([\d.]+) leave", notes[0])[1])
+        assert found == pytest.approx(level, abs=0.005)
+
+
 def test_loss_of_everything_is_an_error():
     est = scalar(fx=lambda x: x + 100.0, domain=((-8.0, 8.0),))
     before = est.membership.values
@@ -590,7 +621,7 @@ def test_loss_of_everything_is_an_error():
     known = scalar(
         fx=lambda x: x + 100.0, state=SingletonMembership(0.0), process_noise=None, domain=((-8, 8),)
     )
-    with pytest.raises(SupportLostError):
+    with pytest.raises(SupportLostError, match="domain: all possible states have left"):
         known.predict()
 
 
