@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fuzzykf import CGOFMSModel, CGOMSModel
@@ -56,12 +56,12 @@ def test_expectation_maximisation_never_lowers_the_likelihood(fit, seed):
 
 @few
 @given(forms, seeds)
+@example("covariance", 1113)  # a ridge: after 200 steps with ten corrections, .16 apart
 def test_a_mirrored_switch_gives_the_mirrored_model(form, seed):
     x, y, r = series(150, seed)
     one, other = (CGOFMSModel.fit(x, y, s, form=form) for s in (r, 1.0 - r))
-    # both are searches; what they reach is the same but for their tolerance (.16 of 390 was seen with a
-    # covariance form, where the likelihood is flat)
-    assert other.log_likelihood == pytest.approx(one.log_likelihood, rel=1e-3)
+    # both are searches, which end where the likelihood is flat but for their tolerance
+    assert other.log_likelihood == pytest.approx(one.log_likelihood, abs=1e-3)
     assert other.model.law.p_hard == pytest.approx(one.model.law.p_hard, abs=1e-3)
     for a, b in zip(parameters(one), parameters(other), strict=True):
         mirrored = b[::-1] if b.ndim == 2 else b[::-1, ::-1]
@@ -112,7 +112,7 @@ def test_origin_and_units_with_a_known_switch(form, a, c, shift, seed):
     x, y, r = series(150, seed)
     one = CGOFMSModel.fit(x, y, r, form=form)
     other = CGOFMSModel.fit(a * (x + shift), c * (y - shift), r, form=form)
-    assert other.log_likelihood == pytest.approx(one.log_likelihood - len(x) * np.log(a * c), abs=0.05)
+    assert other.log_likelihood == pytest.approx(one.log_likelihood - len(x) * np.log(a * c), abs=1e-3)
     expected = one.model.form.means + np.array([shift, -shift])
     np.testing.assert_allclose(other.model.form.means / [a, c], expected, atol=0.02)
 

@@ -11,6 +11,8 @@ from fuzzykf.switching.learning.gaussians import GaussianEstimate
 from fuzzykf.switching.learning.regression import Cells, join, prior_cells
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.learning.data import Scale
 
@@ -19,8 +21,13 @@ __all__ = ["VineEstimate", "vine_moments"]
 #: Where a search may go: log standard deviations in standard units, and Fisher transforms of correlations.
 _LOG_STD, _FISHER = 12.0, 9.0
 
-#: Steps of the quasi-Newton method at the start, and in each maximisation.
-_FIRST, _EACH = 200, 8
+#: Steps of the quasi-Newton method in each maximisation of a search.
+_EACH = 8
+
+#: Options of the one maximisation that has to arrive by itself, along flat ridges too: there L-BFGS
+#: of ten corrections still creeps after hundreds of steps, .1 below the maximum and wherever units
+#: and the names of the regimes have sent it.
+_FIRST = {"maxiter": 2000, "maxfun": 10_000, "maxcor": 30, "ftol": 1e-14, "gtol": 1e-9}
 
 #: Positions in v = (1, y, y', x, x') of (X1, Y1, X2, Y2).
 _ORDER = [3, 1, 4, 2]
@@ -127,7 +134,7 @@ class VineEstimate(GaussianEstimate):
         moved = self._with(vector, bounded=self.bounded)
         return moved if moved.is_valid else None
 
-    def maximise(self, cells: Cells, max_iter: int = _EACH) -> Self:
+    def maximise(self, cells: Cells, options: Mapping[str, float] | None = None) -> Self:
         """Take quasi-Newton steps up the expected likelihood.
 
         Where they lead out of the models, they are taken again with a wall: each pair of the
@@ -135,19 +142,19 @@ class VineEstimate(GaussianEstimate):
         """
         every = join(Cells(*(part[cells.weight > 1e-12] for part in cells)), self.prior)
         now = self.loss(self.theta, every)[0]
-        free = self._with(self._searched(every, max_iter))
+        free = self._with(self._searched(every, options))
         if free.is_valid:
             return free if self.loss(free.theta, every)[0] < now else self._with(self.theta)
         n = len(self.proof)
         moment = np.repeat(self.prior.moment[:1], n, axis=0)
         wall = Cells(self.proof, np.full(n, self.prior.weight[0]), moment)
-        walled = self._with(self._searched(join(every, wall), max_iter))
+        walled = self._with(self._searched(join(every, wall), options))
         candidates = [free._towards(self.theta), walled._towards(self.theta)]
         best = min(candidates, key=lambda c: self.loss(c.theta, every)[0])
         theta = best.theta if self.loss(best.theta, every)[0] < now else self.theta
         return self._with(theta, bounded=True)
 
-    def _searched(self, cells: Cells, max_iter: int) -> FloatArray:
+    def _searched(self, cells: Cells, options: Mapping[str, float] | None) -> FloatArray:
         from scipy.optimize import minimize
 
         K = self.n_classes
@@ -160,7 +167,7 @@ class VineEstimate(GaussianEstimate):
             jac=True,
             method="L-BFGS-B",
             bounds=bounds,
-            options={"maxiter": max_iter},
+            options={"maxiter": _EACH} if options is None else dict(options),
         )
         theta: FloatArray = found.x
         return theta
