@@ -411,11 +411,15 @@ def written():
 
 
 def check_outputs(written, f, expected):
-    """Compare five more estimates: what was read is the same to the bit, what follows may round otherwise."""
+    """Compare five more estimates: what was read is the same to the bit, what follows may round otherwise.
+
+    They were written on another processor; each step conditions on one observation, which
+    magnifies rounding by no more than the condition of an innovation, 1e3 in these models.
+    """
     found = written.outputs(f, expected.get("predicted", False))
     for step, step_then in zip(found, expected["outputs"], strict=True):
         for name, then in step_then.items():
-            np.testing.assert_allclose(floats(step[name]), floats(then), rtol=1e-12, atol=1e-13)
+            np.testing.assert_allclose(floats(step[name]), floats(then), rtol=1e-10, atol=1e-11)
 
 
 def assert_alike(got, expected):

@@ -209,7 +209,7 @@ def test_vines_cannot_be_improved_upon(K):
     cells = random_cells(60, K * K, 5, seed=14, n=10)
     estimate = vine(K, 15, cells)
     for _ in range(5):
-        estimate = estimate.maximise(cells, 300)
+        estimate = estimate.maximise(cells, {"maxiter": 300})
     best = estimate.log_likelihood(cells) + estimate.log_prior
     rng = np.random.default_rng(16)
     for _ in range(200):

@@ -144,8 +144,9 @@ def test_units_scale_the_parameters(form, r, sim):
     other = CGOFMSModel.fit(a * sim.x + b, c * sim.y + d, known, **options)
     N = len(sim.x)
     assert other.log_likelihood == pytest.approx(one.log_likelihood - N * np.log(a * c), rel=1e-7)
-    # ten extrapolated steps far from the maximum: what units round differently has grown by then
-    np.testing.assert_allclose(other.switch_mean, one.switch_mean, atol=1e-5)
+    # ten extrapolated steps far from the maximum: what units round differently has grown by then, a
+    # hundredfold in a step at worst
+    np.testing.assert_allclose(other.switch_mean, one.switch_mean, atol=1e-4)
     np.testing.assert_allclose(other.model.form.means, one.model.form.means * [a, c] + [b, d], rtol=1e-6)
     if form == "regression":
         t, s = other.model.form.table, one.model.form.table
@@ -325,8 +326,10 @@ def test_a_width_that_has_to_grow(paper):
     truth = CGOFMSModel(FuzzyMarkovLaw.fmc2(0.1, 0.46, 0.3), paper.form.means, paper.form.covariances, 1)
     data = truth.simulate(1000, np.random.default_rng(18))
     fit = CGOFMSModel.fit(data.x, data.y, law="fmc2", form="covariance", n_starts=1, tolerance=1e-4)
-    # where it stops depends on rounding: .402 with AVX2, below .4 with AVX-512; never near .2
-    assert 0.22 < fit.model.law.parameters["delta"] < 0.45
+    # where it stops depends on rounding (.402 with AVX2, below .4 with AVX-512), but not at the edge, and
+    # nowhere less likely than the truth
+    assert 0.22 < fit.model.law.parameters["delta"]
+    assert fit.log_likelihood > forward(truth, np.hstack([data.x, data.y]))
 
 
 def test_a_model_survives_its_file(sim, tmp_path):
