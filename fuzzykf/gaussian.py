@@ -327,8 +327,13 @@ def mixture_moments(
     >>> float(mean[0]), float(covariance[0, 0])
     (0.0, 2.0)
     """
-    mean = (weights[..., None, :] @ means)[..., 0, :]
-    deviation = means - mean[..., None, :]
+    # from the likeliest on: what all have in common then cancels to the last bit, however large
+    top = np.broadcast_to(weights, means.shape[:-1]).argmax(axis=-1)[..., None, None]
+    first = np.take_along_axis(means, top, axis=-2)
+    deviation = means - first
+    off = (weights[..., None, :] @ deviation)[..., 0, :]
+    mean = first[..., 0, :] + off
+    deviation = deviation - off[..., None, :]
     spread = np.swapaxes(deviation, -1, -2) @ (weights[..., :, None] * deviation)
     within = (weights[..., :, None, None] * covariances).sum(axis=-3)
     return mean, symmetrize(within + spread)

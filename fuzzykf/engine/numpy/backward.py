@@ -49,9 +49,9 @@ def smooth_back(kernel: Kernel, log_p: FloatArray, U: FloatArray, after: FloatAr
         start = max(0, stop - _CHUNK)
         log_w = log_pairs(kernel, U[start:stop]).reshape(-1, M1, M2) + log_p[start:stop, :, None]
         top = log_w.max(axis=1)
-        for t in np.flatnonzero(((top < NEAR) & (top > DEAD)).any(axis=1)):
-            log_w[t] = far_pairs(kernel, log_p[start + t], U[start + t])[0]
-            top[t] = log_w[t].max(axis=0)
+        for far in np.flatnonzero(((top < NEAR) & (top > DEAD)).any(axis=1)):
+            log_w[far] = far_pairs(kernel, log_p[start + far], U[start + far])[0]
+            top[far] = log_w[far].max(axis=0)
         w = np.exp(log_w - top[:, None])
         w /= w.sum(axis=1, keepdims=True)
         for t in range(stop - 1, start - 1, -1):

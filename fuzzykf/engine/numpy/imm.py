@@ -107,32 +107,38 @@ def merge_modes(weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[Fl
     -------
     x, P : ndarray, shapes (..., n) and (..., n, n)
     """
+    # from the likeliest on: what all have in common then cancels to the last bit, however large
     if weights.ndim == 1:
-        mean = weights.dot(xs)
-        deviation = xs - mean
-        within = weights.dot(Ps.reshape(len(Ps), -1)).reshape(Ps.shape[1:])
-        return mean, within + (deviation.T * weights).dot(deviation)
+        top = weights.argmax()
+        deviation = xs - xs[top]
+        beyond = weights.dot(deviation)
+        deviation = deviation - beyond
+        within = weights.dot((Ps - Ps[top]).reshape(len(Ps), -1)).reshape(Ps.shape[1:])
+        return xs[top] + beyond, Ps[top] + within + (deviation.T * weights).dot(deviation)
+    top = np.argmax(weights, axis=-1)[..., None, None]
     row = weights[..., None, :]
-    x = row @ xs
-    deviation = xs - x
-    P = (row @ Ps.reshape(*Ps.shape[:-2], -1)).reshape(*Ps.shape[:-3], *Ps.shape[-2:])
-    P = P + (deviation.mT * row) @ deviation
-    return x[..., 0, :], P
+    first, first_P = np.take_along_axis(xs, top, axis=-2), np.take_along_axis(Ps, top[..., None], axis=-3)
+    deviation = xs - first
+    off = row @ deviation
+    deviation = deviation - off
+    P = row @ (Ps - first_P).reshape(*Ps.shape[:-2], -1)
+    P = first_P[..., 0, :, :] + P.reshape(*Ps.shape[:-3], *Ps.shape[-2:])
+    return (first + off)[..., 0, :], P + (deviation.mT * row) @ deviation
 
 
 def mix_modes(omega: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Moments with which each mode j starts the interaction: mixtures over i with weights omega[i, j]."""
-    if omega.ndim == 2:
-        means = omega.T.dot(xs)
-        deviation = xs - means[:, None, :]
-        within = omega.T.dot(Ps.reshape(len(Ps), -1)).reshape(Ps.shape)
-        return means, within + (deviation.mT * omega.T[:, None, :]) @ deviation
     weights = omega.mT
-    x = weights @ xs
-    deviation = xs[..., None, :, :] - x[..., :, None, :]
-    P = (weights @ Ps.reshape(*Ps.shape[:-2], -1)).reshape(Ps.shape)
+    top = np.argmax(weights, axis=-1)  # from the likeliest on, as in `merge_modes`
+    first = np.take_along_axis(xs, top[..., None], axis=-2)
+    first_P = np.take_along_axis(Ps, top[..., None, None], axis=-3)
+    deviation = xs[..., None, :, :] - first[..., :, None, :]
+    beyond = weights[..., None, :] @ deviation
+    deviation = deviation - beyond
+    off_P = Ps[..., None, :, :, :] - first_P[..., :, None, :, :]
+    P = (weights[..., None, :] @ off_P.reshape(*off_P.shape[:-2], -1)).reshape(Ps.shape)
     spread = (deviation.mT * weights[..., None, :]) @ deviation
-    return x, P + spread
+    return first + beyond[..., 0, :], first_P + P + spread
 
 
 def move_bank(

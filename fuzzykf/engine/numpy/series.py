@@ -218,8 +218,11 @@ def step_many(kernel: Kernel, table: FloatArray, U: FloatArray) -> tuple[FloatAr
         a, C = kernel.Axx[..., 0, 0], kernel.C[..., 0, 0]
         x = offset[:, 0]
         x += a * table[:, 1, :, None]
-        new[:, 1] = np.einsum("sij,sij->sj", w, x)
-        x -= new[:, 1, None]
+        first = np.take_along_axis(x, w.argmax(axis=1)[:, None], axis=1)
+        x -= first
+        beyond = np.einsum("sij,sij->sj", w, x)
+        new[:, 1] = first[:, 0] + beyond
+        x -= beyond[:, None]
         x *= x
         x += a * a * table[:, 2, :, None] + C
         new[:, 2] = np.einsum("sij,sij->sj", w, x)
@@ -228,8 +231,11 @@ def step_many(kernel: Kernel, table: FloatArray, U: FloatArray) -> tuple[FloatAr
         x_node, P_node = moments[..., :m], moments[..., m:].reshape(s, M1, 1, m, m)
         x_pair = (kernel.Axx @ x_node[:, :, None, :, None])[..., 0] + np.moveaxis(offset, 1, -1)
         P_pair = kernel.Axx @ P_node @ np.swapaxes(kernel.Axx, -1, -2) + kernel.C
-        mean = np.einsum("sij,sijk->sjk", w, x_pair)
-        x_pair -= mean[:, None]
+        first = np.take_along_axis(x_pair, w.argmax(axis=1)[:, None, :, None], axis=1)
+        x_pair -= first
+        beyond = np.einsum("sij,sijk->sjk", w, x_pair)
+        mean = first[:, 0] + beyond
+        x_pair -= beyond[:, None]
         P = np.einsum("sij,sijkl->sjkl", w, P_pair)
         P += np.einsum("sijk,sijl->sjkl", w[..., None] * x_pair, x_pair)
         P = 0.5 * (P + np.swapaxes(P, -1, -2))
@@ -269,8 +275,12 @@ def summarise(
     if "x" in out or "P" in out:
         moments = np.swapaxes(table[..., 1:, :], -1, -2)
         m = (isqrt(4 * moments.shape[-1] + 1) - 1) // 2  # there are m + m*m of them
-        fields["x"] = x = (p[..., None, :] @ moments[..., :m])[..., 0, :]
-        off = moments[..., :m] - x[..., None, :]
+        # from the likeliest on: what all have in common then cancels to the last bit, however large
+        first = np.take_along_axis(moments[..., :m], p.argmax(axis=-1)[..., None, None], axis=-2)
+        off = moments[..., :m] - first
+        beyond = p[..., None, :] @ off
+        fields["x"] = (first + beyond)[..., 0, :]
+        off -= beyond
         between = np.swapaxes(off, -1, -2) @ (p[..., None] * off)
         P = between + (p[..., None, :] @ moments[..., m:]).reshape(between.shape)
         fields["P"] = 0.5 * (P + np.swapaxes(P, -1, -2))
@@ -318,8 +328,11 @@ def prior_moments(
     constant = summary.offset[0] + window @ summary.offset[1:]
     mean = (constant + x.reshape(*lead, M1 * m) @ summary.carried).reshape(*lead, M1 * M2, m)
     weights = (p[..., :, None] * summary.transition).reshape(*lead, M1 * M2)
-    centre = np.einsum("...p,...pk->...k", weights, mean)
-    mean -= centre[..., None, :]
+    first = np.take_along_axis(mean, weights.argmax(axis=-1)[..., None, None], axis=-2)
+    mean -= first
+    beyond = np.einsum("...p,...pk->...k", weights, mean)
+    centre = first[..., 0, :] + beyond
+    mean -= beyond[..., None, :]
     between = np.einsum("...pk,...pl->...kl", weights[..., None] * mean, mean)
     within = (p[..., None, None] * P).reshape(*lead, -1) @ summary.twice + p @ summary.noise
     P = between + within.reshape(*lead, m, m)

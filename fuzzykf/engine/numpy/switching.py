@@ -184,6 +184,8 @@ def collapse_few(
     weighted = np.empty(2 * p)
     w, wx = weighted[:p], weighted[p:]
     np.exp(log_w, w)
+    first = x[log_w.argmax()]  # what all have in common then cancels to the last bit, however large
+    np.subtract(x, first, x)
     np.multiply(w, x, wx)
     both = weighted.dot(few.sums)
     column = both[:M2]
@@ -202,8 +204,9 @@ def collapse_few(
         both = weighted.dot(few.sums)
         column = both[:M2]
     table = np.empty((3, M2))
-    mean = np.divide(both[M2:], column, table[1])
-    np.subtract(x, spread.dot(mean), x)
+    beyond = np.divide(both[M2:], column, table[1])
+    np.subtract(x, spread.dot(beyond), x)
+    beyond += first
     np.multiply(x, x, x)
     np.add(x, P, x)
     np.multiply(x, w, x)
@@ -275,8 +278,12 @@ def collapse(
     else:
         x_pair = (Axx @ x[:, None, :, None])[..., 0] + shift
         P_pair = Axx @ P[:, None] @ np.swapaxes(Axx, -1, -2) + kernel.C
-    mean = np.einsum("ij,ijk->jk", w, x_pair)
-    deviation = np.swapaxes(x_pair - mean, 0, 1)  # (M2, M1, m)
+    # from the likeliest on: what all have in common then cancels to the last bit, however large
+    first = x_pair[np.abs(w).argmax(axis=0), np.arange(M2)]
+    x_pair -= first
+    beyond = np.einsum("ij,ijk->jk", w, x_pair)
+    mean = first + beyond
+    deviation = np.swapaxes(x_pair - beyond, 0, 1)  # (M2, M1, m)
     spread = np.swapaxes(deviation * w.T[..., None], -1, -2) @ deviation
     P_node = np.einsum("ij,ijkl->jkl", w, P_pair) + spread
     P_node = 0.5 * (P_node + np.swapaxes(P_node, -1, -2))
@@ -410,7 +417,8 @@ def condition_pairs(pairs: PairMoments, y: FloatArray, m: int) -> PairMoments:
             """Return z - z[:, i, j]; where both have one covariance, from the difference of the means."""
             off = np.linalg.solve(factor, (mean[i, j] - mean)[..., at, None])[..., 0] * np.sqrt(0.5)
             alike = (np.abs(factor - factor[i, j]) <= _ALIKE * np.abs(factor)).all(axis=(-1, -2))
-            return np.where(alike, np.moveaxis(off, -1, 0), z - z[:, i, j][:, None])
+            less: FloatArray = np.where(alike, np.moveaxis(off, -1, 0), z - z[:, i, j][:, None])
+            return less
 
         log_w, reference, best = relative_weights(z, small, minus)
     mean = mean + (np.swapaxes(root, -1, -2) @ white)[..., 0]
@@ -440,8 +448,11 @@ def collapse_weights(
 def _collapse_pairs(pairs: PairMoments, window: FloatArray) -> tuple[FloatArray, FloatArray | None, float]:
     """Sum pairs into nodes and keep of the window what is missing; table, signs and the log of the total."""
     log_p, sign, o = collapse_weights(pairs.log_w, pairs.sign)
-    mean = np.einsum("ij,ijk->jk", o, pairs.mean)
-    off = pairs.mean - mean
+    first = pairs.mean[np.abs(o).argmax(axis=0), np.arange(o.shape[1])]
+    off = pairs.mean - first
+    beyond = np.einsum("ij,ijk->jk", o, off)
+    mean = first + beyond
+    off -= beyond
     covariance = np.transpose(o[..., None] * off, (1, 2, 0)) @ np.swapaxes(off, 0, 1)  # of the means, per j
     covariance += np.einsum("ij,ijkl->jkl", o, pairs.covariance)
     is_lost = log_p < DEAD
@@ -518,8 +529,12 @@ def before_step(
     if sign is not None:
         p = p * sign
     weights = p[:, None] * transition
-    mean = np.einsum("ij,ijk->k", weights, moments.mean[..., :d])
-    off = (moments.mean[..., :d] - mean).reshape(-1, d)
+    means = moments.mean[..., :d].reshape(-1, d)
+    first = means[weights.argmax()]
+    off = means - first
+    beyond = weights.ravel() @ off
+    mean = first + beyond
+    off -= beyond
     covariance = (off * weights.reshape(-1, 1)).T @ off
     covariance += np.einsum("ij,ijkl->kl", weights, moments.covariance[..., :d, :d])
     return p @ transition, mean, 0.5 * (covariance + covariance.T)

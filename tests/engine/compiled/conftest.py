@@ -34,6 +34,7 @@ def tables_of(shape, order=1, seed=0, signed=False, zeros=False):
         transition /= transition.sum(axis=1, keepdims=True)
     if signed and M2 > 1:
         transition[0, 0] = -0.001
+        transition[0] /= transition[0].sum()
     root = np.tril(rng.normal(size=(M1, M2, q, q)) * 0.2)
     root[..., range(q), range(q)] = rng.uniform(0.5, 1.5, (M1, M2, q))
     C = rng.normal(size=(M1, M2, m, m))

@@ -55,20 +55,26 @@ FK_STATIC void fk_bank_weights(fk_bank *b) {
 /* Moments of a mixture, w with the given stride: of the predictions, or of the estimates. */
 FK_STATIC void fk_bank_merge(const fk_bank *b, const double *w, int stride, int of_prior, double *x, double *P) {
   const int n = b->f[0]->n;
-  double d[FK_KALMAN_LARGEST];
-  memset(x, 0, n * sizeof(double));
-  memset(P, 0, (size_t)(n * n) * sizeof(double));
+  double d[FK_KALMAN_LARGEST], off[FK_KALMAN_LARGEST] = {0};
+  int top = 0; /* means as differences from the likeliest: those that agree then do so to the last bit */
+  for (int k = 1; k < b->modes; k++) top = w[k * stride] > w[top * stride] ? k : top;
+  const double *first = of_prior ? b->f[top]->x_prior : b->f[top]->x;
+  const double *first_P = of_prior ? b->f[top]->P_prior : b->f[top]->P;
+  double sum[FK_KALMAN_SQUARE] = {0};
   for (int k = 0; k < b->modes; k++) {
     const double *from = of_prior ? b->f[k]->x_prior : b->f[k]->x;
-    for (int r = 0; r < n; r++) x[r] += w[k * stride] * from[r];
+    for (int r = 0; r < n; r++) off[r] += w[k * stride] * (from[r] - first[r]);
   }
   for (int k = 0; k < b->modes; k++) {
     const double *from = of_prior ? b->f[k]->x_prior : b->f[k]->x;
     const double *within = of_prior ? b->f[k]->P_prior : b->f[k]->P, weight = w[k * stride];
-    for (int r = 0; r < n; r++) d[r] = from[r] - x[r];
+    for (int r = 0; r < n; r++) d[r] = from[r] - first[r] - off[r];
     for (int r = 0; r < n; r++)
-      for (int c = 0; c < n; c++) P[r * n + c] += weight * (within[r * n + c] + d[r] * d[c]);
+      for (int c = 0; c < n; c++)
+        sum[r * n + c] += weight * (within[r * n + c] - first_P[r * n + c] + d[r] * d[c]);
   }
+  for (int r = 0; r < n; r++) x[r] = first[r] + off[r];
+  for (int r = 0; r < n * n; r++) P[r] = first_P[r] + sum[r];
 }
 
 /* Mix the estimates and predict; x_prior and P_prior of the mixture are by the predicted weights. */

@@ -34,7 +34,7 @@ FK_INLINE_HERE int FK_NAME(fk_step_weighted)(const fk_kernel *k, const double *t
 #define FK_PAIR(i, column, S)                                                                              \
   do {                                                                                                    \
     const double *cell = cells + (i) * row;                                                               \
-    X[i] = FK_ROW(cell, 5) + FK_ROW(cell, 6) * w + FK_ROW(cell, 7) * y + FK_ROW(cell, 8) * x[i];          \
+    X[i] = FK_ROW(cell, 5) + FK_ROW(cell, 6) * w + FK_ROW(cell, 7) * y + FK_ROW(cell, 8) * x[i] - first;  \
     e[i] *= p[i];                                                                                         \
     column += e[i];                                                                                       \
     S += e[i] * X[i];                                                                                     \
@@ -42,16 +42,18 @@ FK_INLINE_HERE int FK_NAME(fk_step_weighted)(const fk_kernel *k, const double *t
 #define FK_SPREAD(i, V)                                                                                    \
   do {                                                                                                    \
     const double *cell = cells + (i) * row;                                                               \
-    const FK_V d = X[i] - mean;                                                                           \
+    const FK_V d = X[i] - off;                                                                            \
     V += e[i] * (d * d + (FK_ROW(cell, 8) * P[i] * FK_ROW(cell, 8) + FK_ROW(cell, 9)));                   \
   } while (0)
+    /* means as differences from the first: pairs that agree then do so to the last bit, however far off */
+    const FK_V first = FK_ROW(cells, 5) + FK_ROW(cells, 6) * w + FK_ROW(cells, 7) * y + FK_ROW(cells, 8) * x[0];
     int i;
     for (i = 0; i + 1 < M1; i += 2) {
       FK_PAIR(i, column, S);
       FK_PAIR(i + 1, column_, S_);
     }
     if (i < M1) FK_PAIR(i, column, S);
-    const FK_V all = column + column_, inverse = 1.0 / all, mean = (S + S_) * inverse;
+    const FK_V all = column + column_, inverse = 1.0 / all, off = (S + S_) * inverse;
     for (i = 0; i + 1 < M1; i += 2) {
       FK_SPREAD(i, V);
       FK_SPREAD(i + 1, V_);
@@ -61,7 +63,7 @@ FK_INLINE_HERE int FK_NAME(fk_step_weighted)(const fk_kernel *k, const double *t
 #undef FK_SPREAD
     const FK_V mass = all * FK_READ(k->mask, b);
     FK_AT(out, b) = mass;
-    FK_AT(out + to, b) = mean;
+    FK_AT(out + to, b) = first + off;
     FK_AT(out + 2 * to, b) = (V + V_) * inverse;
     sum += mass;
     least = FK_NAME(fk_max)(-all, least); /* lanes beyond M2 have columns of one */
@@ -102,20 +104,26 @@ FK_TARGET static void FK_NAME(fk_prior_scalar)(const fk_summary *s, int M, const
   const int blocks = FK_AS_VECTORS(M), ld = fk_padded(M);
   const double *rows = s->ahead;
 #define FK_AHEAD(r) FK_READ(rows + (size_t)(r)*ld, b)
-  FK_V sum = FK_NAME(fk_all)(0.0);
+  const int top = fk_largest(M, p);
+  FK_V sum = FK_NAME(fk_all)(0.0), first = sum;
   for (int b = 0; b < blocks; b++)
-    sum += FK_READ(p, b) * (FK_AHEAD(0) + FK_AHEAD(1) * w + FK_AHEAD(2) * FK_READ(table + ld, b));
-  const double mean = FK_NAME(fk_sum)(sum);
+    if (top / FK_WIDTH == b) {
+      const FK_V all = FK_AHEAD(0) + FK_AHEAD(1) * w + FK_AHEAD(2) * FK_READ(table + ld, b);
+      first = FK_NAME(fk_all)(all[top % FK_WIDTH]);
+    }
+  for (int b = 0; b < blocks; b++)
+    sum += FK_READ(p, b) * (FK_AHEAD(0) + FK_AHEAD(1) * w + FK_AHEAD(2) * FK_READ(table + ld, b) - first);
+  const double off = FK_NAME(fk_sum)(sum);
   sum = FK_NAME(fk_all)(0.0);
   for (int b = 0; b < blocks; b++) {
-    const FK_V at = FK_READ(table + ld, b), d = FK_AHEAD(0) + FK_AHEAD(1) * w + FK_AHEAD(2) * at - mean;
+    const FK_V at = FK_READ(table + ld, b), d = FK_AHEAD(0) + FK_AHEAD(1) * w + FK_AHEAD(2) * at - first - off;
     const FK_V one = FK_AHEAD(3) + FK_AHEAD(4) * w + FK_AHEAD(5) * at;
     const FK_V two = FK_AHEAD(6) * w + FK_AHEAD(7) * at, three = FK_AHEAD(8) * at;
     const FK_V within = FK_READ(s->noise, b) + FK_READ(s->twice, b) * FK_READ(table + 2 * ld, b);
     sum += FK_READ(p, b) * (d * d + (one * one + (two * two + (three * three + within))));
   }
 #undef FK_AHEAD
-  *x = mean;
+  *x = first[0] + off;
   *P = FK_NAME(fk_sum)(sum);
 }
 
@@ -138,13 +146,14 @@ FK_TARGET static void FK_NAME(fk_summarise_scalar)(const fk_summary *s, int M, c
       out->means[k] = FK_NAME(fk_sum)(sum);
     }
     if (out->x || out->P) {
+      const double first = table[ld + fk_largest(M, table)];
       FK_V sum = FK_NAME(fk_all)(0.0);
-      for (int b = 0; b < blocks; b++) sum += FK_READ(table, b) * FK_READ(table + ld, b);
-      const double mean = FK_NAME(fk_sum)(sum);
-      if (out->x) out->x[k] = mean;
+      for (int b = 0; b < blocks; b++) sum += FK_READ(table, b) * (FK_READ(table + ld, b) - first);
+      const double off = FK_NAME(fk_sum)(sum);
+      if (out->x) out->x[k] = first + off;
       sum = FK_NAME(fk_all)(0.0);
       for (int b = 0; b < blocks; b++) {
-        const FK_V d = FK_READ(table + ld, b) - mean;
+        const FK_V d = FK_READ(table + ld, b) - first - off;
         sum += FK_READ(table, b) * (d * d + FK_READ(table + 2 * ld, b));
       }
       if (out->P) out->P[k] = FK_NAME(fk_sum)(sum);

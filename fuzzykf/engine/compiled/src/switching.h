@@ -48,7 +48,7 @@ FK_INLINE int fk_padded(int M) { return (M + FK_LANES - 1) / FK_LANES * FK_LANES
 FK_INLINE size_t fk_table_size(int M, int m) { return (size_t)(1 + m + m * m) * fk_padded(M); }
 FK_INLINE int fk_cell_size(int m, int q, int w) { return 2 + (m + q) * (1 + w + q) + 2 * m * m; }
 FK_INLINE size_t fk_scratch_size(int M, int m) {
-  return (size_t)FK_LANES * (3 * m * m + 3 * m + 4) + (size_t)fk_padded(M) * M * (1 + m) + FK_LANES * (size_t)M +
+  return (size_t)FK_LANES * (3 * m * m + 4 * m + 4) + (size_t)fk_padded(M) * M * (1 + m) + FK_LANES * (size_t)M +
          2 * (size_t)fk_padded(M);
 }
 /* Where, in the scratch of a step, the numbers of the references of the columns stand. */
@@ -258,10 +258,11 @@ FK_STATIC double fk_first(int M, int m, int q, const double *log_initial, const 
 FK_STATIC void fk_fill_ahead(int i, int M2, int ld, const double *transition, double *a, double *ahead) {
   double R[3][3] = {{0}};
   for (int c = 0; c < 3; c++) {
+    const double first = a[c]; /* what all have in common cancels to the last bit */
     double mean = 0.0;
-    for (int j = 0; j < M2; j++) mean += transition[j] * a[3 * j + c];
+    for (int j = 0; j < M2; j++) mean += transition[j] * (a[3 * j + c] -= first);
     for (int j = 0; j < M2; j++) a[3 * j + c] = sqrt(transition[j]) * (a[3 * j + c] - mean);
-    ahead[(size_t)c * ld + i] = mean;
+    ahead[(size_t)c * ld + i] = first + mean;
   }
   for (int c = 0; c < 3; c++) { /* orthogonalise the columns */
     double norm = 0.0;
@@ -276,6 +277,24 @@ FK_STATIC void fk_fill_ahead(int i, int M2, int ld, const double *transition, do
   }
   const double upper[] = {R[0][0], R[0][1], R[0][2], R[1][1], R[1][2], R[2][2]};
   for (int r = 0; r < 6; r++) ahead[(size_t)(3 + r) * ld + i] = upper[r];
+}
+
+/* The number of the largest of M numbers. */
+FK_INLINE int fk_largest(int M, const double *p) {
+  int top = 0;
+  for (int i = 1; i < M; i++) top = p[i] > p[top] ? i : top;
+  return top;
+}
+
+/* The column of the largest transition from node i. */
+FK_STATIC int fk_largest_row(const fk_summary *s, int i, int M2, int blocks) {
+  int top = 0;
+  double most = -INFINITY;
+  for (int j = 0; j < M2; j++) {
+    const double p = s->cells[((size_t)i * blocks + j / FK_LANES) * s->stride * FK_LANES + j % FK_LANES];
+    if (p > most) top = j, most = p;
+  }
+  return top;
 }
 
 /* MPM, the estimate of the switch by the rule of the 2020 paper, section VI-B; no branch depends on mu. */

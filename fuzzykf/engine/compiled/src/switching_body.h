@@ -13,6 +13,7 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
   FK_V *weight = (FK_V *)scratch, *X = weight + M1, *rest = X + (size_t)M1 * m;
   FK_V *T = m <= 4 ? few_T : rest, *V = m <= 4 ? few_V : rest + m * m;
   FK_V *S = m <= 4 ? few_S : rest + 2 * m * m, *D = m <= 4 ? few_D : rest + 2 * m * m + m;
+  FK_V few_first[4], *first = m <= 4 ? few_first : rest + 2 * m * m + 2 * m;
   double peak = -INFINITY, total = 0.0, best = 0.0, *references = scratch + fk_scratch_references(M1 > M2 ? M1 : M2, m);
   int far = 0, near = 0; /* columns whose best weight is lost among its digits, and others that can be reached */
   for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
@@ -38,11 +39,12 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
       far++;
       top[t] = fk_far_column(k, table, u, j, (double *)weight + t, FK_WIDTH, references + j);
     }
-    FK_UNROLL for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
+    FK_UNROLL for (int r = 0; r < m; r++) S[r] = first[r] = FK_NAME(fk_all)(0.0);
     for (int i = 0; i < M1; i++) {
       const double *cell = FK_CELL(k->cells, k->stride, i, b);
       const double *offset = cell + (2 + q * n) * FK_LANES, *A = offset + m * n * FK_LANES;
       FK_V e = FK_NAME(fk_exp)(weight[i] - top);
+      const FK_B is_top = (FK_B)(weight[i] == top);
       if (k->is_signed) {
         e *= FK_ROW(cell, 1);
         if (sign) e *= FK_NAME(fk_all)(sign[i]);
@@ -54,9 +56,15 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
         FK_UNROLL for (int t = 1; t < n; t++) x += FK_ROW(offset, r * n + t) * u[t];
         FK_UNROLL for (int l = 0; l < m; l++) x += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
         X[(size_t)i * m + r] = x;
-        S[r] += e * x;
+        first[r] = FK_NAME(fk_select)(is_top, x, first[r]);
       }
     }
+    /* means as differences from the likeliest: pairs that agree then do so to the last bit, however far off */
+    for (int i = 0; i < M1; i++)
+      FK_UNROLL for (int r = 0; r < m; r++) {
+        X[(size_t)i * m + r] -= first[r];
+        S[r] += weight[i] * X[(size_t)i * m + r];
+      }
     if (k->is_signed) column = FK_NAME(fk_select)((FK_B)(column == 0.0), FK_NAME(fk_all)(DBL_MIN), column);
     const FK_V inverse = 1.0 / column;
     FK_UNROLL for (int r = 0; r < m; r++) S[r] *= inverse;
@@ -82,7 +90,7 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
     /* nodes that no path reaches get moments of zero, or they might grow without bound */
     const FK_V alive = (FK_V)((FK_B)FK_READ(k->mask, b) & (FK_B)(top >= FK_DEAD));
     for (int r = 0; r < m; r++) {
-      FK_AT(out + (size_t)(1 + r) * to, b) = FK_NAME(fk_select)((FK_B)(alive != 0.0), S[r], FK_NAME(fk_all)(0.0));
+      FK_AT(out + (size_t)(1 + r) * to, b) = FK_NAME(fk_select)((FK_B)(alive != 0.0), first[r] + S[r], FK_NAME(fk_all)(0.0));
       for (int l = r; l < m; l++) {
         const FK_V P = FK_NAME(fk_select)((FK_B)(alive != 0.0), V[r * m + l], FK_NAME(fk_all)(0.0));
         FK_AT(out + (size_t)(1 + m + r * m + l) * to, b) = P;
@@ -139,8 +147,11 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
   const int M1 = k->M1, ld = fk_padded(M1), matrix = 2 + (k->q + m) * (1 + w + k->q);
   const int blocks = FK_AS_VECTORS(k->M2);
   FK_V few_V[16], few_S[4];
+  double few_first[4] = {0};
   FK_V *rest = (FK_V *)scratch, *V = m <= 4 ? few_V : rest, *S = m <= 4 ? few_S : rest + m * m;
-  FK_V *mean = rest + m * m + m, *now = mean; /* of the pairs: M1 blocks m */
+  double *first = m <= 4 ? few_first : (double *)(rest + m * m + m);
+  FK_V *mean = rest + m * m + 2 * m, *now = mean; /* of the pairs: M1 blocks m */
+  const int top = fk_largest(M1, p), side = fk_largest_row(s, top, k->M2, k->blocks);
   FK_UNROLL for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
   FK_UNROLL for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
   for (int i = 0; i < M1; i++)
@@ -153,7 +164,16 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
         FK_UNROLL for (int t = 1; t <= w; t++) a += FK_ROW(row, t) * u[t];
         FK_UNROLL for (int l = 0; l < m; l++) a += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
         now[r] = a;
-        S[r] += FK_ROW(cell, 0) * p[i] * a;
+        if (i == top && b == side / FK_WIDTH) first[r] = a[side % FK_WIDTH];
+      }
+    }
+  now = mean; /* of one likely pair the others are differences */
+  for (int i = 0; i < M1; i++)
+    for (int b = 0; b < blocks; b++, now += m) {
+      const FK_V weight = FK_ROW(FK_CELL(s->cells, s->stride, i, b), 0) * p[i];
+      FK_UNROLL for (int r = 0; r < m; r++) {
+        now[r] -= first[r];
+        S[r] += weight * now[r];
       }
     }
   FK_UNROLL for (int r = 0; r < m; r++) x[r] = FK_NAME(fk_sum)(S[r]);
@@ -179,6 +199,7 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
       }
       P[r * m + l] = P[l * m + r] = FK_NAME(fk_sum)(V[r * m + l] + within);
     }
+  FK_UNROLL for (int r = 0; r < m; r++) x[r] += first[r];
 }
 
 FK_TARGET static void FK_NAME(fk_prior)(const fk_kernel *k, const fk_summary *s, const double *p,
@@ -200,25 +221,27 @@ FK_TARGET static void FK_NAME(fk_prior)(const fk_kernel *k, const fk_summary *s,
 /* Mean and covariance of X, the mixture of M nodes with probabilities p (eqs. 21, 22). */
 FK_TARGET static void FK_NAME(fk_posterior)(int M, int m, const double *p, const double *table, double *x,
                                             double *P) {
-  const int ld = fk_padded(M), blocks = FK_AS_VECTORS(M);
+  const int ld = fk_padded(M), blocks = FK_AS_VECTORS(M), top = fk_largest(M, p);
   for (int r = 0; r < m; r++) {
+    const double *means = table + (size_t)(1 + r) * ld, first = means[top];
     FK_V S = FK_NAME(fk_all)(0.0);
-    for (int b = 0; b < blocks; b++)
-      S += FK_READ(p, b) * FK_READ(table + (size_t)(1 + r) * ld, b);
+    for (int b = 0; b < blocks; b++) S += FK_READ(p, b) * (FK_READ(means, b) - first);
     x[r] = FK_NAME(fk_sum)(S);
   }
-  if (!P) return;
+  /* so far x is what the mean is beyond that of the likeliest node */
+  if (P)
   for (int r = 0; r < m; r++)
     for (int l = r; l < m; l++) {
       FK_V S = FK_NAME(fk_all)(0.0);
       for (int b = 0; b < blocks; b++) {
         const double *at = table + b * FK_WIDTH;
-        const FK_V d = *(const FK_V *)(at + (size_t)(1 + r) * ld) - x[r];
-        const FK_V e = *(const FK_V *)(at + (size_t)(1 + l) * ld) - x[l];
+        const FK_V d = *(const FK_V *)(at + (size_t)(1 + r) * ld) - table[(size_t)(1 + r) * ld + top] - x[r];
+        const FK_V e = *(const FK_V *)(at + (size_t)(1 + l) * ld) - table[(size_t)(1 + l) * ld + top] - x[l];
         const FK_V both = *(const FK_V *)(at + (size_t)(1 + m + r * m + l) * ld) +
                            *(const FK_V *)(at + (size_t)(1 + m + l * m + r) * ld);
         S += FK_READ(p, b) * (d * e + 0.5 * both);
       }
       P[r * m + l] = P[l * m + r] = FK_NAME(fk_sum)(S);
     }
+  for (int r = 0; r < m; r++) x[r] += table[(size_t)(1 + r) * ld + top];
 }
