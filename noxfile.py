@@ -66,6 +66,13 @@ def studies(session: nox.Session) -> None:
 
 
 @nox.session(default=False)
+def mutants(session: nox.Session) -> None:
+    """Make equations wrong, one at a time, and see whether the tests notice; half an hour."""
+    session.install("-e", ".[test]", "cython>=3.1", "setuptools>=77")
+    session.run("python", "tests/mutants", *session.posargs)
+
+
+@nox.session(default=False)
 def benchmarks(session: nox.Session) -> None:
     """Measure speed as ratios within one run."""
     session.install("-e", ".[test]", "--group", "benchmarks")
