@@ -246,8 +246,9 @@ TOKENS = (
 
 #: Lines that declare, copy, allocate, or say something.
 NO_ARITHMETIC = re.compile(
-    r"^\s*#|^\s*(FK_STATIC|FK_TARGET|FK_INLINE|typedef|case|cdef cnp|cdef class|def |cdef |from |import |raise )"
-    r"|while \(0\)|double \*\w+ = |memcpy|memset|sizeof|__attribute__|Error\(|FK_SIZE|^\s*(const )?(double|FK_V|int) \w+\[[^=]*$"
+    r"^\s*#|^\s*(FK_STATIC|FK_TARGET|FK_INLINE|typedef|case|cdef|def|from|import|raise)\b"
+    r"|while \(0\)|double \*\w+ = |memcpy|memset|sizeof|__attribute__|Error\(|FK_SIZE"
+    r"|^\s*(const )?(double|FK_V|int) \w+\[[^=]*$"
 )
 #: Loops and places in memory: a mutant there fails at random, or crashes.
 PLACES = re.compile(r"\bfor \([^;]*;[^;]*;[^)]*\)|\[[^\[\]]*\]|\(size_t\)\([^()]*\) \* ld|\bFK_CELL\([^)]*\)")

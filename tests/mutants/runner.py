@@ -25,7 +25,7 @@ import pytest
 __all__ = ["Copy", "Verdict"]
 
 #: Tests that take longer than this on the unchanged package are left out.
-SLOW = 1.0
+SLOW = 0.4
 
 #: What every run imports, and no mutant changes: loaded once, before a process forks for each mutant.
 SHARED = (
@@ -133,7 +133,7 @@ class Copy:
     # ------------------------------------------------------------------ translation units
 
     def _without_eights(self) -> None:
-        """Leave out the arithmetic on vectors of eight, which takes long to compile and few processors have."""
+        """Leave out the arithmetic on vectors of eight: it takes long to compile, few processors have it."""
         file = "fuzzykf/engine/compiled/src/engines.h"
         text = self.read(file).replace(b"FK_VERSION(v4)", b"FK_VERSION(v3)")
         block = rb'#define FK_NAME\(name\) name##_v4\n.*\n.*\n#include "bodies.h"\n'

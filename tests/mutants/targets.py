@@ -118,7 +118,7 @@ SPACE, LEARN, SOURCE, CORE = (
 )
 
 TARGETS = (
-    Target(ENGINE + "switching.py", 18, RECURSION + ("switching/learning/test_em.py",)),
+    Target(ENGINE + "switching.py", 18, (*RECURSION, "switching/learning/test_em.py")),
     Target(ENGINE + "series.py", 8, RECURSION),
     Target(ENGINE + "backward.py", 4, BACKWARD),
     Target(INFERENCE + "exact.py", 8, RECURSION + BACKWARD),
@@ -168,9 +168,7 @@ TARGETS = (
     Target(SOURCE + "backward_body.h", 4, C_RECURSION, unit=CORE + "tables.pyx"),
     Target(SOURCE + "hmm_body.h", 4, C_RECURSION, unit=CORE + "tables.pyx"),
     Target(SOURCE + "lanes_body.h", 2, C_RECURSION, unit=CORE + "tables.pyx"),
-    Target(
-        SOURCE + "switching.h", 5, C_RECURSION, "fk_fill|fk_fill_ahead|fk_most_likely", CORE + "tables.pyx"
-    ),
+    Target(SOURCE + "switching.h", 5, C_RECURSION, "fk_fill|fk_fill_ahead|fk_most.*", CORE + "tables.pyx"),
     Target(SOURCE + "switching.h", 3, C_RECURSION, "fk_first", CORE + "switching.pyx"),
     Target(SOURCE + "hmm_logs.h", 3, C_RECURSION, unit=CORE + "switching.pyx"),
     Target(SOURCE + "series.h", 4, C_RECURSION, unit=CORE + "series.pyx"),
