@@ -39,6 +39,7 @@ class Target:
 
 RECURSION = (
     "engine/numpy/test_switching.py",
+    "switching/filters/test_fields.py",
     "exactness/test_switching_enumeration.py",
     "switching/inference/test_exact.py",
     "switching/inference/test_mixture.py",
@@ -75,6 +76,7 @@ STATE_SPACE = (
 )
 CLOSED = ("possibility/test_closed_form.py", "possibility/test_norms.py", "possibility/memberships")
 KALMAN = (
+    "kalman/test_fields.py",
     "kalman/test_kalman_filter.py",
     "kalman/test_functions.py",
     "kalman/test_linear_series.py",
@@ -85,7 +87,12 @@ KALMAN = (
     "kalman/test_jacobian.py",
     "properties/test_kalman_filterpy.py",
 )
-IMM = ("kalman/test_imm.py", "kalman/test_bank_stepper.py", "kalman/test_variants.py")
+IMM = (
+    "kalman/test_fields.py",
+    "kalman/test_imm.py",
+    "kalman/test_bank_stepper.py",
+    "kalman/test_variants.py",
+)
 LEARNING = (
     "switching/learning/test_chains.py",
     "switching/learning/test_em.py",
@@ -99,12 +106,15 @@ C_RECURSION = (
     "engine/compiled/test_switching.py",
     "engine/compiled/test_series.py",
     "engine/compiled/test_backward.py",
+    "switching/filters/test_fields.py",
     "switching/inference/test_exact.py",
     "exactness/test_switching_enumeration.py",
 )
 C_KALMAN = (
+    "kalman/test_fields.py",
     "engine/compiled/test_kalman.py",
     "engine/compiled/test_imm.py",
+    "kalman/test_fields.py",
     "kalman/test_linear_series.py",
     "kalman/test_imm.py",
 )

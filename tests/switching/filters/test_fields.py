@@ -1,0 +1,135 @@
+"""Verbs, steps, series and many series of a switching filter agree in every field, the switch included."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, KnownSwitchFilter, OFSRFilter
+from fuzzykf.switching.inference.series import SHOWN
+
+
+def fuzzy_vector(m, q):
+    """A fuzzy system of any size whose corners differ in mean and in noise."""
+    rng = np.random.default_rng(10 * m + q)
+    d = m + q
+    z = rng.normal(size=(d, d)) * 0.4 + np.eye(d)
+    z = z @ z.T
+    cross = 0.4 * z + 0.05 * rng.normal(size=(d, d))
+    cross[m:, :m] = cross[m:, m:] @ np.linalg.solve(z[m:, m:], z[m:, :m])  # Y' and X are independent given Y
+    pair = np.block([[z, cross.T], [cross, z]])
+    law = FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16)
+    return CGOFMSModel(law, [np.zeros(d), np.full(d, 1.5)], np.broadcast_to(pair, (2, 2, 2 * d, 2 * d)), m)
+
+
+@pytest.fixture(params=["scalar", "vector 2 1", "vector 1 2", "vector 5 3", "hard", "one hard regime"])
+def make(request, fuzzy_model, hard_model, make_transitions):
+    """A factory of filters and the model they are of."""
+    if request.param == "scalar":
+        return lambda: OFSRFilter(fuzzy_model, 4), fuzzy_model
+    if request.param == "hard":
+        return lambda: CGOMSMFilter(hard_model), hard_model
+    if request.param == "one hard regime":
+        model = CGOMSModel.from_transitions([[1.0]], *make_transitions(1, 2, 2, seed=3), dim_x=2)
+        return lambda: CGOMSMFilter(model), model
+    model = fuzzy_vector(*map(int, request.param.split()[1:]))
+    return lambda: OFSRFilter(model, 3), model
+
+
+def observe(model, gaps):
+    y = model.simulate(30, np.random.default_rng(3)).y
+    if gaps:
+        y[4], y[11:13], y[20, 0] = np.nan, np.nan, np.nan
+    return y
+
+
+def shown(f):
+    return {name: np.squeeze(getattr(f, name)) for name in SHOWN}
+
+
+def by_verbs(f, y):
+    """What the verbs show after each observation, and what they show of it before."""
+    rows, ahead = [], []
+    for z in y:
+        f.predict()
+        ahead.append((np.squeeze(f.x), np.squeeze(f.P)))
+        f.update(z)
+        rows.append(shown(f))
+    return {name: np.array([row[name] for row in rows]) for name in SHOWN}, ahead
+
+
+@pytest.mark.parametrize("gaps", [False, True])
+def test_four_ways_agree_in_every_field(make, gaps) -> None:
+    filter_, model = make
+    y = observe(model, gaps)
+    verbs, ahead = by_verbs(filter_(), y)
+    f = filter_()
+    steps = []
+    for z in y:
+        np.testing.assert_array_equal(f.step(z), f.x)
+        steps.append(shown(f))
+    whole = filter_().filter(y)
+    shifted = y[::-1].copy()
+    many = filter_().filter_many(np.stack([y, shifted, y]), keep=SHOWN)
+    other = filter_().filter(shifted)
+    for name in SHOWN:
+        expected = verbs[name]
+        near = {"rtol": 1e-8, "atol": 1e-10, "err_msg": name}
+        np.testing.assert_allclose([step[name] for step in steps], expected, **near)
+        np.testing.assert_allclose(np.reshape(getattr(whole, name), expected.shape), expected, **near)
+        for row in (0, 2):
+            np.testing.assert_allclose(np.reshape(getattr(many, name)[row], expected.shape), expected, **near)
+        np.testing.assert_allclose(getattr(many, name)[1], getattr(other, name), **near)
+    for k, (x, P) in enumerate(ahead):
+        np.testing.assert_allclose(verbs["x_prior"][k], x, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(verbs["P_prior"][k], P, rtol=1e-12, atol=1e-12)
+
+
+def test_every_field_alone_is_the_one_among_all(make) -> None:
+    # which fields are asked for decides what the engine computes, not what comes out
+    filter_, model = make
+    zs = np.stack([observe(model, False), observe(model, True)])
+    f = filter_()
+    all_of_them = f.filter_many(zs, keep=SHOWN)
+    for name in SHOWN:
+        alone = f.filter_many(zs, keep=[name])
+        np.testing.assert_allclose(
+            getattr(alone, name), getattr(all_of_them, name), rtol=1e-9, atol=1e-12, err_msg=name
+        )
+        assert all(getattr(alone, other) is None for other in SHOWN if other != name)
+
+
+def test_the_mean_and_the_mode_of_the_switch_are_those_of_its_probabilities(make) -> None:
+    filter_, model = make
+    result = filter_().filter(observe(model, True))
+    chain = filter_()._system.chain
+    np.testing.assert_allclose(result.switch_mean, result.mu @ result.nodes, rtol=1e-12, atol=1e-14)
+    for p, switch in zip(result.mu, result.switch, strict=True):
+        atoms = np.flatnonzero(chain.atoms)
+        inner = np.flatnonzero(~chain.atoms)
+        if not inner.size or p[atoms].sum() > 0.5:
+            expected = chain.nodes[max(atoms, key=lambda k: (p[k], k))]
+        else:
+            expected = chain.nodes[max(inner, key=lambda k: p[k] / chain.weights[k])]
+        assert switch == expected
+
+
+@pytest.mark.parametrize("gaps", [False, True])
+def test_a_known_switch_has_the_same_fields_by_verbs_and_by_series(gaps, fuzzy_model) -> None:
+    data = fuzzy_model.simulate(30, np.random.default_rng(3))
+    y = observe(fuzzy_model, gaps)
+    whole = KnownSwitchFilter(fuzzy_model).filter(y, data.r)
+    f, g = KnownSwitchFilter(fuzzy_model), KnownSwitchFilter(fuzzy_model)
+    for k, (z, r) in enumerate(zip(y, data.r, strict=True)):
+        f.predict(r)
+        f.update(z)
+        g.step(z, r)
+        for name in SHOWN:
+            for one in (f, g):
+                np.testing.assert_allclose(
+                    np.squeeze(getattr(one, name)),
+                    np.squeeze(getattr(whole, name)[k]),
+                    rtol=1e-9,
+                    atol=1e-11,
+                    err_msg=name,
+                )
