@@ -133,3 +133,15 @@ def test_a_known_switch_has_the_same_fields_by_verbs_and_by_series(gaps, fuzzy_m
                     atol=1e-11,
                     err_msg=name,
                 )
+
+
+@pytest.mark.parametrize("threads", [2, 3, 7])
+def test_threads_share_all_series_among_them(threads, make) -> None:
+    # also where there are more threads than series, and where series do not divide evenly
+    filter_, model = make
+    y = np.stack([model.simulate(6, np.random.default_rng(seed)).y for seed in range(5)])
+    alone, shared = filter_().filter_many(y, keep=SHOWN), filter_().filter_many(y, keep=SHOWN, threads=threads)
+    for name in SHOWN:
+        np.testing.assert_allclose(
+            getattr(shared, name), getattr(alone, name), rtol=1e-9, atol=1e-12, err_msg=name
+        )
