@@ -9,6 +9,20 @@ from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, Known
 from fuzzykf.switching.inference.series import SHOWN
 
 
+CGLSSM = {
+    "A": [[[0.8, 0.3], [0.0, 0.5]], [[0.2, -0.4], [0.1, 0.6]]],
+    "B": [[[1.0, 0.0]], [[1.0, 1.0]]],
+    "C": [[[0.5, 0.0], [1.0, 0.3]], [[1.0, 0.0], [0.0, 1.0]]],
+    "D": [[[0.5, 0.1]], [[1.0, 0.0]]],
+}
+MOVING = {
+    "mode": "time_varying",
+    "order": 2,
+    "initial_probability": [0.2, 0.8],
+    "initial_covariance": [np.eye(2), 3.0 * np.eye(2)],
+}
+
+
 def fuzzy_vector(m, q):
     """A fuzzy system of any size whose corners differ in mean and in noise."""
     rng = np.random.default_rng(10 * m + q)
@@ -22,7 +36,7 @@ def fuzzy_vector(m, q):
     return CGOFMSModel(law, [np.zeros(d), np.full(d, 1.5)], np.broadcast_to(pair, (2, 2, 2 * d, 2 * d)), m)
 
 
-@pytest.fixture(params=["scalar", "vector 2 1", "vector 1 2", "vector 5 3", "hard", "one hard regime"])
+@pytest.fixture(params=["scalar", "vector 2 1", "vector 1 2", "vector 5 3", "hard", "one hard regime", "moving", "order 3"])
 def make(request, fuzzy_model, hard_model, make_transitions):
     """A factory of filters and the model they are of."""
     if request.param == "scalar":
@@ -31,6 +45,11 @@ def make(request, fuzzy_model, hard_model, make_transitions):
         return lambda: CGOMSMFilter(hard_model), hard_model
     if request.param == "one hard regime":
         model = CGOMSModel.from_transitions([[1.0]], *make_transitions(1, 2, 2, seed=3), dim_x=2)
+        return lambda: CGOMSMFilter(model), model
+    if request.param in ("moving", "order 3"):  # tables that change from step to step, or a longer window
+        parts = {name: np.array(value) for name, value in CGLSSM.items()}
+        options = MOVING if request.param == "moving" else {"order": 3}
+        model = CGOMSModel.from_cglssm([[0.9, 0.1], [0.3, 0.7]], **parts, **options)
         return lambda: CGOMSMFilter(model), model
     model = fuzzy_vector(*map(int, request.param.split()[1:]))
     return lambda: OFSRFilter(model, 3), model
@@ -145,3 +164,23 @@ def test_threads_share_all_series_among_them(threads, make) -> None:
         np.testing.assert_allclose(
             getattr(shared, name), getattr(alone, name), rtol=1e-9, atol=1e-12, err_msg=name
         )
+
+
+def test_a_forecast_is_the_filter_of_nothing(make) -> None:
+    # step by step with the tables of that step, which may not be those of the next one
+    filter_, model = make
+    y = observe(model, False)[:4]
+    for n in (1, 2, 4):
+        f = filter_()
+        f.filter(y[:n])
+        ahead = f.forecast(5)
+        padded = np.concatenate([y[:n], np.full((5, f.dim_z), np.nan)])
+        empty = filter_().filter(padded)
+        for name in ("x", "P", "mu", "switch", "switch_mean"):
+            np.testing.assert_allclose(
+                getattr(ahead, name), getattr(empty, name)[n:], rtol=1e-9, atol=1e-11, err_msg=name
+            )
+        for k in range(5):
+            f.predict()  # after the first, each stands for an observation that is missing
+            np.testing.assert_allclose(ahead.x[k], f.x_prior[:, 0], rtol=1e-9, atol=1e-11)
+            np.testing.assert_allclose(ahead.P[k], f.P_prior, rtol=1e-9, atol=1e-11)

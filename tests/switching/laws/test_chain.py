@@ -113,3 +113,29 @@ def test_bad_classes(transition, initial, message):
 def test_bad_chains(arguments, message):
     with pytest.raises((ParameterError, ShapeError), match=message):
         SwitchChain(*arguments)
+
+
+class Given:
+    """In the place of a generator: draws that are given."""
+
+    def __init__(self, uniforms):
+        self.uniforms = np.array(uniforms)
+
+    def random(self, n):
+        return self.uniforms[:n]
+
+
+def test_sampling_inverts_the_distribution_functions():
+    chain = SwitchChain(
+        [0.0, 0.5, 1.0], [1.0, 1.0, 1.0], [0.2, 0.5, 0.3], [[0.1, 0.6, 0.3], [0.5, 0.0, 0.5], [0.25, 0.25, 0.5]]
+    )
+    edge = np.nextafter(1.0, 0.0)
+    draws = [0.71, 0.51, 0.24, 0.1, 0.69, 0.5, 0.0, edge, 0.3]
+    # 0.2 | 0.7 | 1 to begin with; then a draw on a bound belongs to the next node
+    expected = [1.0, 1.0, 0.0, 0.5, 1.0, 1.0, 0.0, 1.0, 0.5]
+    np.testing.assert_array_equal(chain.sample(9, Given(draws)), expected)
+    assert chain.sample(0, Given([])).size == 0
+    rng = np.random.default_rng(0)
+    path = chain.sample(4000, rng)
+    counts = np.array([[((path[:-1] == a) & (path[1:] == b)).sum() for b in chain.nodes] for a in chain.nodes])
+    np.testing.assert_allclose(counts / counts.sum(axis=1, keepdims=True), chain.transition, atol=0.05)
