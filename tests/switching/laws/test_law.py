@@ -402,3 +402,14 @@ def test_copies_and_pickles(name):
 def test_repr_is_the_constructor():
     assert repr(FMC1) == "FuzzyMarkovLaw.fmc1(alpha=0.07, delta=0.05, eta=0.16)"
     assert repr(FMC2) == "FuzzyMarkovLaw.fmc2(alpha=0.12, gamma=0.5, delta=0.17)"
+
+
+@pytest.mark.parametrize("r", [0.0, 0.3, 0.62, 1.0])
+def test_any_density_is_drawn_from_by_inverting_it(r):
+    # the kink at s = r has to be known, or the sums that are inverted are not those of the density
+    law = FuzzyMarkovLaw.from_density(
+        FMC1.corners, EDGES["function of two arguments"], lambda a, b: fmc1_line(np.abs(a - b))
+    )
+    for u in np.linspace(0.05, 0.95, 7):
+        assert law._draw_inside(r, float(u)) == pytest.approx(FMC1._draw_inside(r, float(u)), abs=1e-9)
+    assert law._inner_mass(r) == pytest.approx(FMC1._inner_mass(r), rel=1e-12)
