@@ -718,3 +718,39 @@ def test_members_of_different_shape_by_now_are_named():
     imm.filters[2].x = np.zeros(2)
     with pytest.raises(ShapeError, match=r"filters: x has shapes \[\(2, 1\), \(2, 1\), \(2,\)\]"):
         imm.predict()
+
+
+# ------------------------------------------------------------------ whole series of a changed bank
+
+
+@pytest.mark.parametrize("verb", ["predict", "update"])
+@pytest.mark.parametrize("where", ["class", "object"])
+def test_a_series_goes_through_verbs_that_were_changed(verb, where):
+    calls = []
+    f, zs = make(), [0.1, 0.4, -0.2]
+    if where == "class":
+
+        class Own(IMMEstimator):
+            pass
+
+        def counted(self, *arguments):
+            calls.append(verb)
+            getattr(IMMEstimator, verb)(self, *arguments)
+
+        setattr(Own, verb, counted)
+        f = Own(f.filters, f.mu, f.M)
+    else:
+        usual = getattr(f, verb)
+        setattr(f, verb, lambda *arguments: (calls.append(verb), usual(*arguments))[1])
+    result = f.filter(zs)
+    assert calls == [verb] * 3
+    np.testing.assert_allclose(result.x, make().filter(zs).x, rtol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
+def test_a_series_with_an_observation_that_no_mode_explains_is_an_error():
+    imm = make()
+    before = state(imm)
+    with pytest.raises(ParameterError, match="no mode gives a positive density"):
+        imm.filter([0.1, 1e200, 0.3])
+    assert state(imm) == before

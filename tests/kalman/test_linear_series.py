@@ -254,3 +254,16 @@ def test_matrix_dimensions():
     f.P = 1.0
     with pytest.raises(ShapeError, match=r"^P: got shape"):
         f.test_matrix_dimensions()
+
+
+def test_batch_filter_may_begin_with_an_update_and_nothing_else_given(system):
+    f, g = make(system), make(system)
+    zs = np.random.default_rng(9).normal(size=(4, 2))
+    means, covariances, means_p, covariances_p = f.batch_filter(zs, update_first=True)
+    for k, z in enumerate(zs):
+        g.update(z)
+        np.testing.assert_allclose(means[k], g.x, rtol=1e-12)
+        np.testing.assert_allclose(covariances[k], g.P, rtol=1e-12)
+        g.predict()
+        np.testing.assert_allclose(means_p[k], g.x, rtol=1e-12)
+        np.testing.assert_allclose(covariances_p[k], g.P, rtol=1e-12)

@@ -173,3 +173,14 @@ def test_a_wrong_m_is_named(system):
     f.M = np.zeros((2, 2))
     with pytest.raises(ShapeError, match=r"M: got shape \(2, 2\), expected \(3, 2\)"):
         f.update_correlated([1.0, 2.0])
+
+
+def test_a_block_that_is_not_the_first_brings_a_matrix_of_its_own(system):
+    f, g = make(system), make(system)
+    f.H[1] *= 2.0
+    f.predict()
+    g.predict()
+    f.update_sequential(1, [0.7])
+    g.update_sequential(1, [0.7], H_i=2.0 * system["H"][1:])
+    np.testing.assert_allclose(g.x, f.x, rtol=1e-14)
+    np.testing.assert_allclose(g.P, f.P, rtol=1e-14)

@@ -196,3 +196,15 @@ def test_other_families_are_refused():
         ParameterError, match=r"family: got 'triangle', expected 'gaussian', 'cauchy' or 'parab"
     ):
         closed_form.possibility(1.0, "triangle")
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("family", GENERATORS)
+def test_a_contradiction_is_one_on_either_side(family, sign):
+    # a state known for certain in its second component, and an exact measurement that is off it
+    x, P = np.array([0.5, -2.0]), np.diag([1.0, 0.0])
+    H, R = np.eye(2), np.zeros((2, 2))
+    off = closed_form.condition(x, P, np.array([0.6, -2.0 + 0.1 * sign]), H, R, family)
+    assert np.isinf(off.surprise)
+    on = closed_form.condition(x, P, np.array([0.6, -2.0 + 1e-16 * sign]), H, R, family)
+    assert on.surprise == pytest.approx(0.01)

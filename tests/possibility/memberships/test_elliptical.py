@@ -145,3 +145,12 @@ def test_bad_gaussians():
         GaussianMembership("here", 1.0)
     with pytest.raises(ShapeError, match=r"x: got shape \(3,\), expected \(..., 2\)"):
         GaussianMembership([0.0, 0.0], np.eye(2))([1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize("center", [3.0, -3.0])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_rounding_off_the_range_counts_on_either_side_of_zero(center, side):
+    # the matrix has no spread along the second axis: what is off by rounding is on it, the rest is not
+    membership = GaussianMembership([1.0, center], np.diag([1.0, 0.0]))
+    assert membership([1.0, center * (1.0 + side * 1e-15)]) == pytest.approx(1.0)
+    assert membership([1.0, center + side * 1e-3]) == 0.0

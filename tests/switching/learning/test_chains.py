@@ -8,7 +8,7 @@ import pytest
 from fuzzykf import FuzzyMarkovLaw
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.laws.cells import CellLaw
-from fuzzykf.switching.learning.chains import FreeChain, family_of
+from fuzzykf.switching.learning.chains import FreeChain, _objective, family_of
 from fuzzykf.switching.learning.law import count_transitions, fit_law
 
 FMC1 = [(0.07, 0.05, 0.16), (0.2, 0.1, 0.1), (0.001, 0.0, 0.37), (0.49, 0.001, 0.002)]
@@ -204,3 +204,42 @@ def test_steps_that_fmc2_does_not_allow():
 def test_counting():
     counts = count_transitions(np.array([0.0, 0.0, 2.0, 0.0]), np.array([1.0, 1.0, 0.0, 2.0]), 3)
     np.testing.assert_array_equal(counts, [[0, 2, 1], [0, 0, 0], [1, 0, 0]])
+
+
+def test_numbers_beyond_the_bounds_of_the_search_are_no_chain():
+    chain = family_of("fmc1", 3)
+    inside = np.full(chain.vector.size, 1.0)
+    assert chain.at(inside) is not None
+    for k in range(inside.size):
+        for far in (1e3, -1e3):
+            vector = inside.copy()
+            vector[k] = far
+            assert chain.at(vector) is None
+
+
+def test_nodes_that_were_never_seen_add_nothing_to_the_objective():
+    joint = np.array([[0.4, 0.1, 0.0], [0.1, 0.4, 0.0], [0.0, 0.0, 0.0]])
+    pairs = np.array([[3.0, 1.0, 0.0], [1.0, 5.0, 0.0], [0.0, 0.0, 0.0]])
+    first = np.array([2.0, 0.0, 0.0])
+    rows = joint[:2, :2] / joint[:2].sum(axis=1, keepdims=True)
+    value = (pairs[:2, :2] * np.log(rows)).sum() + 2.0 * np.log(0.5)
+    assert _objective(joint, pairs, first) == pytest.approx(value, rel=1e-14)
+    assert _objective(joint, pairs, np.zeros(3)) == pytest.approx(value - 2.0 * np.log(0.5), rel=1e-14)
+
+
+def test_transitions_need_not_follow_one_another():
+    # each counts by p(after | before): what is divided by is the density of where it began
+    rng = np.random.default_rng(3)
+    before = np.repeat([0.0, 0.35, 1.0], [120, 30, 50])
+    after = np.concatenate([np.repeat([0.0, 1.0], [70, 20]), rng.uniform(0.1, 0.9, 30)])
+    after = np.concatenate([after, rng.uniform(0.0, 1.0, 30), np.repeat([1.0, 0.0], [35, 15])])
+    law = fit_law("fmc1", before, after)
+
+    def total(parameters):
+        trial = FuzzyMarkovLaw.fmc1(*parameters)
+        return float(np.log(trial.transition_density(before, after)).sum())
+
+    best = np.array([law.alpha, law.delta, law.eta])
+    for step in np.vstack([np.eye(3), -np.eye(3)]) * 2e-3:
+        if (best + step >= 0.0).all():
+            assert total(best + step) <= total(best) + 1e-9

@@ -296,3 +296,11 @@ def test_forms_are_in_the_units_of_the_data(m, q, kind):
     assert mean.shape == (N, d)
     np.testing.assert_allclose(mean.mean(axis=0), raw.mean(axis=0), rtol=0, atol=0.2 * raw.std(axis=0).max())
     assert (np.diagonal(covariance, axis1=1, axis2=2) > 0.0).all()
+
+
+@pytest.mark.parametrize(("m", "q", "K", "expected"), [(1, 1, 2, 4 * 8 + 2 * 5), (3, 2, 2, 4 * 39 + 2 * 20)])
+def test_parameters_of_regressions_are_counted(m, q, K, expected):
+    # per pair: Ayy, Ny, Qyy and Axx, H, G, c, C; per class: mean and covariance of Z
+    estimate = object.__new__(RegressionEstimate)
+    estimate.dim_x, estimate.dim_z, estimate.n_classes = m, q, K
+    assert estimate.n_parameters == expected

@@ -354,3 +354,19 @@ def test_lower_factors_of_wide_tall_and_singular_arrays():
         assert L.shape == (*shape[:-1], shape[-2])
         np.testing.assert_allclose(conversion.square(L), conversion.square(F), atol=1e-12)
         np.testing.assert_array_equal(np.triu(L, 1), 0.0)
+
+
+# --------------------------------------------------------------------------- scales
+
+
+@pytest.mark.parametrize(("K", "m", "q"), [(1, 1, 1), (2, 2, 1), (2, 1, 3), (3, 3, 2)])
+def test_the_scale_of_the_noise_is_what_it_is_a_difference_of(K, m, q):
+    # Var(X' | w) = P' + K V K' and Var(Y' | w) = V: rounding is judged by these
+    law, space = random_law(K, 2, m, seed=1), random_space(K, m, q, seed=2)
+    moments = moments_of(law, space)
+    found = conversion._variances(moments)
+    assert found.shape == (K, K, m + q)
+    for i, j in np.ndindex(K, K):
+        *_, V, gain, post = by_formula(law, space, i, j)
+        expected = np.append(np.diag(post + gain @ V @ gain.T), np.diag(V))
+        np.testing.assert_allclose(found[i, j], expected, rtol=1e-8)
