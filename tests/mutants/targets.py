@@ -48,6 +48,8 @@ RECURSION = (
     "switching/filters/test_known_switch.py",
 )
 BACKWARD = (
+    "switching/inference/test_gap_pairs.py",
+    "switching/inference/test_most_likely_path.py",
     "exactness/test_smoother.py",
     "exactness/test_gaps.py",
     "switching/inference/test_smoother.py",
@@ -55,6 +57,7 @@ BACKWARD = (
 )
 LAWS = (
     "switching/laws/test_chain.py",
+    "switching/laws/test_cells.py",
     "switching/laws/test_quadrature.py",
     "switching/laws/test_integration.py",
     "switching/laws/test_law.py",
@@ -94,6 +97,7 @@ IMM = (
     "kalman/test_variants.py",
 )
 LEARNING = (
+    "switching/learning/test_likelihood.py",
     "switching/learning/test_chains.py",
     "switching/learning/test_em.py",
     "switching/learning/test_gaussians.py",
@@ -136,7 +140,7 @@ TARGETS = (
     Target(INFERENCE + "series.py", 5, RECURSION + BACKWARD),
     Target(INFERENCE + "gap_smoother.py", 5, BACKWARD),
     Target(INFERENCE + "smoother.py", 5, BACKWARD),
-    Target(INFERENCE + "forecast.py", 3, BACKWARD[::-1]),
+    Target(INFERENCE + "forecast.py", 3, ("switching/filters/test_fields.py", *BACKWARD)),
     Target("switching/dynamics/pairs.py", 5, FORMS + RECURSION),
     Target("switching/dynamics/forms.py", 4, FORMS),
     Target("switching/dynamics/interpolation.py", 3, FORMS),

@@ -49,7 +49,10 @@ def test_moments_of_mixtures_are_sums_over_modes(lead):
         for j in range(3):
             w = omega[index][:, j]
             mean = w @ xs[index]
-            P = sum(a * (p + np.outer(x - mean, x - mean)) for a, p, x in zip(w, Ps[index], xs[index], strict=True))
+            P = sum(
+                a * (p + np.outer(x - mean, x - mean))
+                for a, p, x in zip(w, Ps[index], xs[index], strict=True)
+            )
             np.testing.assert_allclose(mixed_x[index][j], mean)
             np.testing.assert_allclose(mixed_P[index][j], P)
             x, P_merged = merge_modes(w, xs[index], Ps[index])

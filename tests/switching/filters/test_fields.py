@@ -8,7 +8,6 @@ import pytest
 from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, KnownSwitchFilter, OFSRFilter
 from fuzzykf.switching.inference.series import SHOWN
 
-
 CGLSSM = {
     "A": [[[0.8, 0.3], [0.0, 0.5]], [[0.2, -0.4], [0.1, 0.6]]],
     "B": [[[1.0, 0.0]], [[1.0, 1.0]]],
@@ -36,7 +35,18 @@ def fuzzy_vector(m, q):
     return CGOFMSModel(law, [np.zeros(d), np.full(d, 1.5)], np.broadcast_to(pair, (2, 2, 2 * d, 2 * d)), m)
 
 
-@pytest.fixture(params=["scalar", "vector 2 1", "vector 1 2", "vector 5 3", "hard", "one hard regime", "moving", "order 3"])
+@pytest.fixture(
+    params=[
+        "scalar",
+        "vector 2 1",
+        "vector 1 2",
+        "vector 5 3",
+        "hard",
+        "one hard regime",
+        "moving",
+        "order 3",
+    ]
+)
 def make(request, fuzzy_model, hard_model, make_transitions):
     """A factory of filters and the model they are of."""
     if request.param == "scalar":
@@ -159,7 +169,10 @@ def test_threads_share_all_series_among_them(threads, make) -> None:
     # also where there are more threads than series, and where series do not divide evenly
     filter_, model = make
     y = np.stack([model.simulate(6, np.random.default_rng(seed)).y for seed in range(5)])
-    alone, shared = filter_().filter_many(y, keep=SHOWN), filter_().filter_many(y, keep=SHOWN, threads=threads)
+    alone, shared = (
+        filter_().filter_many(y, keep=SHOWN),
+        filter_().filter_many(y, keep=SHOWN, threads=threads),
+    )
     for name in SHOWN:
         np.testing.assert_allclose(
             getattr(shared, name), getattr(alone, name), rtol=1e-9, atol=1e-12, err_msg=name

@@ -1,4 +1,4 @@
-"""The most likely path of the switch is the best of all paths, also where the last observations are missing."""
+"""The most likely path of the switch is the best of all, also where the last observations are missing."""
 
 from __future__ import annotations
 

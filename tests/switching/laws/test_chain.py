@@ -127,7 +127,10 @@ class Given:
 
 def test_sampling_inverts_the_distribution_functions():
     chain = SwitchChain(
-        [0.0, 0.5, 1.0], [1.0, 1.0, 1.0], [0.2, 0.5, 0.3], [[0.1, 0.6, 0.3], [0.5, 0.0, 0.5], [0.25, 0.25, 0.5]]
+        [0.0, 0.5, 1.0],
+        [1.0, 1.0, 1.0],
+        [0.2, 0.5, 0.3],
+        [[0.1, 0.6, 0.3], [0.5, 0.0, 0.5], [0.25, 0.25, 0.5]],
     )
     edge = np.nextafter(1.0, 0.0)
     draws = [0.71, 0.51, 0.24, 0.1, 0.69, 0.5, 0.0, edge, 0.3]
@@ -137,5 +140,7 @@ def test_sampling_inverts_the_distribution_functions():
     assert chain.sample(0, Given([])).size == 0
     rng = np.random.default_rng(0)
     path = chain.sample(4000, rng)
-    counts = np.array([[((path[:-1] == a) & (path[1:] == b)).sum() for b in chain.nodes] for a in chain.nodes])
+    counts = np.array(
+        [[((path[:-1] == a) & (path[1:] == b)).sum() for b in chain.nodes] for a in chain.nodes]
+    )
     np.testing.assert_allclose(counts / counts.sum(axis=1, keepdims=True), chain.transition, atol=0.05)
