@@ -91,6 +91,7 @@ KALMAN = (
     "properties/test_kalman_filterpy.py",
 )
 IMM = (
+    "engine/numpy/test_imm.py",
     "kalman/test_fields.py",
     "kalman/test_imm.py",
     "kalman/test_bank_stepper.py",
