@@ -243,3 +243,10 @@ def test_transitions_need_not_follow_one_another():
     for step in np.vstack([np.eye(3), -np.eye(3)]) * 2e-3:
         if (best + step >= 0.0).all():
             assert total(best + step) <= total(best) + 1e-9
+
+
+def test_a_node_without_mass_goes_where_the_chain_begins():
+    chain = family_of("fmc1", 1)
+    chain.joint = np.array([[0.3, 0.0, 0.2], [0.0, 0.0, 0.0], [0.1, 0.0, 0.4]])
+    np.testing.assert_allclose(chain.initial, [0.5, 0.0, 0.5])
+    np.testing.assert_allclose(chain.transition, [[0.6, 0.0, 0.4], [0.5, 0.0, 0.5], [0.2, 0.0, 0.8]])

@@ -194,3 +194,20 @@ def test_the_forms_that_a_name_stands_for(data):
     rng = np.random.default_rng(0)
     vectors = gather(rng.normal(size=(100, 2)), rng.normal(size=100))
     assert forms_to_try("auto", vectors) == ("regression",)
+
+
+@pytest.mark.parametrize("offset", [20.0, -20.0])
+def test_a_search_ends_where_it_gains_little_and_not_before(offset, data, monkeypatch):
+    # whatever the sign of the density: the gain counts
+    chain = family_of("fmc1", 2)
+    shares = np.stack([1.0 - chain.nodes, chain.nodes], axis=1)
+    start = Estimate(chain, estimate(RegressionEstimate, data))
+    usual = RegressionEstimate.log_prior.fget
+    moved = property(lambda self: usual(self) + offset * len(data.z))
+    monkeypatch.setattr(RegressionEstimate, "log_prior", moved)
+    tolerance = 1e-3
+    *_, trace, converged = run_em(start, shares, data, max_iter=2, tolerance=tolerance)
+    gains = np.diff(trace)
+    assert (gains[:-1] > tolerance * len(data.before)).all()
+    assert converged == (gains[-1] < tolerance * len(data.before))
+    assert len(trace) == 3 or converged
