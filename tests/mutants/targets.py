@@ -38,7 +38,8 @@ class Target:
 
 
 RECURSION = (
-    "engine/numpy/test_switching.py",
+    "engine/numpy/test_series.py",
+    "engine/numpy/test_pairs.py",
     "switching/filters/test_fields.py",
     "exactness/test_switching_enumeration.py",
     "switching/inference/test_exact.py",
@@ -109,11 +110,13 @@ LEARNING = (
 )
 C_RECURSION = (
     "engine/compiled/test_switching.py",
+    "engine/compiled/test_hidden_markov.py",
     "engine/compiled/test_series.py",
     "engine/compiled/test_backward.py",
     "switching/filters/test_fields.py",
     "switching/inference/test_exact.py",
     "exactness/test_switching_enumeration.py",
+    "exactness/test_outliers.py",
 )
 C_KALMAN = (
     "kalman/test_fields.py",
@@ -133,8 +136,14 @@ SPACE, LEARN, SOURCE, CORE = (
 )
 
 TARGETS = (
-    Target(ENGINE + "switching.py", 18, (*RECURSION, "switching/learning/test_em.py")),
-    Target(ENGINE + "series.py", 8, RECURSION),
+    Target(ENGINE + "switching.py", 16, RECURSION + BACKWARD),
+    Target(ENGINE + "outliers.py", 4, ("exactness/test_outliers.py",)),
+    Target(
+        ENGINE + "hidden_markov.py",
+        6,
+        ("engine/numpy/test_hidden_markov.py", "switching/learning/test_em.py"),
+    ),
+    Target(ENGINE + "series.py", 10, RECURSION),
     Target(ENGINE + "backward.py", 4, BACKWARD),
     Target(INFERENCE + "exact.py", 8, RECURSION + BACKWARD),
     Target(INFERENCE + "mixture.py", 4, RECURSION + BACKWARD),
@@ -185,7 +194,8 @@ TARGETS = (
     Target(SOURCE + "lanes_body.h", 2, C_RECURSION, unit=CORE + "tables.pyx"),
     Target(SOURCE + "switching.h", 5, C_RECURSION, "fk_fill|fk_fill_ahead|fk_most.*", CORE + "tables.pyx"),
     Target(SOURCE + "switching.h", 3, C_RECURSION, "fk_first", CORE + "switching.pyx"),
-    Target(SOURCE + "hmm_logs.h", 3, C_RECURSION, unit=CORE + "switching.pyx"),
+    Target(SOURCE + "switching.h", 5, C_RECURSION[::-1], "fk_far.*|fk_density.*", CORE + "tables.pyx"),
+    Target(SOURCE + "hmm_logs.h", 3, C_RECURSION, unit=CORE + "hidden_markov.pyx"),
     Target(SOURCE + "series.h", 4, C_RECURSION, unit=CORE + "series.pyx"),
     Target(SOURCE + "kalman_body.h", 7, C_KALMAN, unit=CORE + "kalman.pyx"),
     Target(SOURCE + "kalman.h", 3, C_KALMAN, unit=CORE + "kalman.pyx"),
