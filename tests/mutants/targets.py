@@ -48,6 +48,7 @@ RECURSION = (
     "switching/filters/test_switching_filter.py",
     "switching/filters/test_known_switch.py",
 )
+HIDDEN_MARKOV = ("engine/numpy/test_hidden_markov.py", "switching/learning/test_em.py")
 BACKWARD = (
     "switching/inference/test_gap_pairs.py",
     "switching/inference/test_most_likely_path.py",
