@@ -77,6 +77,10 @@ class QuadratureError(FuzzykfError, ArithmeticError):
     """A quadrature rule is too coarse for the law or for the data it meets."""
 
 
+class NumericalRangeError(FuzzykfError, ArithmeticError):
+    """A number is needed that double precision cannot hold, such as the density of an absurd observation."""
+
+
 class FileFormatError(FuzzykfError, ValueError):
     """A file is damaged, foreign, or of a version that cannot be read."""
 

@@ -14,6 +14,7 @@ from fuzzykf import CGOMSMFilter, CGOMSModel, IMMEstimator, KalmanFilter
 from fuzzykf.engine import info
 from fuzzykf.engine import selected as engine
 from fuzzykf.engine.numpy import tables
+from fuzzykf.errors import NumericalRangeError
 
 FAR = [1e3, 1e4, 1e6, 1e8, 1e10, 1e100, 1e150]
 
@@ -142,3 +143,35 @@ def test_weights_are_those_of_decimal_numbers(kind, deviations, q) -> None:
     np.testing.assert_allclose(np.exp(log_w - top) / column, o, atol=2e-15)
     np.testing.assert_allclose(found / found.sum(), p, atol=2e-15)
     np.testing.assert_allclose(best + log_p.max() + np.log(found.sum()), total, rtol=1e-14, atol=1e-12)
+
+
+# --------------------------------------------------------------------------- where numbers end
+
+
+def shown(f):
+    return [
+        np.array(getattr(f, name))
+        for name in ("x", "P", "mu", "x_prior", "P_prior", "log_likelihood", "z", "y")
+    ]
+
+
+@pytest.mark.parametrize("absurd", [1e153, 1e160, 1e300])
+@pytest.mark.parametrize("before", [0, 1, 5])
+def test_an_observation_beyond_all_numbers_is_an_error_that_changes_nothing(absurd, before) -> None:
+    f = equal_regimes(2, [[0.9, 0.1], [0.3, 0.7]])
+    for z in np.linspace(-1.0, 1.0, before):
+        f.step(z)
+    then = shown(f)
+    twin = f.copy()
+    for call in (f.step, f.filter, f.smooth, f.filter_many):
+        zs = {"step": absurd, "filter_many": [[0.1, absurd, 0.2]] * 2}.get(call.__name__, [0.1, absurd, 0.2])
+        with pytest.raises(
+            NumericalRangeError, match=r"observation: got \[.*\], so many standard deviations"
+        ):
+            call(zs)
+        for now, was in zip(shown(f), then, strict=True):
+            np.testing.assert_array_equal(now, was)
+    with pytest.raises(NumericalRangeError):
+        f.filter([0.1, np.nan, absurd, 0.2])
+    np.testing.assert_array_equal(f.step(0.3), twin.step(0.3))
+    np.testing.assert_array_equal(f.step(0.4), twin.step(0.4))

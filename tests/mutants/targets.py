@@ -50,7 +50,6 @@ RECURSION = (
 )
 HIDDEN_MARKOV = ("engine/numpy/test_hidden_markov.py", "switching/learning/test_em.py")
 BACKWARD = (
-    "switching/inference/test_gap_pairs.py",
     "switching/inference/test_most_likely_path.py",
     "exactness/test_smoother.py",
     "exactness/test_gaps.py",

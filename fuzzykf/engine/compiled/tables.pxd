@@ -109,7 +109,7 @@ cdef class Workspace:
     """Two states that change places, and room for the arithmetic of a step."""
 
     cdef Buffer memory
-    cdef fk_state one, two
+    cdef fk_state one, two, three
     cdef double *p
     cdef double *x
     cdef double *scratch

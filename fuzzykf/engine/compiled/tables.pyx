@@ -134,17 +134,17 @@ cdef class Summary:
 
 
 cdef class Workspace:
-    """Two states that change places, and room for the arithmetic of a step."""
+    """States that change places, and room for the arithmetic of a step."""
 
     def __cinit__(self, Kernel kernel):
         cdef fk_kernel *k = &kernel.k
         cdef int M = max(k.M1, k.M2)
         cdef size_t table = fk_table_size(M, k.m), row = fk_padded(M)
         cdef size_t moments = fk_padded(k.m + k.m * k.m)
-        self.memory = Buffer(2 * table + 3 * row + moments + fk_scratch_size(M, k.m))
+        self.memory = Buffer(3 * table + 3 * row + moments + fk_scratch_size(M, k.m))
         cdef double *data = self.memory.data
-        self.one.table, self.two.table = data, data + table
-        data += 2 * table
+        self.one.table, self.two.table, self.three.table = data, data + table, data + 2 * table
+        data += 3 * table
         if k.is_signed:
             self.one.sign, self.two.sign = data, data + row
         self.p = data + 2 * row

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.numpy.outliers import NEAR, are_far
-from fuzzykf.engine.numpy.switching import far_pairs, log_pairs
+from fuzzykf.engine.numpy.outliers import NEAR, far_pairs
+from fuzzykf.engine.numpy.switching import are_far, log_pairs
 from fuzzykf.engine.numpy.tables import DEAD
 
 if TYPE_CHECKING:

@@ -23,16 +23,18 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.engine.numpy.tables import Kernel
 
-__all__ = ["NEAR", "are_far", "far_weights", "relative_weights"]
+__all__ = ["FARTHEST", "NEAR", "far_nodes", "far_pairs", "far_parts", "far_weights", "relative_weights"]
+
+#: Below this a log-density comes near the end of the range of numbers; weights are NaN then.
+FARTHEST = -1e303
+
+#: Factors of covariances that differ by less, relatively, are one.
+_ALIKE = 1e-14
 
 #: Logarithms of weights above this keep their digits (to 1e-13) beside one another.
 NEAR = -500.0
-
-
-def are_far(top: FloatArray) -> bool:
-    """Whether the best log-weight of a node that can be reached, (..., M2), is lost among its digits."""
-    return bool(((top < NEAR) & (top > DEAD)).any()) if top.min() < NEAR else False
 
 
 def far_weights(rows: FloatArray, small: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -81,7 +83,56 @@ def relative_weights(
     of_column = density[i, columns]
     j = np.array([of_column.argmax()])
     best = float(of_column[j[0]])
+    if not best > FARTHEST:
+        return np.full_like(small, np.nan), np.zeros(columns.size), np.nan
     z_best = z[:, i[j], j]
     off = minus(i[j], j)[:, i, columns]
     reference = -(off * (z[:, i, columns] + z_best)).sum(axis=0)
     return log_w, np.where(of_column > -np.inf, reference, 0.0), best
+
+
+def far_pairs(kernel: Kernel, log_p: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Weigh the pairs at an observation that is far off, see `far_weights`; ``u`` begins with (1, w, y')."""
+    M1, M2, _, q = kernel.shape
+    rows = kernel.rows[: q * M1 * M2].reshape(q, M1, M2, -1)
+    small = kernel.log_scale.reshape(M1, M2) + log_p[:, None]
+    return far_weights(rows, small, u[: rows.shape[-1]])
+
+
+def far_nodes(
+    small: FloatArray, mean: FloatArray, factor: FloatArray, y: FloatArray
+) -> tuple[FloatArray, float]:
+    """Weigh nodes (M,) at a first observation y (q,), of mean (M, q) and covariance L L' with factor L (M, q, q).
+
+    Returns their log-weights relative to the log-density of the closest, and that.
+    """
+    M, q = mean.shape
+    there = np.concatenate([-mean[..., None], np.broadcast_to(np.eye(q), (M, q, q))], axis=-1)
+    rows = np.moveaxis(np.linalg.solve(factor, there) * np.sqrt(0.5), 1, 0)[:, :, None]
+    log_w, _, best = far_weights(rows, small[:, None], np.concatenate((np.ones(1), y)))
+    return log_w[:, 0], best
+
+
+def far_parts(
+    white: FloatArray, small: FloatArray, mean: FloatArray, factor: FloatArray
+) -> tuple[FloatArray, FloatArray, float]:
+    """Do `far_weights` for the parts of an observation that are there.
+
+    Parameters
+    ----------
+    white : ndarray, shape (M1, M2, k)
+        Whitened residuals.
+    small : ndarray, shape (M1, M2)
+    mean, factor : ndarray, shapes (M1, M2, k) and (M1, M2, k, k)
+        Of those parts; factors are those of Cholesky.
+    """
+    z = np.moveaxis(white, -1, 0) * np.sqrt(0.5)
+
+    def minus(i: IntArray, j: IntArray) -> FloatArray:
+        """Return z - z[:, i, j]; where both have one covariance, from the difference of the means."""
+        off = np.linalg.solve(factor, (mean[i, j] - mean)[..., None])[..., 0] * np.sqrt(0.5)
+        alike = (np.abs(factor - factor[i, j]) <= _ALIKE * np.abs(factor)).all(axis=(-1, -2))
+        less: FloatArray = np.where(alike, np.moveaxis(off, -1, 0), z - z[:, i, j][:, None])
+        return less
+
+    return relative_weights(z, small, minus)

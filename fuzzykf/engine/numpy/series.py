@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from fuzzykf.engine.numpy.outliers import NEAR
-from fuzzykf.engine.numpy.switching import collapse, collapse_few, far_pairs, first_step, log_pairs
+from fuzzykf.engine.numpy.outliers import NEAR, far_pairs
+from fuzzykf.engine.numpy.switching import collapse, collapse_few, first_step, log_pairs
 from fuzzykf.engine.numpy.tables import DEAD
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def run(
             pairs[:, :p] = log_w
             np.matmul(part, kernel.rows[p:].T, out=pairs[:, p : 2 * p])
             pairs[:, 2 * p :] = kernel.C.ravel()
-            log_totals, carried, bests = (np.zeros(len(part)) for _ in range(3))
+            log_totals, carried, bests = np.zeros((3, len(part)))
             log_total = 0.0
             for k, row in enumerate(pairs):
                 if not -_DRIFT < log_total < _DRIFT:

@@ -29,19 +29,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fuzzykf.engine.numpy.outliers import NEAR, are_far, far_weights, relative_weights
+from fuzzykf.engine.numpy.outliers import NEAR, far_nodes, far_pairs, far_parts
 from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.engine.numpy.tables import Kernel
 
 __all__ = [
     "PairMoments",
+    "are_far",
     "before_step",
     "collapse_weights",
     "condition_pairs",
-    "far_pairs",
     "first_step",
     "first_step_in_part",
     "log_pairs",
@@ -55,9 +55,6 @@ __all__ = [
 
 _ONE = np.ones(1)
 _HALF_LOG_2PI = 0.5 * log(2.0 * np.pi)
-
-#: Factors of covariances that differ by less, relatively, are one.
-_ALIKE = 1e-14
 
 #: Sums of weights between these lose nothing without a maximum taken out.
 _TINY, _HUGE = 1e-250, 1e250
@@ -96,13 +93,9 @@ def first_step(
     table = np.empty((s, 1 + m + m * m, M))
     table[:, 0] = (log_w - log_likelihood).T
     for k in np.flatnonzero((top < NEAR) & (top > DEAD)):
-        # nodes take the place of pairs, in one column
-        there = np.concatenate([-mean[:, m:, None], np.broadcast_to(np.eye(q), (M, q, q))], axis=-1)
-        rows = np.moveaxis(np.linalg.solve(factor, there) * np.sqrt(0.5), 1, 0)[:, :, None]
-        small = (log_initial - log_det - q * _HALF_LOG_2PI)[:, None]
-        relative, _, best = far_weights(rows, small, np.concatenate((_ONE, ys[k])))
-        total = _log_sum(relative[:, 0], None)
-        table[k, 0], log_likelihood[k] = relative[:, 0] - total, best + total
+        relative, best = far_nodes(log_initial - log_det - q * _HALF_LOG_2PI, mean[:, m:], factor, ys[k])
+        total = _log_sum(relative, None)
+        table[k, 0], log_likelihood[k] = relative - total, best + total
     table[:, 1 : 1 + m] = x.T
     table[:, 1 + m :] = P.reshape(M, m * m).T
     return table, log_likelihood
@@ -147,12 +140,9 @@ def step(
     return collapse(kernel, log_w, product[q:], table, sign, u)
 
 
-def far_pairs(kernel: Kernel, log_p: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Weigh the pairs at an observation that is far off, see `far_weights`; ``u`` begins with (1, w, y')."""
-    M1, M2, _, q = kernel.shape
-    rows = kernel.rows[: q * M1 * M2].reshape(q, M1, M2, -1)
-    small = kernel.log_scale.reshape(M1, M2) + log_p[:, None]
-    return far_weights(rows, small, u[: rows.shape[-1]])
+def are_far(top: FloatArray) -> bool:
+    """Whether the best log-weight of a node that can be reached, (..., M2), is lost among its digits."""
+    return bool(((top < NEAR) & (top > DEAD)).any()) if top.min() < NEAR else False
 
 
 def _signed(
@@ -411,16 +401,7 @@ def condition_pairs(pairs: PairMoments, y: FloatArray, m: int) -> PairMoments:
     log_w = small - 0.5 * (white * white).sum(axis=(-1, -2))
     reference, best = pairs.reference, pairs.best
     if are_far(log_w.max(axis=0)):
-        z = np.moveaxis(white[..., 0], -1, 0) * np.sqrt(0.5)
-
-        def minus(i: IntArray, j: IntArray) -> FloatArray:
-            """Return z - z[:, i, j]; where both have one covariance, from the difference of the means."""
-            off = np.linalg.solve(factor, (mean[i, j] - mean)[..., at, None])[..., 0] * np.sqrt(0.5)
-            alike = (np.abs(factor - factor[i, j]) <= _ALIKE * np.abs(factor)).all(axis=(-1, -2))
-            less: FloatArray = np.where(alike, np.moveaxis(off, -1, 0), z - z[:, i, j][:, None])
-            return less
-
-        log_w, reference, best = relative_weights(z, small, minus)
+        log_w, reference, best = far_parts(white[..., 0], small, mean[..., at], factor)
     mean = mean + (np.swapaxes(root, -1, -2) @ white)[..., 0]
     covariance = covariance - np.swapaxes(root, -1, -2) @ root
     mean[..., at] = y[there]

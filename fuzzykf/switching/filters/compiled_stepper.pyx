@@ -37,6 +37,8 @@ cdef class Stepper:
     cdef double *window  # the latest observations, newest first
     cdef fk_state *now
     cdef fk_state *old
+    cdef fk_state *spare
+    cdef double *kept  # u of the step before
     cdef bint ahead  # whether the compiled state is newer than the attributes
     cdef Py_ssize_t n
     cdef bint predicted
@@ -59,11 +61,12 @@ cdef class Stepper:
                 memcpy(self.work.one.table, at(p), kernel.k.M1 * sizeof(double))
                 memset(self.work.one.table + kernel.k.M1, 0, (fk_padded(kernel.k.M1) - kernel.k.M1) * sizeof(double))
                 self.work.one.linear = 1
-        self.windows = Buffer(1 + 2 * kernel.k.w + kernel.k.q)
-        self.u, self.window = self.windows.data, self.windows.data + 1 + kernel.k.w + kernel.k.q
+        cdef size_t width = 1 + kernel.k.w + kernel.k.q
+        self.windows = Buffer(2 * width + kernel.k.w)
+        self.u, self.kept, self.window = self.windows.data, self.windows.data + width, self.windows.data + 2 * width
         self.u[0] = 1.0
         memcpy(self.window, at(w), kernel.k.w * sizeof(double))
-        self.now, self.old = &self.work.one, &self.work.two
+        self.now, self.old, self.spare = &self.work.one, &self.work.two, &self.work.three
         self.tables, self.kernel, self.ahead = tables, kernel, False
         return True
 
@@ -109,6 +112,7 @@ cdef class Stepper:
             if not isfinite(y[t]):
                 return self._step_any(z)
         u, window = self.u, self.window
+        memcpy(self.kept, u, (1 + k.w + q) * sizeof(double))
         if k.is_scalar:
             u[1], u[2] = window[0], y[0]
             window[0] = y[0]
@@ -117,10 +121,15 @@ cdef class Stepper:
             memcpy(u + 1 + k.w, y, q * sizeof(double))
             memmove(window + q, window, (k.w - q) * sizeof(double))
             memcpy(window, y, q * sizeof(double))
-        fk_advance(engine(), k, self.now, self.old, u, self.work.scratch)
-        swap = self.now
-        self.now = self.old
-        self.old = swap
+        fk_advance(engine(), k, self.now, self.spare, u, self.work.scratch)
+        if self.spare.total != self.spare.total:  # the verbs say what is wrong, from the state before
+            memcpy(window, u + 1, k.w * sizeof(double))
+            memcpy(u, self.kept, (1 + k.w + q) * sizeof(double))
+            return self._step_by_verbs(np.array([y[t] for t in range(q)]))
+        swap = self.old
+        self.old = self.now
+        self.now = self.spare
+        self.spare = swap
         self.n += 1
         self.ahead = True
         shape[0], shape[1] = k.m, 1

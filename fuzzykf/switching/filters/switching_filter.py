@@ -149,9 +149,13 @@ class SwitchingFilter(Stepper, Filter):
         if y is not None and self._hand_over() and not np.isnan(y).any():
             estimate: FloatArray = self.step(y)
             return estimate
+        return self._step_by_verbs(np.full(self.dim_z, np.nan) if y is None else y)
+
+    def _step_by_verbs(self, y: FloatArray) -> FloatArray:
+        """Predict and update; an error leaves the filter as it was."""
         self.predict()
         try:
-            self._take(np.full(self.dim_z, np.nan) if y is None else y)
+            self._take(y)
         except Exception:
             self._predicted = False
             raise

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.engine import selected as engine
-from fuzzykf.errors import QuadratureError
+from fuzzykf.errors import NumericalRangeError, QuadratureError
 from fuzzykf.gaussian import check_definite
 from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.inference.method import Method
@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 
 __all__ = ["EXACT", "Exact"]
 
+#: What overflows is said by an error, not by a warning on the way to it.
+QUIET: dict[str, Any] = {"over": "ignore", "invalid": "ignore"}
+
 #: Largest total of negative masses that a rule with negative weights may produce.
 NEGATIVE_MASS = 1e-2
 
@@ -50,10 +53,16 @@ class Exact(Method):
 
     def first(self, law: InitialLaw, y: FloatArray) -> tuple[Mixture, float]:
         """Condition the law of (r_1, Z_1) on y_1, (q,), NaN where missing; no dynamics come before it."""
-        if is_complete(y):
-            table, log_likelihood = engine.first_step(*law.start(y.size), y[None])
-            return Mixture(table[0], y), float(log_likelihood[0])
-        table, value = engine.first_step_in_part(*law.start(y.size)[:3], y)
+        start = law.start(y.size)
+        with np.errstate(**QUIET):
+            if is_complete(y):
+                table, log_likelihood = engine.first_step(*start, y[None])
+                if not log_likelihood[0] > engine.FARTHEST:
+                    raise out_of_range(y)
+                return Mixture(table[0], y), float(log_likelihood[0])
+            table, value = engine.first_step_in_part(*start[:3], y)
+        if not value > engine.FARTHEST:
+            raise out_of_range(y)
         return Mixture(table, y, unknown=int(np.isnan(y).sum())), value
 
     def advance(
@@ -76,20 +85,27 @@ class Exact(Method):
         """
         window = y if width == y.size else np.concatenate([y, mixture.window])[:width]
         if not mixture.unknown and is_complete(y):
-            table, sign, log_likelihood = engine.step(
-                tables.kernel, mixture.table, mixture.sign, mixture.window, y
-            )
+            kernel = tables.kernel
+            with np.errstate(**QUIET):
+                table, sign, log_likelihood = engine.step(
+                    kernel, mixture.table, mixture.sign, mixture.window, y
+                )
             if sign is not None:
                 check_masses(engine.probabilities(table, sign))
+            if not log_likelihood > engine.FARTHEST:
+                raise out_of_range(y)
             return Mixture(table, window, sign), log_likelihood
         before = tables.transition, tables.pairs, mixture.table, mixture.sign, mixture.window
         try:
-            table, sign, log_likelihood = engine.step_in_part(*before, y, window)
+            with np.errstate(**QUIET):
+                table, sign, log_likelihood = engine.step_in_part(*before, y, window)
         except np.linalg.LinAlgError:
             at = tables.pairs.Axx.shape[-1] + np.flatnonzero(~np.isnan(y))
             S = engine.pair_moments(*before).covariance[..., at[:, None], at]
             check_definite(S, lambda k: f"covariance of the predicted observation, pair {k}", strict=True)
             raise
+        if not log_likelihood > engine.FARTHEST:
+            raise out_of_range(y)
         return Mixture(table, window, sign, unknown=int(np.isnan(window).sum())), log_likelihood
 
     def ahead(self, tables: PairTables, mixture: Mixture) -> Ahead:
@@ -111,11 +127,19 @@ class Exact(Method):
         out: dict[str, FloatArray],
     ) -> tuple[FloatArray, FloatArray]:
         """Filter complete observations start, ..., stop - 1 of series (s, n, q) under constant tables."""
+        own = type(self)
+        if own.first is not Exact.first or own.advance is not Exact.advance or own.ahead is not Exact.ahead:
+            return super().series(system, tables, begin, ys, start, stop, out)
         summary = tables.summary(system.chain)
-        found = engine.filter_series(tables.kernel, summary, begin, ys, start, stop, out)
+        with np.errstate(**QUIET):
+            found = engine.filter_series(tables.kernel, summary, begin, ys, start, stop, out)
         if "sign" in out:
             part = slice(start, stop)
             check_masses(engine.probabilities(out["table"][:, part], out["sign"][:, part]))
+        lost = np.isnan(found[1][:, 0]).any(axis=1)
+        if lost.any():
+            seen = ys[int(lost.argmax()), start:stop]
+            raise out_of_range(seen[np.abs(seen).max(axis=1).argmax()])
         return found
 
     def smooth(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> Smoothed:
@@ -140,6 +164,14 @@ def is_complete(y: FloatArray) -> bool:
         value = y.item()
         return bool(value == value)
     return not np.isnan(y).any()
+
+
+def out_of_range(y: FloatArray) -> NumericalRangeError:
+    """Return what is said of an observation (q,) whose log-density left the range of numbers."""
+    return NumericalRangeError(
+        f"observation: got {y.tolist()}, so many standard deviations off that double precision cannot "
+        "hold its density; expected a value within 1e150 of them, or NaN if it is missing"
+    )
 
 
 def check_masses(p: FloatArray) -> None:

@@ -173,7 +173,7 @@ def _filter_block(
     while k < n:
         stop = holes[bisect_left(holes, k)]
         if tables is None or k <= steady_from + 1:
-            tables = system.pair_tables(max(k - 1, 0)) if k or (stop > 1 and not steady_from) else None
+            tables = system.pair_tables(max(k - 1, 0)) if k or (stop and not steady_from) else None
         if k == 0 and wants_prior:
             priors.append((0, law.ahead(m)))
         steady = k > steady_from or (k == 0 and order == 1 and not chain.is_signed)

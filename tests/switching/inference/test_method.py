@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching import EXACT, Method, SwitchingFilter
+from fuzzykf.switching import EXACT, Method, Mixture, SwitchingFilter
 from fuzzykf.switching.inference.series import SHOWN
 
 
@@ -78,3 +78,29 @@ def test_the_verbs_go_on_after_a_series(model, ys) -> None:
 def test_without_a_smoother_there_is_none(model, ys) -> None:
     with pytest.raises(ParameterError, match="smooth: the method Plain has no smoother"):
         SwitchingFilter(model, Plain()).smooth(ys)
+
+
+@pytest.mark.parametrize("name", ["first", "advance", "ahead"])
+def test_what_a_subclass_of_exact_replaces_is_honoured_by_whole_series(fuzzy_model, name) -> None:
+    def shifted(self, *arguments):
+        found = getattr(EXACT, name)(*arguments)
+        if name == "ahead":
+            return found._replace(x=found.x + 0.25)
+        mixture, value = found
+        table = mixture.table.copy()
+        table[1] += 0.25
+        return Mixture(table, mixture.window), value
+
+    method = type("Shifted", (type(EXACT),), {name: shifted})()
+    system, ys = fuzzy_model.placed(3), [0.3, 1.0, -0.5, 2.0]
+    whole = SwitchingFilter(system, method).filter(ys)
+    many = SwitchingFilter(system, method).filter_many([ys, ys], ("x", "x_prior"))
+    f = SwitchingFilter(system, method)
+    for n, z in enumerate(ys):
+        f.step(z)
+        np.testing.assert_allclose(whole.x[n], f.x[:, 0], rtol=1e-12)
+        np.testing.assert_allclose(whole.x_prior[n], f.x_prior[:, 0], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(many.x[1], whole.x, rtol=1e-12)
+    np.testing.assert_allclose(many.x_prior[1], whole.x_prior, rtol=1e-12, atol=1e-15)
+    exact = SwitchingFilter(system).filter(ys)
+    assert np.abs(whole.x_prior - exact.x_prior).max() > 0.01

@@ -8,6 +8,7 @@
 #define FK_LOG_ZERO (-1e307)
 #define FK_DEAD (0.5 * FK_LOG_ZERO)
 #define FK_NEAR (-500.0) /* logarithms of weights above this keep their digits beside one another */
+#define FK_FARTHEST (-1e303) /* below this a log-density comes near the end of the range; weights are NaN */
 #define FK_TINY 1e-250
 #define FK_HUGE 1e250
 
@@ -246,6 +247,7 @@ FK_STATIC double fk_first(int M, int m, int q, const double *log_initial, const 
   }
   if (peak < FK_NEAR && peak > FK_DEAD)
     peak = fk_first_far(M, m, q, log_initial, mean, factor, y, table, scratch + (size_t)q * (1 + m), &best);
+  if (!(peak + best > FK_FARTHEST)) peak = NAN;
   for (int i = 0; i < M; i++) total += exp(table[i] - peak);
   const double log_total = peak + log(total);
   for (int i = 0; i < M; i++) table[i] -= log_total;

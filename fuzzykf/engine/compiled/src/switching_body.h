@@ -113,6 +113,7 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
     if (out_sign) mass *= FK_AT(out_sign, b);
     total += FK_NAME(fk_sum)(mass * FK_READ(k->mask, b));
   }
+  if (!(peak + best > FK_FARTHEST)) total = NAN;
   /* the caller looks at negative masses */
   const double log_total = peak + (total > 0.0 ? log(total) : NAN);
   for (int j = 0; j < to; j++) out[j] = j < M2 ? out[j] - log_total : 0.0; /* padding stays zero */
