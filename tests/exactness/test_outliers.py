@@ -149,10 +149,8 @@ def test_weights_are_those_of_decimal_numbers(kind, deviations, q) -> None:
 
 
 def shown(f):
-    return [
-        np.array(getattr(f, name))
-        for name in ("x", "P", "mu", "x_prior", "P_prior", "log_likelihood", "z", "y")
-    ]
+    names = ("x", "P", "mu", "x_prior", "P_prior", "log_likelihood", "z", "y")
+    return [np.array(getattr(f, name)) for name in names]
 
 
 @pytest.mark.parametrize("absurd", [1e153, 1e160, 1e300])
@@ -161,14 +159,10 @@ def test_an_observation_beyond_all_numbers_is_an_error_that_changes_nothing(absu
     f = equal_regimes(2, [[0.9, 0.1], [0.3, 0.7]])
     for z in np.linspace(-1.0, 1.0, before):
         f.step(z)
-    then = shown(f)
-    twin = f.copy()
-    for call in (f.step, f.filter, f.smooth, f.filter_many):
-        zs = {"step": absurd, "filter_many": [[0.1, absurd, 0.2]] * 2}.get(call.__name__, [0.1, absurd, 0.2])
-        with pytest.raises(
-            NumericalRangeError, match=r"observation: got \[.*\], so many standard deviations"
-        ):
-            call(zs)
+    then, twin, series = shown(f), f.copy(), [0.1, absurd, 0.2]
+    for verb, zs in (("step", absurd), ("filter", series), ("smooth", series), ("filter_many", [series] * 2)):
+        with pytest.raises(NumericalRangeError, match=r"observation: got \[.*\], so many standard dev"):
+            getattr(f, verb)(zs)
         for now, was in zip(shown(f), then, strict=True):
             np.testing.assert_array_equal(now, was)
     with pytest.raises(NumericalRangeError):

@@ -102,7 +102,7 @@ def far_pairs(kernel: Kernel, log_p: FloatArray, u: FloatArray) -> tuple[FloatAr
 def far_nodes(
     small: FloatArray, mean: FloatArray, factor: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Weigh nodes (M,) at a first observation y (q,), of mean (M, q) and covariance L L' with factor L (M, q, q).
+    """Weigh nodes (M,) at a first observation y (q,), given the mean (M, q) and the factor of each node.
 
     Returns their log-weights relative to the log-density of the closest, and that.
     """

@@ -393,7 +393,8 @@ def condition_pairs(pairs: PairMoments, y: FloatArray, m: int) -> PairMoments:
         return pairs
     at = m + np.flatnonzero(there)
     log_w, sign, mean, covariance, *_ = pairs
-    factor = np.linalg.cholesky(covariance[..., at[:, None], at])
+    S = covariance[..., at[:, None], at]
+    factor: FloatArray = np.linalg.cholesky(S).astype(np.float64, copy=False)
     root = np.linalg.solve(factor, covariance[..., at, :])  # L^-1 Cov(Y', s')
     white = np.linalg.solve(factor, (y[there] - mean[..., at])[..., None])
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
