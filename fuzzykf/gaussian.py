@@ -6,7 +6,7 @@ the vector and the matrix.
 
 from __future__ import annotations
 
-from numbers import Real
+from numbers import Integral, Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,7 +88,7 @@ def is_whole(value: object) -> bool:
     """Whether a value is a whole number, of whatever numeric type."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return False
-    return float(value) % 1.0 == 0.0
+    return isinstance(value, Integral) or float(value) % 1.0 == 0.0
 
 
 def _show(shape: tuple[int | None, ...]) -> str:

@@ -10,15 +10,13 @@ What a file holds says so in its kind.  The class of a kind writes and reads the
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from abc import ABC, abstractmethod
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 
 from fuzzykf.errors import FileFormatError, FuzzykfError
+from fuzzykf.files import read_bytes, write_bytes, write_text
 from fuzzykf.registry import Registry, either
 
 if TYPE_CHECKING:
@@ -59,35 +57,23 @@ FILTERS = Registry(
 )
 
 #: What damaged values may raise where they are put together.
-_DAMAGE = (KeyError, TypeError, IndexError, AttributeError, ValueError, FuzzykfError)
+_DAMAGE = (KeyError, TypeError, IndexError, AttributeError, ValueError, ArithmeticError, MemoryError, FuzzykfError)
+
+#: How many bytes a document may have unless told otherwise.
+MAX_BYTES = 1 << 25
+
+#: How deeply lists and mappings may be nested, and how large whole numbers may be.
+MAX_DEPTH, MAX_WHOLE = 32, 1 << 63
+
+_PIECE = 1 << 20
+
+#: How much of an error about damaged values is shown: they may be as long as the file.
+_SHOWN = 500
 
 M = TypeVar("M")
 
 
 # --------------------------------------------------------------------------- files
-
-
-def write_text(path: str | PathLike[str], text: str) -> None:
-    """Write a text file so that a reader sees the old one or the new one, whole."""
-    write_bytes(path, text.encode("utf-8"))
-
-
-def write_bytes(path: str | PathLike[str], content: bytes) -> None:
-    """Write a file so that a reader sees the old one or the new one, whole."""
-    target = Path(path)
-    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(name).chmod(0o666 & ~umask)  # mkstemp makes private files
-        Path(name).replace(target)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
 
 
 def write_document(path: str | PathLike[str], kind: str, content: dict[str, Any]) -> None:
@@ -106,25 +92,30 @@ def as_document(kind: str, content: dict[str, Any]) -> dict[str, Any]:
     return {"format": "fuzzykf", "version": SCHEMA_VERSION, "kind": kind} | content
 
 
-def read_document(path: str | PathLike[str], kinds: tuple[str, ...]) -> dict[str, Any]:
+def read_document(
+    path: str | PathLike[str], kinds: tuple[str, ...], max_bytes: int | None = None
+) -> dict[str, Any]:
     """Read a document of one of the given kinds.
 
     Raises
     ------
     FileFormatError
-        If the file is no JSON, not from fuzzykf, of another version or another kind.
+        If the file is no JSON, not from fuzzykf, of another version or another kind, or larger than
+        ``max_bytes`` (by default 32 MiB, or what the environment variable FUZZYKF_MAX_BYTES says).
     """
+    content = read_bytes(path, max_bytes, MAX_BYTES)
     try:
-        document: Any = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        _check_depth(content)
+        document: Any = json.loads(content.decode("utf-8"), parse_constant=_refuse_constant, parse_int=_whole)
     except ValueError as error:  # not UTF-8, not JSON, or NaN
-        raise FileFormatError(f"{path}: damaged, or not a JSON file: {error}") from error
+        raise FileFormatError(f"{path}: damaged, or not a JSON file: {_shown(error)}") from error
     if not isinstance(document, dict) or document.get("format") != "fuzzykf":
         raise FileFormatError(f"{path}: not a file written by fuzzykf")
     version = document.get("version")
     readable = (*sorted(UPGRADES), SCHEMA_VERSION)
-    if version not in readable:
+    if isinstance(version, bool) or not isinstance(version, int) or version not in readable:
         raise FileFormatError(
-            f"{path}: has schema version {version!r}; this version of fuzzykf reads "
+            f"{path}: has schema version {_shown(version)}; this version of fuzzykf reads "
             f"{' and '.join(map(str, readable))}"
         )
     try:
@@ -135,7 +126,7 @@ def read_document(path: str | PathLike[str], kinds: tuple[str, ...]) -> dict[str
     if document["version"] != SCHEMA_VERSION:
         raise FileFormatError(f"{path}: version {version} cannot be brought to version {SCHEMA_VERSION}")
     if document.get("kind") not in kinds:
-        raise FileFormatError(f"{path}: holds a {document.get('kind')!r}, expected {' or '.join(kinds)}")
+        raise FileFormatError(f"{path}: holds a {_shown(document.get('kind'))}, expected {' or '.join(kinds)}")
     return dict(document)
 
 
@@ -143,8 +134,33 @@ def _refuse_constant(name: str) -> Any:
     raise ValueError(f"{name} is no number of JSON")
 
 
-def _damaged(path: str | PathLike[str], error: Exception) -> FileFormatError:
-    return FileFormatError(f"{path}: damaged: {type(error).__name__}: {error}")
+def _whole(digits: str) -> int:
+    value = int(digits) if len(digits) < 21 else MAX_WHOLE
+    if abs(value) >= MAX_WHOLE:
+        raise ValueError(f"a whole number has {len(digits.lstrip('-'))} digits, expected less than 2^63")
+    return value
+
+
+def _check_depth(content: bytes) -> None:
+    """Refuse nesting that no document has, before anything is called once a level."""
+    level = 0
+    for start in range(0, len(content), _PIECE):
+        marks = np.frombuffer(content[start : start + _PIECE], dtype=np.uint8) | 0x20  # braces are brackets, too
+        steps = (marks == ord("{")).astype(np.int8) - (marks == ord("}"))
+        depth = level + np.cumsum(steps[steps != 0])  # also of those in texts, where no document has any
+        if depth.size:
+            if depth.max() > MAX_DEPTH:
+                raise ValueError(f"lists are nested deeper than {MAX_DEPTH}")
+            level = int(depth[-1])
+
+
+def _shown(value: object) -> str:
+    text = str(value) if isinstance(value, Exception) else repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+def _damaged(path: str | PathLike[str], error: BaseException) -> FileFormatError:
+    return FileFormatError(f"{path}: damaged: {type(error).__name__}: {_shown(error)}")
 
 
 # --------------------------------------------------------------------------- documents
@@ -168,6 +184,8 @@ class Document(ABC):
         Parameters
         ----------
         path : path-like
+            A file that is there keeps its mode and owner; devices and pipes are written to, and ``-`` is
+            standard output.
 
         Raises
         ------
@@ -177,21 +195,28 @@ class Document(ABC):
         write_document(path, type(self).__name__, self.to_dict())
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> Self:
+    def load(cls, path: str | PathLike[str], *, max_bytes: int | None = None) -> Self:
         """Read what `save` has written; a filter in the state it was in.
+
+        Parameters
+        ----------
+        path : path-like
+        max_bytes : int, optional
+            How large a file may be; by default 32 MiB, or what the environment variable
+            FUZZYKF_MAX_BYTES says.
 
         Raises
         ------
         FileFormatError
-            If the file is damaged, foreign, of another version, or holds something else.
+            If the file is damaged, foreign, of another version, too large, or holds something else.
         """
-        loaded: Self = _load(path, {cls.__name__: cls})
+        loaded: Self = _load(path, {cls.__name__: cls}, max_bytes)
         return loaded
 
 
-def _load(path: str | PathLike[str], classes: Mapping[str, Any]) -> Any:
+def _load(path: str | PathLike[str], classes: Mapping[str, Any], max_bytes: int | None) -> Any:
     """Read a document of one of these classes, by their kinds."""
-    document = read_document(path, tuple(classes))
+    document = read_document(path, tuple(classes), max_bytes)
     make = classes[document["kind"]]
     try:
         return make.from_dict(document)
@@ -213,7 +238,9 @@ def save_model(model: Any, path: str | PathLike[str]) -> None:
     model.save(path)
 
 
-def load_model(path: str | PathLike[str], cls: type[M] | None = None) -> M:
+def load_model(
+    path: str | PathLike[str], cls: type[M] | None = None, *, max_bytes: int | None = None
+) -> M:
     """Read a model from a file.
 
     Parameters
@@ -221,6 +248,8 @@ def load_model(path: str | PathLike[str], cls: type[M] | None = None) -> M:
     path : path-like
     cls : type, optional
         The model expected; by default any.
+    max_bytes : int, optional
+        How large the file may be, see `Document.load`.
 
     Returns
     -------
@@ -231,7 +260,7 @@ def load_model(path: str | PathLike[str], cls: type[M] | None = None) -> M:
     FileFormatError
         If the file is damaged, foreign, of another version, or holds something else.
     """
-    model: M = _load(path, _expected(cls, MODELS, FILTERS))
+    model: M = _load(path, _expected(cls, MODELS, FILTERS), max_bytes)
     return model
 
 
@@ -240,9 +269,11 @@ def save_filter(filter_: Any, path: str | PathLike[str]) -> None:
     filter_.save(path)
 
 
-def load_filter(path: str | PathLike[str], cls: type[M] | None = None) -> M:
+def load_filter(
+    path: str | PathLike[str], cls: type[M] | None = None, *, max_bytes: int | None = None
+) -> M:
     """Read a switching filter from a file; by default any, otherwise one of the class ``cls``."""
-    loaded: M = _load(path, _expected(cls, FILTERS, MODELS))
+    loaded: M = _load(path, _expected(cls, FILTERS, MODELS), max_bytes)
     return loaded
 
 
@@ -287,7 +318,32 @@ def decode(values: Any, ndim: int) -> Any:
     """Return nested lists as a float array of the given dimension, None staying None."""
     if values is None:
         return None
-    array = np.array(values, dtype=np.float64)
+    array = np.array(values)
+    if array.dtype == object and array.ndim == 1:  # None among numbers is NaN
+        array = np.array([np.nan if value is None else number(value) for value in values])
+    if array.dtype.kind not in "fi" and array.size:
+        raise FileFormatError(f"expected numbers, got {array.dtype}")
     if array.ndim != ndim:
         raise FileFormatError(f"expected an array of {ndim} dimensions, got {array.ndim}")
-    return array
+    return array.astype(np.float64)
+
+
+def number(value: Any) -> float:
+    """Return a number of a document; a truth value is none, and a text neither."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise FileFormatError(f"expected a number, got {value!r}")
+    return float(value)
+
+
+def whole(name: str, value: Any, least: int = 0) -> int:
+    """Return a whole number of a document."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise FileFormatError(f"{name}: got {value!r}, expected a whole number of at least {least}")
+    return value
+
+
+def flag(name: str, value: Any) -> bool:
+    """Return a truth value of a document; a number is none."""
+    if not isinstance(value, bool):
+        raise FileFormatError(f"{name}: got {value!r}, expected true or false")
+    return value

@@ -304,8 +304,8 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         Raises
         ------
         ParameterError
-            If ``n_nodes`` is negative or too small for the rule: "product" needs a node on
-            each panel, "midpoint" and "gauss" nodes no further apart than the band is wide.
+            If ``n_nodes`` is negative, above 1000, or too small for the rule: "product" needs a node
+            on each panel, "midpoint" and "gauss" nodes no further apart than the band is wide.
         """
         return discretize(self, n_nodes, rule)
 

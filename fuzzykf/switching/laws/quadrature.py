@@ -42,6 +42,9 @@ RULES = ("cell", "midpoint", "gauss", "product")
 
 _FROM_FILE = ContextVar("from_file", default=False)
 
+#: Most nodes between the hard values: tables of a filter on so many take gigabytes.
+MOST_NODES = 1000
+
 
 def discretize(law: JointLaw, n_nodes: int, rule: str) -> SwitchChain:
     """Approximate a law by a Markov chain; see `FuzzyMarkovLaw.discretize`."""
@@ -49,6 +52,10 @@ def discretize(law: JointLaw, n_nodes: int, rule: str) -> SwitchChain:
         raise ParameterError(f"rule: got {rule!r}, expected one of {', '.join(map(repr, RULES))}")
     if not is_whole(n_nodes) or n_nodes < 0:
         raise ParameterError(f"n_nodes: got {n_nodes!r}, expected a whole number of at least 0")
+    if n_nodes > MOST_NODES:
+        raise ParameterError(
+            f"n_nodes: got {n_nodes}, expected at most {MOST_NODES}; tables have (n_nodes + 2)^2 entries"
+        )
     F = int(n_nodes)
     if rule == "product" and F:
         return _product_chain(law, F)

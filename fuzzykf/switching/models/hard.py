@@ -185,7 +185,7 @@ class CGOMSModel(SwitchingModel):
             One noise covariance per pair of regimes, or one per new regime, averaged over those
             before, as (23) of the paper is printed.
         order : int
-            How many past observations a step conditions on; above 1 with "gain" only.  The
+            How many past observations a step conditions on, at most 64; above 1 with "gain" only.  The
             model gets nearer with each, see `closeness`, at little cost.
         mode : {"stationary", "time_varying"}
             Whether regimes and state start in their stationary law, or as given, so that each

@@ -7,16 +7,21 @@ from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 
-from fuzzykf.errors import NotStableError, ParameterError
+from fuzzykf.errors import FileFormatError, NotStableError, ParameterError
 from fuzzykf.gaussian import check_definite, is_whole, semidefinite_root
+from fuzzykf.io import decode, encode
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables
 from fuzzykf.switching.dynamics.placed import KnownPath
+from fuzzykf.switching.laws.chain import SUM_TOLERANCE
 from fuzzykf.switching.state_space import conversion
 from fuzzykf.switching.state_space.cglssm import CGLSSM
+from fuzzykf.switching.state_space.conversion import WindowLaw
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.state_space.conversion import PairMoments, WindowLaw
+    from fuzzykf.switching.state_space.conversion import PairMoments
 
 __all__ = ["Construction", "ConvertedPath", "ConvertedSystem", "Mode", "Noise"]
 
@@ -27,11 +32,17 @@ Mode = Literal["stationary", "time_varying"]
 #: Laws of the window are kept for every so many steps, and recomputed in between.
 _STRIDE = 64
 
+#: Steps that are done again for the sake of a file that does not keep a law.
+_REDONE = 1000
+
 #: How many numbers the tables that are kept may hold, and how many tables they may be.
 _KEPT_NUMBERS, _KEPT_TABLES = 1 << 22, 256
 
 #: Standard deviations from here on are refused, while their squares still are finite.
 _LARGEST = 1e150
+
+#: Most past observations that a step conditions on: what older ones add is below rounding long before.
+_LONGEST = 64
 
 #: Steps that are proved when a time-varying model is made; of a construction that may fail later, more.
 _PROVED_STEPS = 100
@@ -74,6 +85,8 @@ class ConvertedSystem:
                 )
         if not is_whole(order) or order < 1:
             raise ParameterError(f"order: got {order!r}, expected a whole number of at least 1")
+        if order > _LONGEST:
+            raise ParameterError(f"order: got {order}, expected at most {_LONGEST}")
         if order > 1 and construction != "gain":
             raise ParameterError(
                 f"order: got {order}, expected 1 with construction={construction!r}; longer windows of "
@@ -215,6 +228,35 @@ class ConvertedSystem:
     def options(self) -> dict[str, Any]:
         """How the model is converted, as plain values."""
         return {name: getattr(self, name) for name in ("construction", "noise", "order", "mode")}
+
+    def law_to_dict(self, n: int) -> dict[str, Any] | None:
+        """Return the law at observation ``n`` as plain values, None where it can be had at once."""
+        if self.steady_from is not None or n < _STRIDE:
+            return None
+        law = self.law(n)
+        log_p = np.where(np.isfinite(law.log_p), law.log_p, np.nan)  # a regime that cannot occur
+        return {"log_p": encode(log_p), "factor": law.factor.tolist()}
+
+    def restore_law(self, n: int, values: Mapping[str, Any] | None) -> None:
+        """Take the law at observation ``n`` from what `law_to_dict` returned: no step before has to be redone.
+
+        Raises
+        ------
+        FileFormatError
+            If it is no law of this system, or missing where it would take long to compute.
+        """
+        if values is None:
+            if self.steady_from is None and n > _REDONE:
+                raise FileFormatError(f"the law of a time-varying model after {n} observations is missing")
+            return
+        log_p, factor = decode(values["log_p"], 1), decode(values["factor"], 3)
+        d = min(n + 1, self.order) * self.dim_z + self.dim_x
+        if log_p.shape != (self.n_classes,) or factor.shape != (self.n_classes, d, d):
+            raise FileFormatError(f"the law after {n} observations has the shape {factor.shape}")
+        if not (np.isfinite(factor).all() and abs(np.nansum(np.exp(log_p)) - 1.0) < SUM_TOLERANCE):
+            raise FileFormatError(f"the law after {n} observations is none: {log_p.tolist()}")
+        laws = {n: WindowLaw(np.where(np.isnan(log_p), -np.inf, log_p), factor)}
+        self._laws = self._laws | laws
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.cglssm.to_dict(), self.options)
