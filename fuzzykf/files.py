@@ -129,7 +129,7 @@ def _print(content: bytes) -> None:
 def _stat(name: str) -> os.stat_result | None:
     try:
         return os.stat(name)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
 
 
@@ -240,7 +240,9 @@ def _lock(handle: int, *, wait: bool = False) -> bool:
 # --------------------------------------------------------------------------- in
 
 
-def read_bytes(path: str | PathLike[str], max_bytes: int | None, usual: int, *, unpack: bool = False) -> bytes:
+def read_bytes(
+    path: str | PathLike[str], max_bytes: int | None, usual: int, *, unpack: bool = False
+) -> bytes:
     """Read a file that holds no more than it may.
 
     Parameters
@@ -263,8 +265,8 @@ def read_bytes(path: str | PathLike[str], max_bytes: int | None, usual: int, *, 
     """
     limit = _limit(max_bytes, usual)
     refusal = FileFormatError(
-        f"{path}: holds more than {limit:,} bytes, the limit; raise it by max_bytes=..., or by the environment "
-        f"variable {LIMIT_VARIABLE}, if you trust the file"
+        f"{path}: holds more than {limit:,} bytes, the limit; raise it by max_bytes=..., or by the "
+        f"environment variable {LIMIT_VARIABLE}, if you trust the file"
     )
     pieces: list[bytes] = []
     size = 0

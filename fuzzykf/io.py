@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 
 from fuzzykf.errors import FileFormatError, FuzzykfError
-from fuzzykf.files import read_bytes, write_bytes, write_text
+from fuzzykf.files import read_bytes, write_text
 from fuzzykf.registry import Registry, either
 
 if TYPE_CHECKING:
@@ -57,7 +57,16 @@ FILTERS = Registry(
 )
 
 #: What damaged values may raise where they are put together.
-_DAMAGE = (KeyError, TypeError, IndexError, AttributeError, ValueError, ArithmeticError, MemoryError, FuzzykfError)
+_DAMAGE = (
+    KeyError,
+    TypeError,
+    IndexError,
+    AttributeError,
+    ValueError,
+    ArithmeticError,
+    MemoryError,
+    FuzzykfError,
+)
 
 #: How many bytes a document may have unless told otherwise.
 MAX_BYTES = 1 << 25
@@ -126,7 +135,9 @@ def read_document(
     if document["version"] != SCHEMA_VERSION:
         raise FileFormatError(f"{path}: version {version} cannot be brought to version {SCHEMA_VERSION}")
     if document.get("kind") not in kinds:
-        raise FileFormatError(f"{path}: holds a {_shown(document.get('kind'))}, expected {' or '.join(kinds)}")
+        raise FileFormatError(
+            f"{path}: holds a {_shown(document.get('kind'))}, expected {' or '.join(kinds)}"
+        )
     return dict(document)
 
 
@@ -145,7 +156,9 @@ def _check_depth(content: bytes) -> None:
     """Refuse nesting that no document has, before anything is called once a level."""
     level = 0
     for start in range(0, len(content), _PIECE):
-        marks = np.frombuffer(content[start : start + _PIECE], dtype=np.uint8) | 0x20  # braces are brackets, too
+        marks = (
+            np.frombuffer(content[start : start + _PIECE], dtype=np.uint8) | 0x20
+        )  # braces are brackets, too
         steps = (marks == ord("{")).astype(np.int8) - (marks == ord("}"))
         depth = level + np.cumsum(steps[steps != 0])  # also of those in texts, where no document has any
         if depth.size:
@@ -238,9 +251,7 @@ def save_model(model: Any, path: str | PathLike[str]) -> None:
     model.save(path)
 
 
-def load_model(
-    path: str | PathLike[str], cls: type[M] | None = None, *, max_bytes: int | None = None
-) -> M:
+def load_model(path: str | PathLike[str], cls: type[M] | None = None, *, max_bytes: int | None = None) -> M:
     """Read a model from a file.
 
     Parameters
@@ -269,9 +280,7 @@ def save_filter(filter_: Any, path: str | PathLike[str]) -> None:
     filter_.save(path)
 
 
-def load_filter(
-    path: str | PathLike[str], cls: type[M] | None = None, *, max_bytes: int | None = None
-) -> M:
+def load_filter(path: str | PathLike[str], cls: type[M] | None = None, *, max_bytes: int | None = None) -> M:
     """Read a switching filter from a file; by default any, otherwise one of the class ``cls``."""
     loaded: M = _load(path, _expected(cls, FILTERS, MODELS), max_bytes)
     return loaded

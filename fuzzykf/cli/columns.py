@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import FileFormatError, ParameterError
+from fuzzykf.texts import listed, uncomputed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -83,7 +84,7 @@ def read_rows(path: Path, columns: Mapping[str, Sequence[str]], index: str | Non
     for option, names in columns.items():
         if not names:
             raise ParameterError(
-                f"{option}: name a column of {path.name}; its columns are {', '.join(table.columns)}"
+                f"{option}: name a column of {path.name}; its columns are {listed(table.columns)}"
             )
         for name in names:
             if name in seen:
@@ -121,11 +122,17 @@ def components(name: str, values: FloatArray, suffix: str = "") -> dict[str, Flo
     return {f"{name}{'' if k == 1 else j}{suffix}": values[:, j] for j in range(k)}
 
 
-def as_csv(index_name: str, index: Sequence[Any], columns: Mapping[str, FloatArray]) -> str:
+def as_csv(
+    index_name: str, index: Sequence[Any], columns: Mapping[str, FloatArray], *, formulas: bool = False
+) -> str:
     """Write columns as comma-separated values; NaN becomes an empty cell.
 
-    Numbers are written so that they are read back bit for bit.
+    Numbers are written so that they are read back bit for bit.  Text of the index that a
+    spreadsheet would compute gets an apostrophe, unless ``formulas`` are wanted.
     """
+    if not formulas:
+        index_name = uncomputed(index_name)
+        index = [uncomputed(cell) if isinstance(cell, str) else cell for cell in index]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([index_name, *columns])

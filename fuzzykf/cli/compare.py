@@ -16,10 +16,11 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from fuzzykf.cli.columns import TIME_COLUMNS, time_column
-from fuzzykf.cli.output import check_file, check_folder, progress_bar, report_errors
+from fuzzykf.cli.output import check_file, check_folder, progress_bar, report_errors, say, say_written
 from fuzzykf.errors import ParameterError
-from fuzzykf.io import write_bytes, write_text
+from fuzzykf.files import write_bytes, write_text
 from fuzzykf.switching.laws.registry import learned_laws
+from fuzzykf.texts import listed, literal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -185,7 +186,7 @@ def command(
             )
             progress("picture")
             label = source.state_label + (", less its daily profile" if task.profile else "")
-            figure = comparison.plot_comparison(result, state_label=label, unit=source.unit)
+            figure = comparison.plot_comparison(result, state_label=literal(label), unit=source.unit)
             picture = io.BytesIO()
             figure.savefig(picture, format="png", dpi=150)
             if report is not None:
@@ -241,10 +242,11 @@ def _from_file(path: Path, state: str | None, obs: str | None, time: str | None)
     from fuzzykf.datasets import read_table
 
     table = read_table(path)
-    names = ", ".join(table.columns)
     if state is None or obs is None:
         missing = "--state" if state is None else "--obs"
-        raise ParameterError(f"{missing}: name a column of {path.name}; its columns are {names}")
+        raise ParameterError(
+            f"{missing}: name a column of {path.name}; its columns are {listed(table.columns)}"
+        )
     time = time_column(table) if time is None else time
     times = None if time is None else table.times(time)
     workday = table.numbers("workday") == 1.0 if "workday" in table.columns else None
@@ -312,8 +314,8 @@ def _print(result: Comparison, source: Source, label: str, files: list[Path]) ->
     from fuzzykf.comparison.wording import about_choices, about_intervals, about_task, cells
 
     console = Console()
-    console.print(Text(f"{source.title}: {label}", "bold"))
-    console.print(Text(about_task(result, source.unit)))
+    say(console, f"{source.title}: {label}", "bold")
+    say(console, about_task(result, source.unit))
     grid = Grid()
     grid.add_column("method")
     rmse_title = f"RMSE\n({source.unit})" if source.unit else "RMSE\n"
@@ -322,9 +324,9 @@ def _print(result: Comparison, source: Source, label: str, files: list[Path]) ->
     for s in result.scores:
         grid.add_row(Text(s.title, "bold" if s.name == result.best else ""), *cells(s))
     console.print(grid)
-    console.print(Text(about_intervals(result), "dim"))
+    say(console, about_intervals(result), "dim")
     for sentence in about_choices(result):
-        console.print(Text(sentence))
-    console.print(Text(result.verdict(source.unit), "bold"))
+        say(console, sentence)
+    say(console, result.verdict(source.unit), "bold")
     for file in files:
-        console.print(Text(f"Wrote {file}"), soft_wrap=True)
+        say_written(console, file)

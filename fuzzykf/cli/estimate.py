@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from fuzzykf.cli.columns import Rows, as_csv, components, read_rows
-from fuzzykf.cli.output import check_file, progress_bar, report_errors
+from fuzzykf.cli.output import check_file, console_beside, progress_bar, report_errors, say, say_written
 from fuzzykf.errors import ParameterError
-from fuzzykf.io import write_text
+from fuzzykf.files import write_text
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -64,43 +62,53 @@ Nodes = Annotated[
     ),
 ]
 Level = Annotated[float, typer.Option(help="Nominal coverage of the intervals.")]
+Output = Annotated[
+    Path,
+    typer.Option("--output", "-o", metavar="FILE", help="File for the results (CSV); - is standard output."),
+]
+Formulas = Annotated[
+    bool,
+    typer.Option(
+        "--formulas",
+        help="Write what is kept beside the results as it is. Without it, text that a spreadsheet would "
+        "compute (it begins with =, +, - or @, and is no number) gets an apostrophe in front.",
+    ),
+]
 
 
 def filter_command(
     model: Model,
     data: Data,
     obs: Obs = None,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="File for the results (CSV).")
-    ] = Path("filtered.csv"),
+    output: Output = Path("filtered.csv"),
     index: Index = None,
     nodes: Nodes = None,
     level: Level = 0.9,
+    formulas: Formulas = False,
 ) -> None:
     """Estimate the state of each row from its observation and the earlier ones.
 
     Writes a row for each row of the data: estimate, standard deviation, interval, switch, and the log-density
     of the observation given the earlier ones (an empty cell where nothing was observed).
     """
-    _run("filter", model, data, obs or [], output, index, nodes, level)
+    _run("filter", model, data, obs or [], output, index, nodes, level, formulas)
 
 
 def smooth_command(
     model: Model,
     data: Data,
     obs: Obs = None,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="File for the results (CSV).")
-    ] = Path("smoothed.csv"),
+    output: Output = Path("smoothed.csv"),
     index: Index = None,
     nodes: Nodes = None,
     level: Level = 0.9,
+    formulas: Formulas = False,
 ) -> None:
     """Estimate the state of each row from all observations, earlier and later ones.
 
     Writes what filter writes, and the most likely path of the switch.
     """
-    _run("smooth", model, data, obs or [], output, index, nodes, level)
+    _run("smooth", model, data, obs or [], output, index, nodes, level, formulas)
 
 
 def _run(
@@ -112,6 +120,7 @@ def _run(
     index: str | None,
     nodes: int | None,
     level: float,
+    formulas: bool,
 ) -> None:
     with report_errors():
         from fuzzykf.io import load_model
@@ -132,9 +141,8 @@ def _run(
             progress(f"{verb}ing")
             result = (f.filter if verb == "filter" else f.smooth)(zs, keep_nodes=True)
             progress("writing")
-            write_text(
-                output, as_csv(rows.index_name, rows.index, _columns(result, zs, level, model.is_fuzzy))
-            )
+            columns = _columns(result, zs, level, model.is_fuzzy)
+            write_text(output, as_csv(rows.index_name, rows.index, columns, formulas=formulas))
     _print(verb, rows, zs, output)
 
 
@@ -172,11 +180,11 @@ def _columns(result: FilterResult, zs: FloatArray, level: float, fuzzy: bool) ->
 
 
 def _print(verb: str, rows: Rows, zs: FloatArray, output: Path) -> None:
-    console = Console()
+    console = console_beside(output)
     gaps = int(np.isnan(zs).any(axis=1).sum())
     told = f", of which {gaps:,} lack something of the observation" if gaps else ""
     done = "Filtered" if verb == "filter" else "Smoothed"
-    console.print(Text(f"{done} {len(rows):,} rows of {rows.source}{told}."))
+    say(console, f"{done} {len(rows):,} rows of {rows.source}{told}.")
     for note in rows.notes:
-        console.print(Text(f"Note: {note}."))
-    console.print(Text(f"Wrote {output}"), soft_wrap=True)
+        say(console, f"Note: {note}.")
+    say_written(console, output)

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from fuzzykf.cli.columns import Rows, read_rows
-from fuzzykf.cli.output import check_file, progress_bar, report_errors
+from fuzzykf.cli.output import check_file, console_beside, progress_bar, report_errors, say, say_written
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.laws.registry import learned_laws
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from fuzzykf.results import FitResult
 
 __all__ = ["EXAMPLE", "command"]
@@ -63,7 +63,10 @@ def command(
         ),
     ] = None,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="File for the model (JSON).")
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="File for the model (JSON); - is standard output."
+        ),
     ] = Path("model.json"),
     law: Annotated[
         Law | None,
@@ -141,8 +144,9 @@ def command(
             progress("testing")
             tested = _test(rows, n_train, fit, nodes)
         fit.model.save(output)
-    _print(rows, n_train, fit, tested, state or [], obs or [])
-    Console().print(Text(f"Wrote {output}"), soft_wrap=True)
+    console = console_beside(output)
+    _print(console, rows, n_train, fit, tested, state or [], obs or [])
+    say_written(console, output)
 
 
 def _learn(
@@ -178,6 +182,7 @@ def _test(rows: Rows, n_train: int, fit: FitResult[Any], nodes: int) -> tuple[st
 
 
 def _print(
+    console: Console,
     rows: Rows,
     n_train: int,
     fit: FitResult[Any],
@@ -185,7 +190,6 @@ def _print(
     state: list[str],
     obs: list[str],
 ) -> None:
-    console = Console()
     model = fit.model
     iterations = f"{len(fit.trace) - 1} iterations"
     gaps = n_train - fit.n_observations
@@ -202,4 +206,4 @@ def _print(
         lines.append(result)
     lines += [f"Note: {note}." for note in (*rows.notes, *notes)]
     for line in lines:
-        console.print(Text(line))
+        say(console, line)

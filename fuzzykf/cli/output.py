@@ -11,13 +11,23 @@ from rich.console import Console
 from rich.text import Text
 
 from fuzzykf.errors import FuzzykfError, ParameterError
+from fuzzykf.files import check_writable, is_stdout
 from fuzzykf.progress import progress_bar
+from fuzzykf.texts import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-__all__ = ["check_file", "check_folder", "progress_bar", "report_errors"]
+__all__ = [
+    "check_file",
+    "check_folder",
+    "console_beside",
+    "progress_bar",
+    "report_errors",
+    "say",
+    "say_written",
+]
 
 
 @contextmanager
@@ -25,8 +35,11 @@ def report_errors() -> Iterator[None]:
     """Turn an error that the user can mend into a message and exit code 1."""
     try:
         yield
+    except BrokenPipeError:  # nobody reads on: typer ends without a word
+        raise
     except (FuzzykfError, OSError) as error:
-        Console(stderr=True, soft_wrap=True).print(Text.assemble(("Error: ", "bold red"), _message(error)))
+        told = Text.assemble(("Error: ", "bold red"), printable(_message(error)))
+        Console(stderr=True, soft_wrap=True).print(told)
         raise typer.Exit(1) from error
 
 
@@ -34,6 +47,22 @@ def _message(error: FuzzykfError | OSError) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return str(error)
+
+
+def say(console: Console, sentence: str, style: str = "") -> None:
+    """Print a sentence, in which names of columns and files are text and nothing else."""
+    console.print(Text(printable(sentence), style))
+
+
+def say_written(console: Console, file: Path) -> None:
+    """Say where the results are, on one line."""
+    place = "to standard output" if is_stdout(file) else str(file)
+    console.print(Text(printable(f"Wrote {place}")), soft_wrap=True)
+
+
+def console_beside(file: Path) -> Console:
+    """Return where to print what is said beside the results: not among them."""
+    return Console(stderr=is_stdout(file))
 
 
 def check_folder(folder: Path) -> None:
@@ -59,15 +88,13 @@ def check_file(file: Path, *sources: Path, option: str = "--output") -> None:
     Raises
     ------
     OSError
-        If the folder of the file does not exist or is not writable, or ``file`` is a folder.
+        If it cannot be written, see `fuzzykf.files.check_writable`.
     ParameterError
         If it is one of the ``sources``.
     """
-    if not file.parent.is_dir():
-        raise FileNotFoundError(2, "there is no such folder", str(file.parent))
-    check_folder(file.parent)
-    if file.is_dir():
-        raise IsADirectoryError(21, "expected a file, found a folder", str(file))
+    check_writable(file)
+    if is_stdout(file):
+        return
     for source in sources:
         if file.exists() and source.exists() and file.samefile(source):
             raise ParameterError(f"{option}: {file} is also read from; name another file")

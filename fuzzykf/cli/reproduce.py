@@ -14,7 +14,7 @@ from rich.table import Table as Grid
 
 from fuzzykf.cli.output import check_folder, progress_bar, report_errors
 from fuzzykf.errors import ParameterError
-from fuzzykf.io import write_text
+from fuzzykf.files import write_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

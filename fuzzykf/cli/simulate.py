@@ -7,12 +7,10 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from fuzzykf.cli.columns import as_csv, components
-from fuzzykf.cli.output import check_file, progress_bar, report_errors
-from fuzzykf.io import write_text
+from fuzzykf.cli.output import check_file, console_beside, progress_bar, report_errors, say, say_written
+from fuzzykf.files import write_text
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -26,7 +24,10 @@ def command(
     n: Annotated[int, typer.Option("-n", min=1, metavar="ROWS", help="Number of rows.")] = 1000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="File for the series (CSV).")
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="File for the series (CSV); - is standard output."
+        ),
     ] = Path("simulated.csv"),
 ) -> None:
     """Draw switch, state and observation from a model, and write them to a file.
@@ -44,6 +45,6 @@ def command(
             progress("writing")
             columns = {"switch": series.r} | components("x", series.x) | components("y", series.y)
             write_text(output, as_csv("row", range(n), columns))
-    console = Console()
-    console.print(Text(f"Drew {n:,} rows from {found!r}."))
-    console.print(Text(f"Wrote {output}"), soft_wrap=True)
+    console = console_beside(output)
+    say(console, f"Drew {n:,} rows from {found!r}.")
+    say_written(console, output)

@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import FileFormatError, ParameterError
+from fuzzykf.files import read_bytes
+from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
     import os
@@ -31,6 +33,9 @@ __all__ = ["Table", "read_table"]
 
 #: Spellings of a missing value, in lower case.
 _MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
+
+#: How many bytes a table may have unless told otherwise; in memory it takes some ten times as much.
+MAX_BYTES = 1 << 28
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,7 @@ class Table:
         """
         if name not in self.columns:
             raise ParameterError(
-                f"{self.source} has no column {name!r}; its columns are {', '.join(self.columns)}"
+                f"{self.source} has no column {name!r}; its columns are {listed(self.columns)}"
             )
         return self.columns[name]
 
@@ -164,13 +169,16 @@ class Table:
         return f"{self.source}, line {row + 2}: {name}"
 
 
-def read_table(path: str | os.PathLike[str]) -> Table:
+def read_table(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> Table:
     """Read a file of comma-separated values whose first line names the columns.
 
     Parameters
     ----------
     path : path-like
         The file, in UTF-8; compressed by gzip if its name ends in ``.gz``.
+    max_bytes : int, optional
+        How much it may hold, unpacked; by default 256 MiB, or what the environment variable
+        FUZZYKF_MAX_BYTES says.
 
     Returns
     -------
@@ -182,16 +190,14 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         If the file is missing or cannot be opened.
     FileFormatError
         If it is no such table: no text, no rows, a column without a name or with the
-        name of another, or a row with more or fewer cells than names.
+        name of another, or a row with more or fewer cells than names.  Or if it is too large.
     """
     path = Path(path)
-    content = path.read_bytes()
     try:
-        if path.suffix == ".gz":
-            content = gzip.decompress(content)
+        content = read_bytes(path, max_bytes, MAX_BYTES, unpack=path.suffix == ".gz")
         text = content.decode("utf-8-sig")
         lines = list(csv.reader(io.StringIO(text, newline=""), strict=True))
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
+    except (gzip.BadGzipFile, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
         raise FileFormatError(
             f"{path.name}: expected comma-separated values in UTF-8, got something else ({error})"
         ) from error
@@ -200,10 +206,12 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     names = [name.strip() for name in lines[0]]
     if len(names) == 1 and any(separator in names[0] for separator in ";\t|"):
         raise FileFormatError(f"{path.name}: expected cells separated by commas, got the line {names[0]!r}")
+    seen: set[str] = set()
     for column, name in enumerate(names):
-        if not name or name in names[:column]:
+        if not name or name in seen:
             fault = f"has the name {name!r} a second time" if name else "has no name"
             raise FileFormatError(f"{path.name}: column {column + 1} {fault}")
+        seen.add(name)
     rows = lines[1:]
     while rows and not any(rows[-1]):  # blank lines at the end say nothing
         rows.pop()

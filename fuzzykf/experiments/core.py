@@ -22,7 +22,7 @@ import numpy as np
 import fuzzykf
 from fuzzykf.errors import MissingDependencyError, ParameterError
 from fuzzykf.experiments.verdicts import LEVEL, judge
-from fuzzykf.io import write_bytes, write_text
+from fuzzykf.files import write_bytes, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -61,7 +61,7 @@ class SavedFilter(SwitchingFilter, Document):
         } | self._law_before()
 
     def _law_before(self) -> dict[str, Any]:
-        """Return the law from which the latest observation was predicted, of a system that moves on by itself."""
+        """Return what a system that moves on by itself has come to, before the latest observation."""
         law = self._system.law_to_dict(self._n - 2) if isinstance(self._system, ConvertedSystem) else None
         return {} if law is None else {"law": law}
 
@@ -94,5 +94,5 @@ def _check_nodes(values: Mapping[str, Any]) -> None:
     if belief is None:
         return
     M = Mixture.from_dict(belief).table.shape[1]
-    if M <= n_nodes:
+    if n_nodes >= M:
         raise FileFormatError(f"n_nodes: got {n_nodes}, but the state is one of {M} nodes")

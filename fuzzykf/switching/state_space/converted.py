@@ -238,7 +238,7 @@ class ConvertedSystem:
         return {"log_p": encode(log_p), "factor": law.factor.tolist()}
 
     def restore_law(self, n: int, values: Mapping[str, Any] | None) -> None:
-        """Take the law at observation ``n`` from what `law_to_dict` returned: no step before has to be redone.
+        """Take the law at observation ``n`` from what `law_to_dict` returned: no step is done again.
 
         Raises
         ------
