@@ -232,7 +232,8 @@ def _load(path: str | PathLike[str], classes: Mapping[str, Any], max_bytes: int 
     document = read_document(path, tuple(classes), max_bytes)
     make = classes[document["kind"]]
     try:
-        return make.from_dict(document)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused where it stands
+            return make.from_dict(document)
     except _DAMAGE as error:
         raise _damaged(path, error) from error
 

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -201,3 +205,69 @@ def test_the_model_and_the_data_are_never_written_over(model, data, tmp_path) ->
         assert result.exit_code == 1
         assert f"{output.name} is also read from" in " ".join(result.output.split())
     assert json.loads(model.read_text()) == before
+
+
+def fuzzykf(*arguments: object):
+    return subprocess.run(
+        [sys.executable, "-m", "fuzzykf", *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+
+
+def test_a_dash_is_standard_output(model, data, tmp_path) -> None:
+    run("filter", model, data, "--obs", "temperature", "-o", tmp_path / "out.csv")
+    before = sorted(tmp_path.iterdir())
+    done = fuzzykf("filter", model, data, "--obs", "temperature", "-o", "-")
+    assert done.returncode == 0
+    assert done.stdout == (tmp_path / "out.csv").read_text("utf-8")
+    assert "Filtered 40 rows" in done.stderr
+    assert "Wrote to standard output" in done.stderr
+    drawn = fuzzykf("simulate", model, "-n", 3, "-o", "-")
+    assert drawn.stdout.splitlines()[0] == "row,switch,x,y"
+    assert len(drawn.stdout.splitlines()) == 4
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_is_reported_and_devices_stay(model, data) -> None:
+    done = fuzzykf("filter", model, data, "--obs", "temperature", "-o", "/dev/full")
+    assert done.returncode == 1
+    assert done.stderr == "Error: /dev/full: No space left on device\n"
+    assert Path("/dev/full").is_char_device()
+
+
+def test_kept_cells_are_no_formulas_unless_they_are_wanted(model, tmp_path) -> None:
+    path, out = tmp_path / "new.csv", tmp_path / "out.csv"
+    path.write_text("=who,y\n=cmd(),1\n-5,2\n@x,3\nmonday,4\n", encoding="utf-8")
+    for options, expected in (
+        ([], ["'=who", "'=cmd()", "-5", "'@x", "monday"]),
+        (["--formulas"], ["=who", "=cmd()", "-5", "@x", "monday"]),
+    ):
+        result = run("filter", model, path, "--obs", "y", "--index", "=who", "-o", out, *options)
+        assert result.exit_code == 0, result.output
+        assert [line.partition(",")[0] for line in out.read_text("utf-8").splitlines()] == expected
+
+
+def test_names_of_columns_are_drawn_and_printed_as_they_are(tmp_path, capsys) -> None:
+    rng = np.random.default_rng(0)
+    y = rng.normal(size=400)
+    x = np.abs(y) + 0.1 * rng.normal(size=400)
+    path = tmp_path / "a.csv"
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([("$\\bad{$", "\x1b[2Jy"), *zip(x, y, strict=True)])
+    arguments = ["compare", path, "--state", "$\\bad{$", "--obs", "\x1b[2Jy", "--nodes", 0]
+    result = run(*arguments, "--switch", "quantiles", "--out", tmp_path / "result")
+    assert result.exit_code == 0, result.output
+    assert "\x1b" not in result.output
+    assert "$\\bad{$" in result.output
+
+
+def test_tables_of_very_many_columns_are_checked_once(model, tmp_path) -> None:
+    path = tmp_path / "wide.csv"
+    names = [f"c{k}" for k in range(100_000)]
+    path.write_text(f"{','.join(names)}\n{','.join('1' for _ in names)}\n", encoding="utf-8")
+    start = time.perf_counter()
+    result = run("filter", model, path, "--obs", "d", "-o", tmp_path / "out.csv")
+    assert time.perf_counter() - start < 5.0  # it was 40
+    assert result.exit_code == 1
+    assert len(result.output) < 1000
+    assert "and 99,980 more" in result.output

@@ -39,3 +39,36 @@ def test_errors_that_can_be_mended_end_with_a_message_and_exit_code_1(capsys) ->
 def test_an_error_of_the_program_itself_is_not_hidden() -> None:
     with pytest.raises(ZeroDivisionError), output.report_errors():
         _ = 1 / 0
+
+
+def test_names_say_nothing_to_the_terminal(capsys) -> None:
+    with pytest.raises(typer.Exit), output.report_errors():
+        raise ParameterError("a\x1b[2Jb has no column c\x07")
+    assert capsys.readouterr().err == "Error: a\\x1b[2Jb has no column c\\x07\n"
+    output.say(output.Console(), "Read a\x1b[2Jb")
+    assert capsys.readouterr().out == "Read a\\x1b[2Jb\n"
+
+
+def test_a_reader_who_leaves_is_no_error_to_report(capsys) -> None:
+    with pytest.raises(BrokenPipeError), output.report_errors():
+        raise BrokenPipeError(32, "Broken pipe")
+    assert capsys.readouterr().err == ""
+
+
+def test_files_are_checked_before_any_work(tmp_path) -> None:
+    there = tmp_path / "there.csv"
+    there.write_text("a\n1\n")
+    output.check_file(there)
+    output.check_file(tmp_path / "new.csv", there)
+    with pytest.raises(ParameterError, match=r"-o: .*is also read from"):
+        output.check_file(there, there, option="-o")
+    for path, error, message in (
+        (tmp_path, IsADirectoryError, "expected a file, found a folder"),
+        (tmp_path / "absent" / "a", FileNotFoundError, "there is no such folder"),
+        (there / "a", FileNotFoundError, "there is no such folder"),
+    ):
+        with pytest.raises(error, match=message):
+            output.check_file(path)
+    there.chmod(0o444)
+    with pytest.raises(PermissionError, match="0444"):
+        output.check_file(there)

@@ -181,3 +181,14 @@ def test_times_that_are_unreadable_or_do_not_increase_are_named(rows, message, t
     table = read_table(write(tmp_path / "a.csv", "\n".join(["t", *rows])))
     with pytest.raises(FileFormatError, match=message):
         table.times("t")
+
+
+def test_tables_are_read_up_to_a_limit(tmp_path):
+    path = write(tmp_path / "a.csv", "a\n" + "1\n" * 1000)
+    assert len(read_table(path, max_bytes=3000)) == 1000
+    with pytest.raises(FileFormatError, match=r"a\.csv: holds more than 2,000 bytes"):
+        read_table(path, max_bytes=2000)
+    packed = tmp_path / "a.csv.gz"
+    packed.write_bytes(gzip.compress(b"a\n" + b"1\n" * (1 << 20), 9))
+    with pytest.raises(FileFormatError, match="holds more than"):
+        read_table(packed, max_bytes=1 << 20)
