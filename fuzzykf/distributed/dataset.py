@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from fuzzykf.base import check_keep
 from fuzzykf.distributed.blocks import apply, in_blocks
 from fuzzykf.distributed.inputs import check_components, find_filter, find_input, find_observations, probe
-from fuzzykf.distributed.outputs import DIMS, check_names, check_store, describe
+from fuzzykf.distributed.outputs import DIMS, check_names, describe
+from fuzzykf.distributed.stores import check_chunks, check_store, refuse_cut_short, write
 from fuzzykf.errors import MissingDependencyError, ParameterError
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def filter_dataset(
     store: Any = None,
     mode: str = "w-",
     encoding: Mapping[str, Mapping[str, Any]] | None = None,
+    missing_chunks: Literal["raise", "fill"] = "raise",
 ) -> xr.Dataset:
     """Filter all series of a Dataset, block by block, on the Dask scheduler that is in use.
 
@@ -81,11 +83,16 @@ def filter_dataset(
     store : path, zarr store or mapping, optional
         Where to write the result, as `xarray.Dataset.to_zarr` takes it.  The function then
         returns when all is written, each block by the worker that computed it.
-    mode : {"w-", "w"}
-        Whether to write to a new store only, or over whatever is there.
+    mode : {"w-", "w", "r+"}
+        Whether to write to a new store only, over whatever is there, or to go on in a store that
+        was cut short: with the arguments of the call that began it, only blocks that are not
+        there are computed.
     encoding : mapping, optional
         How to store each field, as in `xarray.Dataset.to_zarr`:
-        ``{"x": {"dtype": "float32"}}`` halves what ``x`` takes.
+        ``{"x": {"dtype": "float32"}}`` halves what ``x`` takes.  Unless a field has ``compressors`` of
+        its own, its chunks have a checksum, by which damage is found when they are read.
+    missing_chunks : {"raise", "fill"}
+        Whether a chunk of ``ds`` that is not in its Zarr store is an error, or stands for fill values.
 
     Returns
     -------
@@ -101,7 +108,8 @@ def filter_dataset(
     MissingDependencyError
         If dask or xarray is not installed, or zarr where there is a ``store``.
     ParameterError, ShapeError
-        If an argument does not fit ``ds`` or the filter, or time is chunked.
+        If an argument does not fit ``ds`` or the filter, or time is chunked; if ``ds`` comes from
+        a store that was cut short or lacks chunks, or, with ``mode="r+"``, something else is in ``store``.
     FileExistsError
         If ``mode`` is "w-" and the store exists.
 
@@ -114,6 +122,8 @@ def filter_dataset(
     With the compiled engine results are those of ``filter_many`` on all series at once, to the
     bit, however they are cut into blocks.  With NumPy, or between processors that have different
     vector instructions, they agree to rounding.
+
+    The attribute ``fuzzykf_complete`` of a store is "no" until all of it is written, then "yes".
 
     An error on a worker is raised here as it is; its note says which block it came from.
 
@@ -134,11 +144,16 @@ def filter_dataset(
     xr = _xarray()
     if not isinstance(ds, xr.Dataset):
         raise ParameterError(f"ds: got {type(ds).__name__}, expected an xarray.Dataset")
+    if missing_chunks not in ("raise", "fill"):
+        raise ParameterError(f"missing_chunks: got {missing_chunks!r}, expected 'raise' or 'fill'")
+    refuse_cut_short(ds)
     names = dict(inputs or {})
     series = find_observations(ds, observations, dim, component, set(names.values()))
     make, is_factory, filter_ = find_filter(model, n_nodes, rule)
     check_components(series, component, filter_.dim_z)
     others = {key: find_input(ds, key, name, series, dim, component) for key, name in names.items()}
+    if missing_chunks == "raise":
+        check_chunks(ds, [series.name, *names.values()])
     found = probe(filter_, None if keep is None else check_keep(keep, tuple(DIMS)), others, dim)
     shapes = {name: getattr(found, name).shape[2:] for name in DIMS if getattr(found, name) is not None}
     if not shapes:
@@ -146,14 +161,14 @@ def filter_dataset(
     check_names(series, shapes, states, filter_.dim_x)
     core = (dim,) if component is None else (dim, component)
     series = in_blocks(series, core, filter_.dim_z, shapes)
+    loops = tuple(d for d in series.dims if d not in core)
     if store is not None:
-        check_store(ds, series, tuple(d for d in series.dims if d not in core), store, mode)
+        check_store(ds, series, loops, store, mode)
     result = apply(make, is_factory, series, others, core, shapes)
     result = describe(result, ds, series.name, filter_, found, states, units)
     if store is None:
         return result
-    # consolidated metadata are no part of Zarr's format 3, and not worth it for a few variables
-    result.to_zarr(store, mode=mode, consolidated=False, encoding=dict(encoding or {}))
+    write(result, loops, store, mode, encoding or {})
     return xr.open_zarr(store, consolidated=False)
 
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.errors import MissingDependencyError, ParameterError, ShapeError
+from fuzzykf.distributed.stores import MARK
+from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.results import FIELDS
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import Filter, FilterResult
 
-__all__ = ["DIMS", "check_names", "check_store", "describe"]
+__all__ = ["DIMS", "check_names", "describe"]
 
 _STATE, _SQUARE = ("state",), ("state", "state_column")
 
@@ -42,27 +43,6 @@ def check_names(
         )
 
 
-def check_store(
-    ds: xr.Dataset, series: xr.DataArray, loops: tuple[Hashable, ...], store: Any, mode: str
-) -> None:
-    """Refuse, before any work is done, what cannot be written."""
-    try:
-        import zarr  # noqa: F401
-    except ImportError as error:
-        raise MissingDependencyError("store needs zarr: pip install 'fuzzykf[dask]'") from error
-    if mode not in ("w-", "w"):
-        raise ParameterError(f"mode: got {mode!r}, expected 'w-' or 'w'")
-    if str(store) in {str(one.encoding.get("source")) for one in (ds, series)}:
-        raise ParameterError(f"store: {store} is also read from; name another one")
-    for d in loops:
-        sizes = series.chunksizes[d]
-        if len(set(sizes[:-1])) > 1 or sizes[-1] > sizes[0]:
-            raise ParameterError(
-                f"ds: the chunks along {d!r} have sizes from {min(sizes)} to {max(sizes)}, but a store needs "
-                f"chunks of one size, the last one excepted: ds.chunk({{{d!r}: {max(sizes)}}})"
-            )
-
-
 def describe(
     result: xr.Dataset,
     ds: xr.Dataset,
@@ -82,7 +62,8 @@ def describe(
         result = result.assign_coords(node=("node", probe.nodes, {"long_name": "value of the switch"}))
     if states is not None:
         result = result.assign_coords({d: list(states) for d in _SQUARE if d in result.dims})
-    result.attrs = {**ds.attrs, **_provenance(filter_, observations)}
+    kept = {key: value for key, value in ds.attrs.items() if key != MARK}  # what it says is of the old store
+    result.attrs = {**kept, **_provenance(filter_, observations)}
     return result.drop_encoding()  # chunks and filters of the old store, which need not fit the new one
 
 
