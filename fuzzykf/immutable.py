@@ -1,12 +1,34 @@
-"""Immutable values: laws, forms and models."""
+"""Immutable values: laws, forms and models; and what they compute when it is first asked for."""
 
 from __future__ import annotations
 
-from typing import Any, Self
+import functools
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 import numpy as np
 
-__all__ = ["Immutable"]
+__all__ = ["Immutable", "cached_property"]
+
+T = TypeVar("T")
+
+if TYPE_CHECKING:
+    from functools import cached_property
+else:
+
+    class cached_property(functools.cached_property, Generic[T]):
+        """A property that is computed once, without a lock.
+
+        That of Python 3.11 holds a lock, one for all objects of the class, while it computes; a
+        process that is forked from another thread at that moment inherits it locked, and waits for
+        ever.  Two threads may compute the same value here, which does no harm to a value.
+        """
+
+        def __get__(self, instance: Any, owner: Any = None) -> Any:
+            """Return the value, which from now on is found before this is called."""
+            if instance is None:
+                return self
+            value = instance.__dict__[self.attrname] = self.func(instance)
+            return value
 
 
 class Immutable:

@@ -22,13 +22,14 @@ scale in which costs combine by their maximum.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import reduce
 from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 import numpy as np
 
 from fuzzykf.engine.selected import from_membership, to_membership
 from fuzzykf.errors import ParameterError
+from fuzzykf.immutable import cached_property
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,13 +7,13 @@ objects changes once it is made; prediction and update, beside this module, make
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fuzzykf.engine.selected import interpolate, live_cells, moments_about, sharpness, subgrid_minimum
 from fuzzykf.errors import ParameterError
+from fuzzykf.immutable import cached_property
 from fuzzykf.possibility.mapping import grid_points
 from fuzzykf.possibility.memberships import EllipticalMembership, GridMembership, TriangularMembership
 

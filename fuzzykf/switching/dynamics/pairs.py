@@ -14,7 +14,6 @@ G = Qxy Qyy^-1, H = Axy - G Ayy, c = Nx - G Ny and C = Qxx - G Qyx.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 from weakref import WeakKeyDictionary
 
@@ -22,6 +21,7 @@ import numpy as np
 
 from fuzzykf.engine.selected import LOG_ZERO, Kernel, Summary, pack
 from fuzzykf.gaussian import check_definite, cholesky, mixture_moments, symmetrize
+from fuzzykf.immutable import cached_property
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
+from fuzzykf.immutable import cached_property
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
 from fuzzykf.switching.laws.chain import SwitchChain
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array
+from fuzzykf.immutable import cached_property
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
