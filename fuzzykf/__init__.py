@@ -101,9 +101,9 @@ if not TYPE_CHECKING:  # type checkers read the imports above instead
     def __getattr__(name: str) -> object:
         """Import a public name when it is first used (PEP 562)."""
         if name in _HOMES:
-            import importlib
+            from fuzzykf.registry import imported
 
-            value = getattr(importlib.import_module(_HOMES[name]), name)
+            value = getattr(imported(_HOMES[name]), name)
             globals()[name] = value
             return value
         return moved.lookup(__name__, name)

@@ -204,6 +204,9 @@ def check_keep(keep: Iterable[str], admissible: tuple[str, ...]) -> tuple[str, .
 
 # --------------------------------------------------------------------------- the contract
 
+#: Most threads that may share series: more than any machine has processors for.
+MOST_THREADS = 1024
+
 #: What `Filter.filter_many` keeps unless told otherwise.
 USUAL_FIELDS = ("x", "P", "log_likelihood")
 

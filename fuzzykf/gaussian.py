@@ -91,6 +91,28 @@ def is_whole(value: object) -> bool:
     return isinstance(value, Integral) or float(value) % 1.0 == 0.0
 
 
+def as_count(name: str, value: float, least: int = 0, most: int | None = None) -> int:
+    """Return a whole number that is within bounds.
+
+    Raises
+    ------
+    ParameterError
+        If it is not whole, or out of bounds.
+    """
+    if not is_whole(value) or value < least:
+        raise ParameterError(f"{name}: got {value!r}, expected a whole number of at least {least}")
+    if most is not None and value > most:
+        raise ParameterError(f"{name}: got {int(value):,}, expected at most {most:,}")
+    return int(value)
+
+
+def check_generator(rng: object) -> None:
+    """Raise a ParameterError unless ``rng`` is a generator of random numbers, and not its seed."""
+    if not isinstance(rng, np.random.Generator):
+        seed = f", for instance numpy.random.default_rng({rng})" if is_whole(rng) else ""
+        raise ParameterError(f"rng: got {type(rng).__name__}, expected a numpy.random.Generator{seed}")
+
+
 def _show(shape: tuple[int | None, ...]) -> str:
     return (
         "(" + ", ".join("n" if k is None else str(k) for k in shape) + ("," if len(shape) == 1 else "") + ")"

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from contextlib import nullcontext
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 __all__ = ["Immutable", "cached_property"]
 
-T = TypeVar("T")
-
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from functools import cached_property
 else:
 
-    class cached_property(functools.cached_property, Generic[T]):
+    class cached_property(functools.cached_property):
         """A property that is computed once, without a lock.
 
         That of Python 3.11 holds a lock, one for all objects of the class, while it computes; a
@@ -23,12 +23,9 @@ else:
         ever.  Two threads may compute the same value here, which does no harm to a value.
         """
 
-        def __get__(self, instance: Any, owner: Any = None) -> Any:
-            """Return the value, which from now on is found before this is called."""
-            if instance is None:
-                return self
-            value = instance.__dict__[self.attrname] = self.func(instance)
-            return value
+        def __init__(self, func: Callable[[Any], Any]) -> None:
+            super().__init__(func)
+            self.lock = nullcontext()
 
 
 class Immutable:

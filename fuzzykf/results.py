@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from fuzzykf.errors import MissingDependencyError, ParameterError
-from fuzzykf.gaussian import is_whole, mixture_quantile, normal_quantile
+from fuzzykf.gaussian import as_count, check_generator, mixture_quantile, normal_quantile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -373,11 +373,9 @@ class FitResult(Generic[M]):
             standard error.  Where the switch is hidden, each search begins at the simulated one,
             so that the regimes keep their names.
         """
-        if not is_whole(n_replicates) or n_replicates < 1:
-            raise ParameterError(f"n_replicates: got {n_replicates!r}, expected a whole number of at least 1")
-        if not isinstance(rng, np.random.Generator):
-            raise ParameterError(f"rng: got {type(rng).__name__}, expected a numpy.random.Generator")
+        n_replicates = as_count("n_replicates", n_replicates, 1)
+        check_generator(rng)
         if self.refit is None:
             raise ParameterError("bootstrap: this result was not made by a fit")
         model: Any = self.model
-        return [self.refit(model.simulate(self.n_observations, rng)) for _ in range(int(n_replicates))]
+        return [self.refit(model.simulate(self.n_observations, rng)) for _ in range(n_replicates)]

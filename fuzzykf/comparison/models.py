@@ -20,6 +20,7 @@ from fuzzykf.comparison.candidates.registry import chosen
 from fuzzykf.comparison.evaluation import Fold, HeldOut, restore, summarise
 from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
+from fuzzykf.gaussian import check_generator
 from fuzzykf.preprocessing import DailyProfile, as_columns, as_times
 from fuzzykf.progress import progress_bar
 
@@ -120,6 +121,7 @@ def compare_models(
     >>> found.best, found.is_certain
     ('piecewise', True)
     """
+    check_generator(rng)
     states, observations = as_columns("x", x), as_columns("y", y)
     n = len(states)
     if len(observations) != n:

@@ -14,6 +14,7 @@ from fuzzykf.comparison.candidates.registry import candidate, chosen
 from fuzzykf.comparison.candidates.switching import LAWS
 from fuzzykf.comparison.evaluation import Fold, HeldOut, ModelComparison, restore, summarise
 from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError
+from fuzzykf.gaussian import check_generator
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -154,6 +155,7 @@ def compare(
     The log-likelihoods are those of the same observations, in the same unit, given the
     earlier ones, so they may be compared; regressions have none.
     """
+    check_generator(rng)
     n = task.n_train
     x, y = task.state[:, None], task.observation[:, None]
     r = None if task.switch is None else task.switch[:n]
@@ -195,6 +197,7 @@ def score(
         If there is one restoration alone, or two have one name, or ``n_resamples`` is less
         than 100: quantiles of 2.5 % would mean nothing.
     """
+    check_generator(rng)
     names = [one.name for one in restorations]
     if len(names) < 2 or len(set(names)) < len(names):
         raise ParameterError(f"restorations: got {names}, expected two at least and each name once")

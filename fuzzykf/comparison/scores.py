@@ -9,6 +9,7 @@ import numpy as np
 
 from fuzzykf.comparison.candidates import Named
 from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import check_generator
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -146,6 +147,7 @@ def circular_block_means(
     Politis and Romano (1992).  Sums over blocks are differences of running sums, so
     the cost does not depend on the length of the blocks.
     """
+    check_generator(rng)
     n, k = series.shape
     if not 1 <= length <= n:
         raise ParameterError(f"length: got {length}, expected 1 to {n}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array
+from fuzzykf.gaussian import as_array, is_whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fuzzykf.possibility.memberships.derived import CutMembership
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["Membership", "as_level", "as_vector"]
+__all__ = ["Membership", "as_components", "as_level", "as_numbers", "as_vector"]
 
 
 class Membership(ABC):
@@ -55,6 +55,11 @@ class Membership(ABC):
         -------
         lower, upper : ndarray, shape (dim,)
             Infinite where unbounded.
+
+        Raises
+        ------
+        ParameterError
+            If the level is not in [0, 1].
         """
 
     @property
@@ -158,10 +163,16 @@ class Membership(ABC):
         ----------
         components : sequence of int
             In increasing order.
+
+        Raises
+        ------
+        ParameterError
+            If they are none, in another order, or not there.
         """
         from fuzzykf.possibility.memberships.derived import sampled
 
-        return self if list(components) == list(range(self.dim)) else sampled(self).project(components)
+        kept = as_components(components, self.dim)
+        return self if len(kept) == self.dim else sampled(self).project(kept)
 
     def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
         """Draw the membership: in one dimension a curve above a band, in two a heat map.
@@ -183,17 +194,57 @@ class Membership(ABC):
         return plot_membership(self, ax, **options)
 
 
-def as_level(name: str, level: float) -> float:
+def as_level(name: str, level: float, *, or_zero: bool = False) -> float:
     """Check a level of membership.
 
     Raises
     ------
     ParameterError
-        If it is not in ]0, 1].
+        If it is not in ]0, 1], or in [0, 1] where zero asks for all that is possible.
     """
-    if not 0.0 < level <= 1.0:
-        raise ParameterError(f"{name}: got {level}, expected a number in ]0, 1]")
+    try:
+        within = bool(0.0 <= level <= 1.0) and (or_zero or level > 0.0)
+    except (TypeError, ValueError):  # a text, or many levels
+        within = False
+    if not within:
+        raise ParameterError(f"{name}: got {level}, expected a number in {'[' if or_zero else ']'}0, 1]")
     return float(level)
+
+
+def as_components(components: Sequence[int], dim: int) -> list[int]:
+    """Check which of ``dim`` components are asked for.
+
+    Raises
+    ------
+    ParameterError
+        If they are none, not in increasing order, or not there.
+    """
+    try:
+        asked = list(components)
+    except TypeError:
+        asked = []
+    rising = all(map(is_whole, asked)) and all(
+        a < b for a, b in zip([-1, *asked], [*asked, dim], strict=True)
+    )
+    if not asked or not rising:
+        raise ParameterError(
+            f"components: got {components!r}, expected some of 0 to {dim - 1}, in increasing order"
+        )
+    return [int(k) for k in asked]
+
+
+def as_numbers(name: str, value: ArrayLike) -> FloatArray:
+    """Copy numbers into an array of whatever shape they have.
+
+    Raises
+    ------
+    ShapeError
+        If they are no numbers, or have no shape.
+    """
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name}: expected an array of numbers, got {value!r}") from error
 
 
 def as_vector(name: str, value: ArrayLike, dim: int | None = None) -> FloatArray:

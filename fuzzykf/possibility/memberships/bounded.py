@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.possibility.memberships.base import Membership, as_vector
+from fuzzykf.possibility.memberships.base import Membership, as_components, as_level, as_vector
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -70,6 +70,7 @@ class TriangularMembership(Membership):
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        level = as_level("level", level, or_zero=True)
         lower = self.left + level * (self._peak - self.left)
         return lower, self.right - level * (self.right - self._peak)
 
@@ -80,7 +81,7 @@ class TriangularMembership(Membership):
 
     def project(self, components: Sequence[int]) -> TriangularMembership:
         """Return the membership of some components."""
-        index = np.array(components, dtype=np.intp)
+        index = as_components(components, self.dim)
         return TriangularMembership(self.left[index], self._peak[index], self.right[index])
 
 
@@ -139,12 +140,12 @@ class IntervalMembership(Membership):
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Return the bounds, whatever the level."""
-        del level
+        as_level("level", level, or_zero=True)
         return self.lower, self.upper
 
     def project(self, components: Sequence[int]) -> IntervalMembership:
         """Return the membership of some components."""
-        index = np.array(components, dtype=np.intp)
+        index = as_components(components, self.dim)
         return IntervalMembership(self.lower[index], self.upper[index])
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.possibility.memberships.base import Membership, as_level
+from fuzzykf.possibility.memberships.base import Membership, as_components, as_level, as_numbers
 from fuzzykf.possibility.memberships.bounded import SingletonMembership
 from fuzzykf.possibility.memberships.sampled import GridMembership
 
@@ -63,13 +63,17 @@ class CutMembership(Membership):
     def __init__(
         self, base: Membership, level_or_bounds: float | Sequence[float] | Sequence[Sequence[float]]
     ) -> None:
+        if not isinstance(base, Membership):
+            raise ParameterError(f"base: got {type(base).__name__}, expected a membership")
         self.base = base
         self.dim = base.dim
-        if np.ndim(level_or_bounds) == 0:
+        bounds = (
+            level_or_bounds if isinstance(level_or_bounds, str) else as_numbers("bounds", level_or_bounds)
+        )
+        if np.ndim(bounds) == 0:
             self.level = as_level("level", level_or_bounds)  # type: ignore[arg-type]
             self.lower, self.upper = base.support(self.level)
         else:
-            bounds = np.array(level_or_bounds, dtype=np.float64)
             if self.dim == 1 and bounds.shape == (2,):
                 bounds = bounds[None]
             if bounds.shape != (self.dim, 2):
@@ -113,7 +117,7 @@ class CutMembership(Membership):
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
-        lower, upper = self.base.support(max(level, self.level))
+        lower, upper = self.base.support(max(as_level("level", level, or_zero=True), self.level))
         return np.maximum(lower, self.lower), np.minimum(upper, self.upper)
 
     def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -151,11 +155,13 @@ class JointMembership(Membership):
         self.components = tuple(components)
         self.t_norm = t_norm
         self.dim = len(self.components)
-        wrong = [k for k, component in enumerate(self.components) if component.dim != 1]
-        if wrong:
-            raise ShapeError(
-                f"components: number {wrong[0]} has {self.components[wrong[0]].dim} dimensions, expected 1"
-            )
+        if not self.components:
+            raise ShapeError("components: got none, expected at least one scalar membership")
+        for k, component in enumerate(self.components):
+            if not isinstance(component, Membership):
+                raise ParameterError(f"components: number {k} is {component!r}, expected a scalar membership")
+            if component.dim != 1:
+                raise ShapeError(f"components: number {k} has {component.dim} dimensions, expected 1")
 
     @property
     def peak(self) -> FloatArray:
@@ -184,7 +190,7 @@ class JointMembership(Membership):
 
     def project(self, components: Sequence[int]) -> JointMembership:
         """Return the membership of some components."""
-        return JointMembership([self.components[k] for k in components], self.t_norm)
+        return JointMembership([self.components[k] for k in as_components(components, self.dim)], self.t_norm)
 
 
 def as_membership(

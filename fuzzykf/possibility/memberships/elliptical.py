@@ -8,7 +8,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import check_covariance, whitening
-from fuzzykf.possibility.memberships.base import Membership, as_vector
+from fuzzykf.possibility.memberships.base import Membership, as_components, as_level, as_vector
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,8 +69,9 @@ class EllipticalMembership(Membership):
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        at = np.array(as_level("level", level, or_zero=True))
         with np.errstate(divide="ignore", invalid="ignore"):
-            half = np.sqrt(np.diag(self.matrix) * self._quadratic_at(np.array(level)))
+            half = np.sqrt(np.diag(self.matrix) * self._quadratic_at(at))
         half = np.where(np.diag(self.matrix) > 0.0, half, 0.0)
         return self.center - half, self.center + half
 
@@ -91,7 +92,7 @@ class EllipticalMembership(Membership):
 
     def project(self, components: Sequence[int]) -> Self:
         """Return the membership of some components: that of the block of the matrix."""
-        index = np.array(components, dtype=np.intp)
+        index = as_components(components, self.dim)
         return self.with_matrix(self.center[index], self.matrix[np.ix_(index, index)])
 
 

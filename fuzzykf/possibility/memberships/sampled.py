@@ -9,7 +9,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array
-from fuzzykf.possibility.memberships.base import Membership, as_vector
+from fuzzykf.possibility.memberships.base import Membership, as_components, as_level, as_numbers, as_vector
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -60,7 +60,7 @@ class GridMembership(Membership):
     def __init__(
         self, axes: Sequence[ArrayLike] | ArrayLike, values: ArrayLike, *, normalise: bool = False
     ) -> None:
-        array = np.array(values, dtype=np.float64)
+        array = as_numbers("values", values)
         self.dim = array.ndim
         single = array.ndim == 1 and not isinstance(axes, tuple) and np.ndim(axes[0]) == 0  # type: ignore[index]
         coordinates: list[ArrayLike] = [axes] if single else list(axes)  # type: ignore[list-item, arg-type]
@@ -104,6 +104,7 @@ class GridMembership(Membership):
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        level = as_level("level", level, or_zero=True)
         lower, upper = np.empty(self.dim), np.empty(self.dim)
         for k, axis in enumerate(self.axes):
             others = tuple(m for m in range(self.dim) if m != k)
@@ -114,8 +115,9 @@ class GridMembership(Membership):
 
     def project(self, components: Sequence[int]) -> GridMembership:
         """Return the membership of some components: the largest over the others."""
-        others = tuple(k for k in range(self.dim) if k not in components)
-        return GridMembership([self.axes[k] for k in components], self.values.max(axis=others))
+        kept = as_components(components, self.dim)
+        others = tuple(k for k in range(self.dim) if k not in kept)
+        return GridMembership([self.axes[k] for k in kept], self.values.max(axis=others))
 
 
 def _first_reaching(axis: FloatArray, profile: FloatArray, level: float) -> float:
@@ -188,7 +190,9 @@ class FunctionMembership(Membership):
         *,
         normalise: bool = False,
     ) -> None:
-        bounds = np.array(support, dtype=np.float64)
+        if not callable(function):
+            raise ParameterError(f"function: got {type(function).__name__}, expected a function of points")
+        bounds = as_numbers("support", support)
         if bounds.shape == (2,):
             bounds = bounds[None]
         if bounds.ndim != 2 or bounds.shape[1] != 2:
@@ -270,7 +274,8 @@ class FunctionMembership(Membership):
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
-        if level <= 0.0:
+        level = as_level("level", level, or_zero=True)
+        if level == 0.0:
             return self.lower, self.upper
         level = min(level, 1.0 - PEAK_TOLERANCE)
         # Nodes next to those that reach it are outside, or at the edge; the peak may be between nodes.

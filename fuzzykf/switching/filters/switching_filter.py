@@ -6,8 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep, index_of
+from fuzzykf.base import (
+    MOST_THREADS,
+    Filter,
+    FilterResult,
+    as_many,
+    as_observation,
+    as_observations,
+    check_keep,
+    index_of,
+)
 from fuzzykf.errors import ParameterError, SequenceError
+from fuzzykf.gaussian import as_count
 from fuzzykf.switching.filters.stepper import STREAMS, Stepper
 from fuzzykf.switching.inference.exact import EXACT
 from fuzzykf.switching.inference.forecast import forecast
@@ -279,8 +289,7 @@ class SwitchingFilter(Stepper, Filter):
         FilterResult
             The fields in ``keep``, each with a leading axis for the series.
         """
-        if threads < 1:
-            raise ParameterError(f"threads: got {threads}, expected at least 1")
+        threads = as_count("threads", threads, 1, MOST_THREADS)
         names = check_keep(keep, SHOWN)
         series = as_many(zs, self.dim_z)
         out = filter_many(self._method, self._system, series, names, threads)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import is_whole
+from fuzzykf.gaussian import as_count
 from fuzzykf.results import FilterResult
 from fuzzykf.switching.inference.mixture import most_likely_switch
 
@@ -17,6 +16,9 @@ if TYPE_CHECKING:
     from fuzzykf.switching.inference.mixture import Mixture
 
 __all__ = ["forecast"]
+
+#: Longest forecast: all of its steps are kept.
+MOST_STEPS = 1_000_000
 
 
 def forecast(
@@ -33,11 +35,10 @@ def forecast(
     n : int
     steps : int
     """
-    if not is_whole(steps) or steps < 1:
-        raise ParameterError(f"steps: got {steps!r}, expected a whole number of at least 1")
+    steps = as_count("steps", steps, 1, MOST_STEPS)
     nothing = np.full(system.dim_z, np.nan)
     rows = []
-    for k in range(n, n + int(steps)):
+    for k in range(n, n + steps):
         if mixture is None:
             law = system.initial()
             rows.append(law.ahead(system.dim_x))

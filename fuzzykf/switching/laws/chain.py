@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array
+from fuzzykf.gaussian import as_array, as_count, check_generator
 from fuzzykf.immutable import cached_property
 
 if TYPE_CHECKING:
@@ -20,6 +20,9 @@ __all__ = ["SwitchChain", "stationary_distribution"]
 
 #: Rows of probabilities have to sum to one within this.
 SUM_TOLERANCE = 1e-9
+
+#: Longest series that can be drawn: its random numbers alone take 16 gigabytes.
+MOST_DRAWS = 10**9
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +169,8 @@ class SwitchChain:
         ndarray, shape (n,)
             Their values.
         """
-        if n < 0:
-            raise ParameterError(f"n: got {n}, expected a length of at least 0")
+        check_generator(rng)
+        n = as_count("n", n, most=MOST_DRAWS)
         uniforms = rng.random(n)
         cumulative = np.cumsum(self.transition, axis=1)
         below = np.cumsum(self.initial)

@@ -12,6 +12,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,7 +60,7 @@ class JointLaw(Protocol):
 @cache
 def gauss_nodes(order: int) -> tuple[FloatArray, FloatArray]:
     """Gauss-Legendre nodes and weights on ]0, 1[."""
-    nodes, weights = np.polynomial.legendre.leggauss(order)
+    nodes, weights = leggauss(order)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import as_count, check_generator
 from fuzzykf.switching.laws.base import Law
+from fuzzykf.switching.laws.chain import MOST_DRAWS
 from fuzzykf.switching.laws.integration import Lines, cell_masses, integrate_line, invert_line
 from fuzzykf.switching.laws.quadrature import discretize
 from fuzzykf.switching.laws.registry import LAWS
@@ -334,8 +336,8 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         """
         if n_nodes is not None:
             return self.discretize(n_nodes).sample(n, rng)
-        if n < 0:
-            raise ParameterError(f"n: got {n}, expected a length of at least 0")
+        check_generator(rng)
+        n = as_count("n", n, most=MOST_DRAWS)
         uniforms = rng.random((n, 2))
         chain = np.empty(n)
         if n:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import is_whole
+from fuzzykf.gaussian import as_count, check_generator
 from fuzzykf.registry import either
 from fuzzykf.results import FitResult, bic
 from fuzzykf.switching.laws.registry import learned_laws
@@ -46,7 +46,7 @@ def fit_fuzzy_model(
     if r is not None and law not in known_switch_laws():
         known = either(known_switch_laws())
         raise ParameterError(f"law: got {law!r}, expected {known} (a free chain is learned without r)")
-    n_nodes = _whole("n_nodes", n_nodes, 0)
+    n_nodes = as_count("n_nodes", n_nodes, 0)
     data = _prepared(x, y, r, options)
     return _learn(lambda d, o: fit_fuzzy(d, law, n_nodes, o), data, x, progress, options)
 
@@ -55,7 +55,7 @@ def fit_hard_model(
     x: Any, y: Any, r: Any, *, n_switches: int, progress: bool, **options: Any
 ) -> FitResult[CGOMSModel]:
     """See `CGOMSModel.fit`."""
-    n_switches = _whole("n_switches", n_switches, 1)
+    n_switches = as_count("n_switches", n_switches, 1)
     data = _prepared(x, y, r, options)
     return _learn(lambda d, o: fit_hard(d, n_switches, o), data, x, progress, options)
 
@@ -83,23 +83,17 @@ def _learn(
 
 def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any]) -> TrainingData:
     for name in ("n_starts", "max_iter"):
-        options[name] = _whole(name, options[name], 1)
+        options[name] = as_count(name, options[name], 1)
     tolerance, rng = options["tolerance"], options["rng"]
     if not isinstance(tolerance, Real) or not float(tolerance) > 0.0:
         raise ParameterError(f"tolerance: got {tolerance!r}, expected a positive number")
-    if rng is not None and not isinstance(rng, np.random.Generator):
-        raise ParameterError(f"rng: got {type(rng).__name__}, expected a numpy.random.Generator")
+    if rng is not None:
+        check_generator(rng)
     if options["n_starts"] > 4 and rng is None:
         raise ParameterError("rng: missing; more than 4 starts are drawn at random and need a Generator")
     if options["form"] not in ("auto", "regression", "covariance"):
         raise ParameterError(f"form: got {options['form']!r}, expected 'auto', 'regression' or 'covariance'")
     return gather(x, y, r)
-
-
-def _whole(name: str, value: Any, least: int) -> int:
-    if not is_whole(value) or value < least:
-        raise ParameterError(f"{name}: got {value!r}, expected a whole number of at least {least}")
-    return int(value)
 
 
 def _with_progress(progress: bool, learn: Callable[[Callable[[], None] | None], T]) -> T:

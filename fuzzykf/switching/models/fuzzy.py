@@ -12,7 +12,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import check_covariance
-from fuzzykf.io import part_from_dict, part_to_dict
+from fuzzykf.io import FILTERS, part_from_dict, part_to_dict
 from fuzzykf.switching.dynamics.forms import (
     CovarianceForm,
     GaussianForm,
@@ -324,9 +324,7 @@ class CGOFMSModel(SwitchingModel):
         -------
         OFSRFilter
         """
-        from fuzzykf.switching.filters.ofsr import OFSRFilter
-
-        return OFSRFilter(self, self._nodes(n_nodes), rule)
+        return FILTERS["OFSRFilter"](self, self._nodes(n_nodes), rule)
 
     def harden(self) -> CGOMSModel:
         """Return the model of abrupt switches that is nearest in law.

@@ -8,7 +8,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import is_whole
-from fuzzykf.io import part_from_dict, part_to_dict
+from fuzzykf.io import FILTERS, part_from_dict, part_to_dict
 from fuzzykf.registry import either
 from fuzzykf.switching.dynamics.forms import CovarianceForm, RegressionForm, TransitionForm
 from fuzzykf.switching.dynamics.registry import FORMS
@@ -360,10 +360,8 @@ class CGOMSModel(SwitchingModel):
         -------
         CGOMSMFilter
         """
-        from fuzzykf.switching.filters.cgomsm import CGOMSMFilter
-
         self.placed(n_nodes, rule)  # what makes no sense is refused
-        return CGOMSMFilter(self)
+        return FILTERS["CGOMSMFilter"](self)
 
     def _sample_switch(self, n: int, rng: np.random.Generator) -> FloatArray:
         return self._system.chain.sample(n, rng)
