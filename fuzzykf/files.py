@@ -299,12 +299,16 @@ class _Counted(io.RawIOBase):
 
 def _limit(max_bytes: int | None, usual: int) -> int:
     if max_bytes is not None:
-        if isinstance(max_bytes, bool) or not isinstance(max_bytes, int) or max_bytes < 1:
-            raise ParameterError(f"max_bytes: got {max_bytes!r}, expected a whole number of at least 1")
-        return max_bytes
+        return _checked(max_bytes)
     told = os.environ.get(LIMIT_VARIABLE, "")
     if not told:
         return usual
     if not (told.isascii() and told.isdigit() and 0 < len(told) < 19 and int(told)):
         raise ParameterError(f"{LIMIT_VARIABLE}: got {told!r}, expected a whole number of at least 1")
     return int(told)
+
+
+def _checked(max_bytes: object) -> int:
+    if isinstance(max_bytes, bool) or not isinstance(max_bytes, int) or max_bytes < 1:
+        raise ParameterError(f"max_bytes: got {max_bytes!r}, expected a whole number of at least 1")
+    return max_bytes

@@ -67,11 +67,11 @@ class CutMembership(Membership):
             raise ParameterError(f"base: got {type(base).__name__}, expected a membership")
         self.base = base
         self.dim = base.dim
-        bounds = (
-            level_or_bounds if isinstance(level_or_bounds, str) else as_numbers("bounds", level_or_bounds)
-        )
-        if np.ndim(bounds) == 0:
-            self.level = as_level("level", level_or_bounds)  # type: ignore[arg-type]
+        given: Any = level_or_bounds
+        single = isinstance(given, str) or not hasattr(given, "__len__")
+        bounds = np.empty(0) if single else as_numbers("bounds", given)
+        if single or bounds.ndim == 0:
+            self.level = as_level("level", given)
             self.lower, self.upper = base.support(self.level)
         else:
             if self.dim == 1 and bounds.shape == (2,):
