@@ -15,6 +15,7 @@ __all__ = [
     "MissingDependencyError",
     "NotPositiveDefiniteError",
     "NotStableError",
+    "NumericalRangeError",
     "ParameterError",
     "QuadratureError",
     "SequenceError",

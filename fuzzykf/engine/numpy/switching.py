@@ -394,9 +394,10 @@ def condition_pairs(pairs: PairMoments, y: FloatArray, m: int) -> PairMoments:
     at = m + np.flatnonzero(there)
     log_w, sign, mean, covariance, *_ = pairs
     S = covariance[..., at[:, None], at]
-    factor: FloatArray = np.linalg.cholesky(S).astype(np.float64, copy=False)
+    factor = np.linalg.cholesky(S).astype(np.float64, copy=False)
     root = np.linalg.solve(factor, covariance[..., at, :])  # L^-1 Cov(Y', s')
-    white = np.linalg.solve(factor, (y[there] - mean[..., at])[..., None])
+    residual = (y[there] - mean[..., at])[..., None]
+    white = np.linalg.solve(factor, residual).astype(np.float64, copy=False)
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
     small = log_w - log_det - at.size * _HALF_LOG_2PI
     log_w = small - 0.5 * (white * white).sum(axis=(-1, -2))

@@ -115,10 +115,11 @@ def test_bad_chains(arguments, message):
         SwitchChain(*arguments)
 
 
-class Given:
-    """In the place of a generator: draws that are given."""
+class Given(np.random.Generator):
+    """A generator whose draws are given."""
 
     def __init__(self, uniforms):
+        super().__init__(np.random.PCG64(0))
         self.uniforms = np.array(uniforms)
 
     def random(self, n):
