@@ -101,8 +101,8 @@ def test_the_errors_in_the_table_are_those_of_the_rows_that_were_held_back(write
     assert float(table_of(tmp_path / "out" / "comparison.csv")[4]["rmse"]) == pytest.approx(expected)
 
 
-def test_the_seed_decides_the_intervals_and_nothing_else(write, tmp_path) -> None:
-    path, tables = write(), []
+def test_the_seed_decides_the_intervals_and_nothing_else(write, rows, tmp_path) -> None:
+    path, tables = write(rows[:240]), []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         quick(path, "--out", tmp_path / name, "--seed", seed)
         tables.append(
@@ -114,8 +114,8 @@ def test_the_seed_decides_the_intervals_and_nothing_else(write, tmp_path) -> Non
     assert [row["rmse_low"] for row in a] != [row["rmse_low"] for row in c]
 
 
-def test_the_switch_is_learned_and_its_law_chosen_unless_it_is_said_how(write, tmp_path) -> None:
-    common = [write(), "--state", "load", "--obs", "temperature", "--nodes", 0]
+def test_the_switch_is_learned_and_its_law_chosen_unless_it_is_said_how(write, rows, tmp_path) -> None:
+    common = [write(rows[:240]), "--state", "load", "--obs", "temperature", "--nodes", 0]
     result = run(*common, "--out", tmp_path / "auto")
     assert result.exit_code == 0, result.output
     printed = " ".join(result.output.split())
@@ -155,8 +155,8 @@ def test_a_column_of_working_days_counts_more_than_the_calendar(write, rows, tmp
     assert tables[0] != tables[1]
 
 
-def test_the_number_of_nodes_concerns_the_fuzzy_filter_alone(write, tmp_path) -> None:
-    path, tables = write(), []
+def test_the_number_of_nodes_concerns_the_fuzzy_filter_alone(write, rows, tmp_path) -> None:
+    path, tables = write(rows[:240]), []
     for nodes in (0, 5):
         out = tmp_path / str(nodes)
         quick(path, "--nodes", nodes, "--out", out)
@@ -186,10 +186,10 @@ def test_further_candidates_are_compared_by_their_names(write, tmp_path) -> None
     assert methods == [*METHODS, "CGOMSMFilter, K = 1"]
 
 
-def test_a_terminal_that_knows_ascii_only_gets_its_table(write, tmp_path) -> None:
+def test_a_terminal_that_knows_ascii_only_gets_its_table(write, rows, tmp_path) -> None:
     arguments = [
         "compare",
-        str(write()),
+        str(write(rows[:240])),
         "--state",
         "load",
         "--obs",
