@@ -266,9 +266,21 @@ class Filter(ABC):
         -------
         ndarray of shape (dim_x, 1)
             The new estimate ``x``.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            As from `update`; the filter is then as it was.
         """
-        self.predict()
-        self.update(z)
+        as_observation(z, self.dim_z)  # before anything moves
+        before = self.__dict__.copy()
+        try:
+            self.predict()
+            self.update(z)
+        except BaseException:
+            self.__dict__.clear()
+            self.__dict__.update(before)
+            raise
         return self.x
 
     def filter(self, zs: Iterable[ArrayLike | None] | ArrayLike) -> FilterResult:
