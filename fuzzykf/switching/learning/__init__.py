@@ -8,6 +8,8 @@ chooses between the forms of the Gaussian part.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -26,7 +28,6 @@ from fuzzykf.switching.learning.law import known_switch_laws
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.arrays import FloatArray
     from fuzzykf.results import Simulation
     from fuzzykf.switching.learning.data import TrainingData
     from fuzzykf.switching.models.fuzzy import CGOFMSModel
@@ -48,7 +49,7 @@ def fit_fuzzy_model(
         raise ParameterError(f"law: got {law!r}, expected {known} (a free chain is learned without r)")
     n_nodes = as_count("n_nodes", n_nodes, 0)
     data = _prepared(x, y, r, options)
-    return _learn(lambda d, o: fit_fuzzy(d, law, n_nodes, o), data, x, progress, options)
+    return _learn(partial(fit_fuzzy, law=law, n_nodes=n_nodes), data, x, progress, options)
 
 
 def fit_hard_model(
@@ -57,28 +58,48 @@ def fit_hard_model(
     """See `CGOMSModel.fit`."""
     n_switches = as_count("n_switches", n_switches, 1)
     data = _prepared(x, y, r, options)
-    return _learn(lambda d, o: fit_hard(d, n_switches, o), data, x, progress, options)
+    return _learn(partial(fit_hard, K=n_switches), data, x, progress, options)
 
 
 def _learn(
-    fit: Callable[[TrainingData, Options], Fitted],
-    data: TrainingData,
-    x: Any,
-    progress: bool,
-    options: dict[str, Any],
+    fit: Callable[..., Fitted], data: TrainingData, x: Any, progress: bool, options: dict[str, Any]
 ) -> FitResult[Any]:
     forms = forms_to_try(options.pop("form"), data)
 
     def learn(tick: Callable[[], None] | None) -> tuple[Fitted, dict[str, float]]:
-        return learn_forms(lambda form: fit(data, Options(form=form, tick=tick, **options)), forms, data)
+        return learn_forms(
+            lambda form: fit(data, options=Options(form=form, tick=tick, **options)), forms, data
+        )
 
     fitted, values = _with_progress(progress, learn)
-    form = fitted.model.form.kind
-
-    def refit(again: TrainingData, guess: FloatArray | None) -> Fitted:
-        return fit(again, Options(form=form, guess=guess, **options))
-
+    refit = Refit(fit, {**options, "form": fitted.model.form.kind}, data.r is not None)
     return _present(fitted, values, data, x, refit)
+
+
+@dataclass(frozen=True)
+class Refit:
+    """Learns from simulated data as something was learned; a class, since closures cannot be pickled.
+
+    Attributes
+    ----------
+    fit : callable
+        From data and options to what is learned.
+    options : dict of str to object
+    knows_switch : bool
+        Whether the switch was known, and is known again.
+    """
+
+    fit: Callable[..., Fitted]
+    options: dict[str, Any]
+    knows_switch: bool
+
+    def __call__(self, sample: Simulation) -> FitResult[Any]:
+        """Learn from a simulation."""
+        data = gather(sample.x, sample.y, sample.r if self.knows_switch else None)
+        guess = None if self.knows_switch else sample.r
+        found = self.fit(data, options=Options(guess=guess, **self.options))
+        value = bic(found.n_parameters, len(data.z), found.log_likelihood)
+        return _present(found, {found.model.form.kind: value}, data, sample.x, self)
 
 
 def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any]) -> TrainingData:
@@ -119,11 +140,7 @@ def _with_progress(progress: bool, learn: Callable[[Callable[[], None] | None], 
 
 
 def _present(
-    fitted: Fitted,
-    bic_of_forms: dict[str, float],
-    data: TrainingData,
-    x: Any,
-    fit: Callable[[TrainingData, FloatArray | None], Fitted],
+    fitted: Fitted, bic_of_forms: dict[str, float], data: TrainingData, x: Any, refit: Refit
 ) -> FitResult[Any]:
     switch: Any = np.full(data.n_rows, np.nan)
     switch[data.kept] = fitted.switch_mean
@@ -131,16 +148,6 @@ def _present(
         import pandas as pd
 
         switch = pd.Series(switch, index=x.index, name="switch_mean")
-
-    def refit(sample: Simulation) -> FitResult[Any]:
-        """Learn from simulated data, what was known being known again."""
-        if data.r is not None:
-            again, guess = gather(sample.x, sample.y, sample.r), None
-        else:
-            again, guess = gather(sample.x, sample.y), sample.r
-        found = fit(again, guess)
-        value = bic(found.n_parameters, len(again.z), found.log_likelihood)
-        return _present(found, {found.model.form.kind: value}, again, sample.x, fit)
 
     return FitResult(
         model=fitted.model,
