@@ -169,3 +169,43 @@ def test_an_observation_beyond_all_numbers_is_an_error_that_changes_nothing(absu
         f.filter([0.1, np.nan, absurd, 0.2])
     np.testing.assert_array_equal(f.step(0.3), twin.step(0.3))
     np.testing.assert_array_equal(f.step(0.4), twin.step(0.4))
+
+
+# --------------------------------------------------------------------------- regimes that differ
+
+
+@pytest.fixture(scope="module")
+def two_regimes() -> CGOMSMFilter:
+    """Regimes of other means and other noise, so that an outlier prefers the wider one by far."""
+    z = np.array([[1.0, 0.5], [0.5, 1.0]])
+    pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
+    pairs = np.array([[pair, pair], [pair, pair]])
+    return CGOMSMFilter(CGOMSModel([[0.9, 0.1], [0.2, 0.8]], [[0.0, 0.0], [1e-6, 1e-6]], pairs, 1))
+
+
+@pytest.mark.parametrize("far", [1e3, 1e4, 1e5, 1e6])
+def test_a_first_observation_far_off_prefers_the_regime_it_is_closer_to(two_regimes, far) -> None:
+    # log-odds of the regimes: prior odds, and the difference of half-squares, (1e-6) (far - .5e-6)
+    f = two_regimes.copy()
+    f.step(far)
+    odds = np.log(f.mu[1] / f.mu[0])
+    assert odds == pytest.approx(np.log(0.1 / 0.2) + 1e-6 * (far - 0.5e-6), rel=1e-9)
+
+
+@pytest.mark.parametrize("far", [1e3, 1e5])
+def test_the_smoother_weighs_an_outlier_as_the_filter_does(two_regimes, far) -> None:
+    # what is smoothed at the last time is what is filtered there, and gaps and outliers change nothing about that
+    f = two_regimes
+    for zs in ([0.1, far, 0.2], [0.1, far, np.nan, 0.2], [0.1, np.nan, far, 0.2, -0.1]):
+        filtered, smoothed = f.filter(zs), f.smooth(zs)
+        np.testing.assert_allclose(smoothed.mu[-1], filtered.mu[-1], rtol=1e-12)
+        np.testing.assert_allclose(smoothed.mu.sum(axis=1), 1.0, rtol=1e-12)
+        # at this distance the regimes are hard to tell apart, by 1e-6 standard deviations
+        assert np.abs(np.log(smoothed.mu / filtered.mu)).max() < 1.0
+
+
+def test_of_many_series_only_the_one_beyond_all_numbers_is_named(two_regimes) -> None:
+    series = np.tile([0.1, 0.2, 0.3], (4, 1))
+    series[2, 1] = -1e200
+    with pytest.raises(NumericalRangeError, match=r"got \[-1e\+200\]"):
+        two_regimes.filter_many(series)

@@ -44,12 +44,15 @@ RECURSION = (
     "exactness/test_switching_enumeration.py",
     "switching/inference/test_exact.py",
     "switching/inference/test_mixture.py",
+    "switching/inference/test_method.py",
+    "exactness/test_outliers.py",
     "exactness/test_switching_reference.py",
     "switching/filters/test_switching_filter.py",
     "switching/filters/test_known_switch.py",
 )
 HIDDEN_MARKOV = ("engine/numpy/test_hidden_markov.py", "switching/learning/test_em.py")
 BACKWARD = (
+    "exactness/test_outliers.py",
     "switching/inference/test_most_likely_path.py",
     "exactness/test_smoother.py",
     "exactness/test_gaps.py",

@@ -84,9 +84,10 @@ def test_a_predict_after_a_predict_is_a_missing_observation(f, ys):
         if not np.isnan(z).all():
             g.update(z)
     g.update(None)  # the last one was predicted only
-    np.testing.assert_array_equal(g.x, h.x)
-    np.testing.assert_array_equal(g.P, h.P)
-    np.testing.assert_array_equal(g.mu, h.mu)
+    # steps of the engine round otherwise than the verbs
+    np.testing.assert_allclose(g.x, h.x, rtol=1e-13)
+    np.testing.assert_allclose(g.P, h.P, rtol=1e-13)
+    np.testing.assert_allclose(g.mu, h.mu, rtol=1e-13)
 
 
 @pytest.mark.parametrize("k", [1, 2, 5])
