@@ -194,7 +194,7 @@ def test_a_first_observation_far_off_prefers_the_regime_it_is_closer_to(two_regi
 
 @pytest.mark.parametrize("far", [1e3, 1e5])
 def test_the_smoother_weighs_an_outlier_as_the_filter_does(two_regimes, far) -> None:
-    # what is smoothed at the last time is what is filtered there, and gaps and outliers change nothing about that
+    # at the last time there is no difference, and gaps and outliers change nothing about that
     f = two_regimes
     for zs in ([0.1, far, 0.2], [0.1, far, np.nan, 0.2], [0.1, np.nan, far, 0.2, -0.1]):
         filtered, smoothed = f.filter(zs), f.smooth(zs)
