@@ -105,7 +105,10 @@ class Case:
             "sequence": (self.switching, "no mu and nodes"),
             "possibility": (self.possibilistic, "no membership and possibility"),
             "filter_many": (hasattr(first, "filter_many"), "no method filter_many"),
-            "smooth": (hasattr(first, "smooth"), "no method smooth"),
+            "smooth": (
+                hasattr(first, "smooth") and getattr(first, "has_smoother", True),
+                "no method smooth",
+            ),
             "save": (hasattr(first, "save") and hasattr(type(first), "load"), "no methods save and load"),
         }
         applies, reason = needs.get(name, (True, ""))

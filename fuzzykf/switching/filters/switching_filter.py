@@ -21,6 +21,7 @@ from fuzzykf.gaussian import as_count
 from fuzzykf.switching.filters.stepper import STREAMS, Stepper
 from fuzzykf.switching.inference.exact import EXACT
 from fuzzykf.switching.inference.forecast import forecast
+from fuzzykf.switching.inference.method import Method
 from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_switch
 from fuzzykf.switching.inference.series import (
     SHOWN,
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables, SwitchingSystem
-    from fuzzykf.switching.inference.method import Method
 
 __all__ = ["SwitchingFilter"]
 
@@ -260,6 +260,11 @@ class SwitchingFilter(Stepper, Filter):
         self._adopt(trajectory, ys)
         smoothed = self._method.smooth(self._system, trajectory, ys)
         return smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index)
+
+    @property
+    def has_smoother(self) -> bool:
+        """Whether its method can look back, so that `smooth` can be called."""
+        return getattr(type(self._method), "smooth", Method.smooth) is not Method.smooth
 
     def filter_many(
         self,

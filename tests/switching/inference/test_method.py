@@ -10,6 +10,7 @@ import pytest
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching import EXACT, Method, Mixture, SwitchingFilter
 from fuzzykf.switching.inference.series import SHOWN
+from fuzzykf.testing import check_filter
 
 
 class Plain(Method):
@@ -73,6 +74,12 @@ def test_the_verbs_go_on_after_a_series(model, ys) -> None:
     np.testing.assert_allclose(f.forecast(3).S, g.forecast(3).S, rtol=1e-9)
     np.testing.assert_allclose(f.step(ys[20]), g.step(ys[20]), rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(pickle.loads(pickle.dumps(f)).P, g.P, rtol=1e-9)
+
+
+def test_a_method_without_a_smoother_passes_the_checks_of_filters(fuzzy_model) -> None:
+    report = check_filter(lambda: SwitchingFilter(fuzzy_model.placed(3), Plain()))
+    assert "smooth" in report.not_applicable
+    assert "smooth" in check_filter(lambda: SwitchingFilter(fuzzy_model.placed(3))).passed
 
 
 def test_without_a_smoother_there_is_none(model, ys) -> None:
