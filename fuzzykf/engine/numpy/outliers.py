@@ -25,13 +25,25 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.engine.numpy.tables import Kernel
 
-__all__ = ["FARTHEST", "NEAR", "far_nodes", "far_pairs", "far_parts", "far_weights", "relative_weights"]
+__all__ = [
+    "FARTHEST",
+    "NEAR",
+    "QUIET",
+    "far_nodes",
+    "far_pairs",
+    "far_parts",
+    "far_weights",
+    "relative_weights",
+]
 
 #: Below this a log-density comes near the end of the range of numbers; weights are NaN then.
 FARTHEST = -1e303
 
 #: Factors of covariances that differ by less, relatively, are one.
 _ALIKE = 1e-14
+
+#: What overflows is told by weights that are NaN, not by a warning on the way to them.
+QUIET = np.errstate(over="ignore", invalid="ignore")
 
 #: Logarithms of weights above this keep their digits (to 1e-13) beside one another.
 NEAR = -500.0

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from fuzzykf.engine.numpy.outliers import NEAR, far_pairs
+from fuzzykf.engine.numpy.outliers import NEAR, QUIET, far_pairs
 from fuzzykf.engine.numpy.switching import collapse, collapse_few, first_step, log_pairs
 from fuzzykf.engine.numpy.tables import DEAD
 
@@ -40,6 +40,7 @@ _CHUNK, _NUMBERS = 512, 1 << 20
 _BLOCK = 1 << 16
 
 
+@QUIET
 def filter_series(
     kernel: Kernel,
     summary: Summary,

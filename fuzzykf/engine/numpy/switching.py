@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fuzzykf.engine.numpy.outliers import NEAR, far_nodes, far_pairs, far_parts
+from fuzzykf.engine.numpy.outliers import NEAR, QUIET, far_nodes, far_pairs, far_parts
 from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ _HALF_LOG_2PI = 0.5 * log(2.0 * np.pi)
 _TINY, _HUGE = 1e-250, 1e250
 
 
+@QUIET
 def first_step(
     log_initial: FloatArray, mean: FloatArray, covariance: FloatArray, factor: FloatArray, ys: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -101,6 +102,7 @@ def first_step(
     return table, log_likelihood
 
 
+@QUIET
 def step(
     kernel: Kernel, table: FloatArray, sign: FloatArray | None, window: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray | None, float]:
@@ -447,6 +449,7 @@ def _collapse_pairs(pairs: PairMoments, window: FloatArray) -> tuple[FloatArray,
     return table, sign, log_total + pairs.best
 
 
+@QUIET
 def first_step_in_part(
     log_initial: FloatArray, mean: FloatArray, covariance: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, float]:
@@ -457,6 +460,7 @@ def first_step_in_part(
     return table, 0.0 if np.isnan(y).all() else log_total
 
 
+@QUIET
 def step_in_part(
     transition: FloatArray,
     pairs: tuple[FloatArray, ...],

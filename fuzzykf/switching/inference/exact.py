@@ -41,9 +41,6 @@ if TYPE_CHECKING:
 
 __all__ = ["EXACT", "Exact"]
 
-#: What overflows is said by an error, not by a warning on the way to it.
-QUIET: dict[str, Any] = {"over": "ignore", "invalid": "ignore"}
-
 #: Largest total of negative masses that a rule with negative weights may produce.
 NEGATIVE_MASS = 1e-2
 
@@ -54,13 +51,12 @@ class Exact(Method):
     def first(self, law: InitialLaw, y: FloatArray) -> tuple[Mixture, float]:
         """Condition the law of (r_1, Z_1) on y_1, (q,), NaN where missing; no dynamics come before it."""
         start = law.start(y.size)
-        with np.errstate(**QUIET):
-            if is_complete(y):
-                table, log_likelihood = engine.first_step(*start, y[None])
-                if not log_likelihood[0] > engine.FARTHEST:
-                    raise out_of_range(y)
-                return Mixture(table[0], y), float(log_likelihood[0])
-            table, value = engine.first_step_in_part(*start[:3], y)
+        if is_complete(y):
+            table, log_likelihood = engine.first_step(*start, y[None])
+            if not log_likelihood[0] > engine.FARTHEST:
+                raise out_of_range(y)
+            return Mixture(table[0], y), float(log_likelihood[0])
+        table, value = engine.first_step_in_part(*start[:3], y)
         if not value > engine.FARTHEST:
             raise out_of_range(y)
         return Mixture(table, y, unknown=int(np.isnan(y).sum())), value
@@ -85,11 +81,8 @@ class Exact(Method):
         """
         window = y if width == y.size else np.concatenate([y, mixture.window])[:width]
         if not mixture.unknown and is_complete(y):
-            kernel = tables.kernel
-            with np.errstate(**QUIET):
-                table, sign, log_likelihood = engine.step(
-                    kernel, mixture.table, mixture.sign, mixture.window, y
-                )
+            state = mixture.table, mixture.sign, mixture.window
+            table, sign, log_likelihood = engine.step(tables.kernel, *state, y)
             if sign is not None:
                 check_masses(engine.probabilities(table, sign))
             if not log_likelihood > engine.FARTHEST:
@@ -97,8 +90,7 @@ class Exact(Method):
             return Mixture(table, window, sign), log_likelihood
         before = tables.transition, tables.pairs, mixture.table, mixture.sign, mixture.window
         try:
-            with np.errstate(**QUIET):
-                table, sign, log_likelihood = engine.step_in_part(*before, y, window)
+            table, sign, log_likelihood = engine.step_in_part(*before, y, window)
         except np.linalg.LinAlgError:
             at = tables.pairs.Axx.shape[-1] + np.flatnonzero(~np.isnan(y))
             S = engine.pair_moments(*before).covariance[..., at[:, None], at]
@@ -131,13 +123,13 @@ class Exact(Method):
         if own.first is not Exact.first or own.advance is not Exact.advance or own.ahead is not Exact.ahead:
             return super().series(system, tables, begin, ys, start, stop, out)
         summary = tables.summary(system.chain)
-        with np.errstate(**QUIET):
-            found = engine.filter_series(tables.kernel, summary, begin, ys, start, stop, out)
+        found = engine.filter_series(tables.kernel, summary, begin, ys, start, stop, out)
         if "sign" in out:
             part = slice(start, stop)
             check_masses(engine.probabilities(out["table"][:, part], out["sign"][:, part]))
-        lost = np.isnan(found[1][:, 0]).any(axis=1)
-        if lost.any():
+        total = float(found[1][:, 0].sum())
+        if total != total:  # NaN
+            lost = np.isnan(found[1][:, 0]).any(axis=1)
             seen = ys[int(lost.argmax()), start:stop]
             raise out_of_range(seen[np.abs(seen).max(axis=1).argmax()])
         return found
