@@ -273,6 +273,10 @@ class Filter(ABC):
             As from `update`; the filter is then as it was.
         """
         as_observation(z, self.dim_z)  # before anything moves
+        return self._step_or_stay(z)
+
+    def _step_or_stay(self, z: ArrayLike | None) -> Any:
+        """Do a step by the verbs; an error leaves the attributes as they were."""
         before = self.__dict__.copy()
         try:
             self.predict()

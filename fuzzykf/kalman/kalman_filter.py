@@ -266,15 +266,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
     def _step_any(self, z: ArrayLike | None) -> Any:
         """Do a step with any observation, by the verbs; an error leaves the filter as it was."""
-        before = self.__dict__.copy()
-        try:
-            self.predict()
-            self.update(z)
-        except BaseException:
-            self.__dict__.clear()
-            self.__dict__.update(before)
-            raise
-        return self.x
+        return self._step_or_stay(z)
 
     def _is_plain(self) -> bool:
         return (

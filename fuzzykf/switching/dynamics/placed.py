@@ -12,6 +12,8 @@ from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
 from fuzzykf.switching.laws.chain import SwitchChain
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import Describe, PairCoefficients
 
@@ -89,6 +91,12 @@ class StationarySystem:
     def pair_tables(self, n: int) -> PairTables:
         """Return the tables of the step from observation ``n``, the same for all."""
         return self.tables
+
+    def law_to_dict(self, n: int) -> None:
+        """Return what a file has to keep of the law at observation ``n``: nothing."""
+
+    def restore_law(self, n: int, values: Mapping[str, Any] | None) -> None:
+        """Take the law at observation ``n`` from a file: there is nothing to take."""
 
     def __copy__(self) -> Self:
         return self

@@ -11,7 +11,6 @@ from fuzzykf.io import MODELS, Document, decode, encode, flag, number, whole
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
 from fuzzykf.switching.inference.mixture import Mixture, Source
 from fuzzykf.switching.laws.quadrature import from_file
-from fuzzykf.switching.state_space.converted import ConvertedSystem
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -62,7 +61,8 @@ class SavedFilter(SwitchingFilter, Document):
 
     def _law_before(self) -> dict[str, Any]:
         """Return what a system that moves on by itself has come to, before the latest observation."""
-        law = self._system.law_to_dict(self._n - 2) if isinstance(self._system, ConvertedSystem) else None
+        system: Any = self._system  # of a model: it knows what a file has to keep
+        law = system.law_to_dict(self._n - 2)
         return {} if law is None else {"law": law}
 
     def _import_state(self, values: dict[str, Any]) -> None:
@@ -78,8 +78,8 @@ class SavedFilter(SwitchingFilter, Document):
         if z.shape != (self.dim_z,) or not np.isfinite(log_likelihood):
             raise FileFormatError(f"z and log_likelihood: got {z.tolist()} and {log_likelihood}")
         predicted = flag("predicted", values["predicted"])
-        if isinstance(self._system, ConvertedSystem):
-            self._system.restore_law(n - 2, values.get("law"))
+        system: Any = self._system
+        system.restore_law(n - 2, values.get("law"))
         self._n, self._predicted, self._mixture = n, predicted, belief
         self._z, self._log_likelihood = z, log_likelihood
         self._before = None if before is None else Source(before, self._system.pair_tables(self._n - 2))
