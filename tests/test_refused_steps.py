@@ -45,6 +45,16 @@ class Average(Filter):
             self.x = 0.5 * (self.x + observed[:, None])
 
 
+class InPlace(Average):
+    """One that moves its arrays where they are, so that the observation has to be looked at before."""
+
+    def predict(self):
+        self.remember_origin()
+        self.x_prior, self.P_prior = 0.9 * self.x, self.P + 1.0
+        self.x *= 0.9
+        self.P += 1.0
+
+
 def kalman(kind=KalmanFilter):
     f = kind(2, 1)
     f.F, f.Q, f.R = np.array([[1.0, 1.0], [0.0, 1.0]]), 0.1 * np.eye(2), 1.0
@@ -86,6 +96,7 @@ MAKERS = {
     "grid": lambda: fuzzy(domain=[(-5.0, 5.0)]),
     "moving grid": fuzzy,
     "own": Average,
+    "own, in place": InPlace,
 }
 SHOWN = ("x", "P", "x_prior", "P_prior", "mu", "y", "S", "log_likelihood", "possibility")
 
