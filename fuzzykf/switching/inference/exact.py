@@ -127,9 +127,8 @@ class Exact(Method):
         if "sign" in out:
             part = slice(start, stop)
             check_masses(engine.probabilities(out["table"][:, part], out["sign"][:, part]))
-        total = float(found[1][:, 0].sum())
-        if total != total:  # NaN
-            lost = np.isnan(found[1][:, 0]).any(axis=1)
+        lost = np.isnan(found[1][:, 0]).any(axis=1)
+        if lost.any():
             seen = ys[int(lost.argmax()), start:stop]
             raise out_of_range(seen[np.abs(seen).max(axis=1).argmax()])
         return found
