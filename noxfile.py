@@ -73,6 +73,13 @@ def mutants(session: nox.Session) -> None:
 
 
 @nox.session(default=False)
+def torture(session: nox.Session) -> None:
+    """Ill-treat everything that is public and count what happens; an hour (``-- --short``: three minutes)."""
+    session.install("-e", ".[test]")
+    session.run("python", "tests/torture", *session.posargs)
+
+
+@nox.session(default=False)
 def benchmarks(session: nox.Session) -> None:
     """Measure speed as ratios within one run."""
     session.install("-e", ".[test]", "--group", "benchmarks")
