@@ -28,13 +28,18 @@ __all__ = [
     "check_definite",
     "cholesky",
     "condition",
+    "covariance_root",
     "is_whole",
     "log_density",
     "logsumexp",
+    "lower_factor",
     "mixture_moments",
     "mixture_quantile",
+    "mixture_root",
     "normal_quantile",
     "semidefinite_root",
+    "solve_lower",
+    "square",
     "symmetrize",
     "whitening",
 ]
@@ -246,6 +251,86 @@ def semidefinite_root(P: FloatArray) -> FloatArray:
     root = np.sqrt(np.maximum(eigenvalues, 0.0))
     product: FloatArray = (vectors * root[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     return product
+
+
+def covariance_root(P: FloatArray) -> FloatArray:
+    """Roots F with F F' = P of positive semi-definite matrices, whatever the units of their components.
+
+    What is negative by rounding only counts as zero, as in `semidefinite_root`.
+    """
+    deviation = np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), 0.0))
+    unit = np.where(deviation > 0.0, deviation, 1.0)
+    root: FloatArray = unit[..., None] * semidefinite_root(P / unit[..., None] / unit[..., None, :])
+    return root
+
+
+def square(factor: FloatArray) -> FloatArray:
+    """F F' for factors F."""
+    product: FloatArray = factor @ np.swapaxes(factor, -1, -2)
+    return product
+
+
+def lower_factor(F: FloatArray) -> FloatArray:
+    """Lower triangular L with L L' = F F', (..., r, r) from (..., r, c), by orthogonal transformations.
+
+    The columns are taken from the largest on, in units of the rows: what is small beside others
+    keeps its digits then, however large they are (Cox and Higham, 1998).
+    The diagonal is not negative.
+    """
+    r, c = F.shape[-2:]
+    if c < r:
+        F = np.concatenate([F, np.zeros((*F.shape[:-1], r - c))], axis=-1)
+    size = np.abs(F)
+    largest = size.max(axis=-1, keepdims=True)
+    size = (size / np.where(largest > 0.0, largest, 1.0)).max(axis=-2)
+    order = np.argsort(-size, axis=-1, kind="stable")
+    F = np.take_along_axis(F, order[..., None, :], axis=-1)
+    L = np.swapaxes(np.linalg.qr(np.swapaxes(F, -1, -2), mode="r"), -1, -2)
+    sign = np.where(np.diagonal(L, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)
+    factor: FloatArray = L * sign[..., None, :]
+    return factor
+
+
+def solve_lower(L: FloatArray, B: FloatArray) -> FloatArray:
+    """L^-1 B for lower triangular L, (..., d, d) and (..., d, c), by forward substitution.
+
+    Unlike by a solver for any matrix, no digit is lost where rows of L differ in size by any power of ten.
+    """
+    shape = np.broadcast_shapes(L.shape[:-1], B.shape[:-1])
+    X = np.empty((*shape, B.shape[-1]))
+    for k in range(shape[-1]):
+        known = (L[..., k, None, :k] @ X[..., :k, :])[..., 0, :]
+        X[..., k, :] = (B[..., k, :] - known) / L[..., k, k, None]
+    return X
+
+
+def mixture_root(p: FloatArray, means: FloatArray, roots: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean (..., d) and lower triangular root of the covariance (..., d, d) of mixtures.
+
+    As `mixture_moments`, for components whose covariances are known by their roots.
+
+    Parameters
+    ----------
+    p : ndarray, shape (..., k)
+        Not negative; sums to one.
+    means : ndarray, shape (..., k, d)
+    roots : ndarray, shape (..., k, d, r)
+    """
+    first = np.take_along_axis(means, p.argmax(axis=-1)[..., None, None], axis=-2)
+    off = means - first  # what all have in common then cancels to the last bit, however large
+    beyond = (p[..., None] * off).sum(axis=-2)
+    # k - 1 columns for the spread of k means: each against the mean of those before it
+    before, mass = np.zeros(beyond.shape), np.zeros(p.shape[:-1])
+    spread = np.empty(off.shape)
+    for i in range(p.shape[-1]):
+        share = p[..., i] / np.where(mass + p[..., i] > 0.0, mass + p[..., i], 1.0)
+        apart = off[..., i, :] - before
+        spread[..., i, :] = np.sqrt(mass * share)[..., None] * apart
+        before = before + share[..., None] * apart
+        mass = mass + p[..., i]
+    parts = np.concatenate([spread[..., None], roots * np.sqrt(p)[..., None, None]], axis=-1)
+    wide = np.moveaxis(parts, -3, -1)
+    return first[..., 0, :] + beyond, lower_factor(wide.reshape(*wide.shape[:-2], -1))
 
 
 def whitening(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -156,6 +156,49 @@ def test_semidefinite_root():
 # --------------------------------------------------------------------------- densities
 
 
+def test_covariance_root_knows_no_units():
+    units = np.array([1e-9, 1.0, 1e9])
+    correlated = np.array([[1.0, 0.3, 0.2], [0.3, 1.0, 0.1], [0.2, 0.1, 1.0]])
+    for P in (correlated, np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])):
+        F = gaussian.covariance_root(P * units * units[:, None])
+        np.testing.assert_allclose(gaussian.square(F) / units / units[:, None], P, atol=1e-14)
+
+
+def test_lower_factor_keeps_the_digits_of_small_columns():
+    # variables that are one up to a small part: what is left of the second, given the first, is that part
+    far, small = 1e30, np.array([3.0, 4.0])
+    F = np.array([[0.0, far, 0.0, 0.0], [small[0], far, small[1], 0.0]])
+    L = gaussian.lower_factor(F)
+    np.testing.assert_allclose(L, [[far, 0.0], [far, 5.0]], rtol=1e-14)
+    rng = np.random.default_rng(0)
+    for shape in ((3, 5), (3, 3), (3, 2), (2, 4, 3, 7)):
+        F = rng.normal(size=shape)
+        L = gaussian.lower_factor(F)
+        np.testing.assert_allclose(gaussian.square(L), gaussian.square(F), atol=1e-14)
+        assert (np.triu(L, 1) == 0.0).all()
+        assert (np.diagonal(L, axis1=-2, axis2=-1) >= 0.0).all()
+
+
+def test_solve_lower_keeps_all_digits():
+    L = np.array([[1e90, 0.0, 0.0], [3e90, 2e70, 0.0], [-1e90, 5e70, 4.0]])
+    X = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    B = np.array([[1e90, 2e90], [3e90 + 6e70, 6e90 + 8e70], [-1e90 + 15e70 + 20, -2e90 + 20e70 + 24]])
+    np.testing.assert_array_equal(gaussian.solve_lower(L, B)[0], X[0])
+    rng = np.random.default_rng(0)
+    L, X = np.tril(rng.normal(size=(2, 5, 4, 4))) + 4 * np.eye(4), rng.normal(size=(5, 4, 3))
+    np.testing.assert_allclose(gaussian.solve_lower(L, L @ X), np.broadcast_to(X, (2, 5, 4, 3)), atol=1e-13)
+
+
+def test_mixture_root_is_a_root_of_the_moments():
+    rng = np.random.default_rng(1)
+    p, means = rng.dirichlet(np.ones(4), 3), rng.normal(size=(3, 4, 2))
+    roots = rng.normal(size=(3, 4, 2, 3))
+    mean, covariance = gaussian.mixture_moments(p, means, gaussian.square(roots))
+    found, root = gaussian.mixture_root(p, means, roots)
+    np.testing.assert_allclose(found, mean, rtol=1e-13)
+    np.testing.assert_allclose(gaussian.square(root), covariance, rtol=1e-13)
+
+
 def test_log_density():
     P, e = covariances(4, 3, 3), np.random.default_rng(1).normal(size=(4, 3))
     value = gaussian.log_density(e, np.linalg.cholesky(P))

@@ -50,6 +50,13 @@ RECURSION = (
     "switching/filters/test_switching_filter.py",
     "switching/filters/test_known_switch.py",
 )
+GAPS = (
+    "engine/numpy/test_gaps.py",
+    "exactness/test_gaps.py",
+    "exactness/test_gaps_after_outliers.py",
+    "switching/inference/test_mixture.py",
+    "switching/filters/test_fields.py",
+)
 HIDDEN_MARKOV = ("engine/numpy/test_hidden_markov.py", "switching/learning/test_em.py")
 BACKWARD = (
     "exactness/test_outliers.py",
@@ -139,7 +146,11 @@ SPACE, LEARN, SOURCE, CORE = (
 )
 
 TARGETS = (
-    Target(ENGINE + "switching.py", 16, RECURSION + BACKWARD),
+    Target(ENGINE + "switching.py", 10, RECURSION + BACKWARD),
+    Target(ENGINE + "gaps.py", 8, GAPS),
+    Target(
+        "gaussian.py", 4, ("test_gaussian.py", *GAPS), "lower_factor|solve_lower|mixture_root|covariance_root"
+    ),
     Target(ENGINE + "outliers.py", 4, ("exactness/test_outliers.py",)),
     Target(
         ENGINE + "hidden_markov.py",
@@ -151,7 +162,7 @@ TARGETS = (
     Target(INFERENCE + "exact.py", 8, RECURSION + BACKWARD),
     Target(INFERENCE + "mixture.py", 4, RECURSION + BACKWARD),
     Target(INFERENCE + "series.py", 5, RECURSION + BACKWARD),
-    Target(INFERENCE + "gap_smoother.py", 5, BACKWARD),
+    Target(INFERENCE + "gap_smoother.py", 8, (*BACKWARD, "exactness/test_gaps_after_outliers.py")),
     Target(INFERENCE + "smoother.py", 5, BACKWARD),
     Target(INFERENCE + "forecast.py", 3, ("switching/filters/test_fields.py", *BACKWARD)),
     Target("switching/dynamics/pairs.py", 5, FORMS + RECURSION),

@@ -1,4 +1,4 @@
-"""NumPy kernels of the exact switching recursion.
+"""NumPy kernels of the exact switching recursion, where nothing is missing (else see `gaps`).
 
 The state of a filter is what is known of every node j after the latest
 observation, one column per node: ``table`` (1 + m + m*m, M) holds the logarithm of
@@ -12,45 +12,30 @@ For a scalar state and few nodes a step of NumPy costs what its calls cost, not 
 arithmetic.  There the way from nodes to pairs is one product with a small matrix
 (`FewNodes`), since a BLAS call is three times cheaper than broadcasting, and the
 maxima are taken only where a sum comes near the ends of the floating-point range.
-
-The next observation is predicted from the latest ones, so a gap leaves not only X but also a
-part u of the window w unknown.  Then the rows of ``table`` are those of s = (X, u), and the general
-pair formulas apply to X and the whole window:
-
-    s'_ij = F_ij s + b_ij + noise,   s' = (X', Y', w),
-
-conditioned on what is there of Y', and collapsed over i by moment matching.
 """
 
 from __future__ import annotations
 
-from math import isqrt, log
-from typing import TYPE_CHECKING, NamedTuple
+from math import log
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.engine.numpy.outliers import NEAR, QUIET, far_nodes, far_pairs, far_parts
-from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
+from fuzzykf.engine.numpy.outliers import NEAR, QUIET, far_nodes, far_pairs
+from fuzzykf.engine.numpy.tables import DEAD
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.engine.numpy.tables import Kernel
 
 __all__ = [
-    "PairMoments",
     "are_far",
-    "before_step",
-    "collapse_weights",
-    "condition_pairs",
     "first_step",
-    "first_step_in_part",
+    "layout",
     "log_pairs",
+    "log_sum",
     "node_mean",
-    "pair_moments",
     "step",
-    "step_in_part",
-    "window_moments",
-    "window_table",
 ]
 
 _ONE = np.ones(1)
@@ -95,7 +80,7 @@ def first_step(
     table[:, 0] = (log_w - log_likelihood).T
     for k in np.flatnonzero((top < NEAR) & (top > DEAD)):
         relative, best = far_nodes(log_initial - log_det - q * _HALF_LOG_2PI, mean[:, m:], factor, ys[k])
-        total = _log_sum(relative, None)
+        total = log_sum(relative, None)
         table[k, 0], log_likelihood[k] = relative - total, best + total
     table[:, 1 : 1 + m] = x.T
     table[:, 1 + m :] = P.reshape(M, m * m).T
@@ -208,10 +193,10 @@ def collapse_few(
         return table, log(total), best
     _bury(table, top)
     new_log_p += base
-    return table, _log_sum(new_log_p, None), best
+    return table, log_sum(new_log_p, None), best
 
 
-def _table(log_p: FloatArray, mean: FloatArray, P: FloatArray) -> FloatArray:
+def layout(log_p: FloatArray, mean: FloatArray, P: FloatArray) -> FloatArray:
     """Lay out (M,), (M, m) and (M, m, m) as a table, always in the same order of memory.
 
     Sums over a state that was saved and read again are then the same to the last bit.
@@ -225,7 +210,8 @@ def _bury(table: FloatArray, top: FloatArray) -> None:
         table[1:, top < DEAD] = 0.0
 
 
-def _log_sum(log_p: FloatArray, sign: FloatArray | None) -> float:
+def log_sum(log_p: FloatArray, sign: FloatArray | None) -> float:
+    """Logarithm of the sum of masses from their logarithms and signs; NaN where it is not positive."""
     top = float(log_p.max())
     masses = np.exp(log_p - top)
     total = float(masses.sum() if sign is None else masses.dot(sign))
@@ -280,9 +266,9 @@ def collapse(
     P_node = np.einsum("ij,ijkl->jkl", w, P_pair) + spread
     P_node = 0.5 * (P_node + np.swapaxes(P_node, -1, -2))
     log_p = np.log(column if sign is None else np.abs(column)) + base
-    log_total = _log_sum(log_p, sign)
+    log_total = log_sum(log_p, sign)
     log_p -= log_total
-    table = _table(log_p, mean, P_node)
+    table = layout(log_p, mean, P_node)
     _bury(table, top)
     return table, sign, log_total + best
 
@@ -301,227 +287,3 @@ def log_pairs(kernel: Kernel, U: FloatArray) -> FloatArray:
     white *= white
     log_w: FloatArray = kernel.log_scale - (white if q == 1 else white.reshape(-1, q, p).sum(axis=1))
     return log_w
-
-
-# --------------------------------------------------------------------------- what is missing
-
-
-class PairMoments(NamedTuple):
-    """Weights of the pairs of nodes, and moments of s' = (X', Y', w) given each."""
-
-    log_w: FloatArray  # (M1, M2): log p_i + log |P_ij|, and the density of what is there of Y'
-    sign: FloatArray | None  # (M1, M2)
-    mean: FloatArray  # (M1, M2, e)
-    covariance: FloatArray  # (M1, M2, e, e)
-    reference: FloatArray | float = 0.0  # (M2,): that to which the weights of each column are relative
-    best: float = 0.0  # that to which the references are relative
-
-
-def window_moments(table: FloatArray, window: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return mean (M, m + w) and covariance of X and the whole window, per node.
-
-    Parameters
-    ----------
-    table : ndarray, shape (1 + e + e*e, M)
-        Of s = (X, u), u the parts of the window that are missing.
-    window : ndarray, shape (w,)
-        NaN where missing.
-    """
-    missing, M, e = np.isnan(window), table.shape[1], (isqrt(4 * len(table) - 3) - 1) // 2
-    m = e - int(missing.sum())
-    at = np.flatnonzero(np.concatenate([np.ones(m, dtype=bool), missing]))
-    mean, covariance = np.empty((M, m + window.size)), np.zeros((M, m + window.size, m + window.size))
-    mean[:, m:] = window
-    mean[:, at] = table[1 : 1 + e].T
-    covariance[:, at[:, None], at] = table[1 + e :].T.reshape(M, e, e)
-    return mean, covariance
-
-
-def window_table(
-    log_p: FloatArray, mean: FloatArray, covariance: FloatArray, window: FloatArray
-) -> FloatArray:
-    """Return the table of (X, u) from moments of X and the whole window, per node."""
-    m = mean.shape[1] - window.size
-    at = np.flatnonzero(np.concatenate([np.ones(m, dtype=bool), np.isnan(window)]))
-    return _table(log_p, mean[:, at], covariance[:, at[:, None], at])
-
-
-def pair_moments(
-    transition: FloatArray,
-    pairs: tuple[FloatArray, ...],
-    table: FloatArray,
-    sign: FloatArray | None,
-    window: FloatArray,
-) -> PairMoments:
-    """Move X and the window through every pair of nodes, before Y' is seen.
-
-    Parameters
-    ----------
-    transition : ndarray, shape (M1, M2)
-    pairs : tuple of ndarray
-        Axx, H, G, c, C, Ayy, Ny, Qyy of the regressions of X' and Y', leading shape (M1, M2).
-    table, sign, window
-        The state, as in `step`; NaN where the window is missing.
-    """
-    Axx, H, G, c, C, Ayy, Ny, Qyy = pairs
-    m, q, w = Axx.shape[-1], Qyy.shape[-1], window.size
-    x, P = window_moments(table, window)
-    F = np.zeros((*transition.shape, m + q + w, m + w))
-    F[..., :m, :m] = Axx
-    F[..., :m, m:] = H + G @ Ayy
-    F[..., m : m + q, m:] = Ayy
-    F[..., m + q :, m:] = np.eye(w)
-    mean = (F @ x[:, None, :, None])[..., 0]
-    mean[..., :m] += c + (G @ Ny[..., None])[..., 0]
-    mean[..., m : m + q] += Ny
-    covariance = F @ P[:, None] @ np.swapaxes(F, -1, -2)
-    cross = G @ Qyy
-    covariance[..., :m, :m] += C + cross @ np.swapaxes(G, -1, -2)
-    covariance[..., :m, m : m + q] += cross
-    covariance[..., m : m + q, :m] += np.swapaxes(cross, -1, -2)
-    covariance[..., m : m + q, m : m + q] += Qyy
-    with np.errstate(divide="ignore"):
-        log_w = np.maximum(np.log(np.abs(transition)), LOG_ZERO) + table[0][:, None]
-    signs = np.sign(transition) if (transition < 0.0).any() else None
-    if signs is not None and sign is not None:
-        signs = signs * sign[:, None]
-    return PairMoments(log_w, signs, mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
-
-
-def condition_pairs(pairs: PairMoments, y: FloatArray, m: int) -> PairMoments:
-    """Condition every pair on the parts of y (q,) that are there, whose density joins the weights."""
-    there = ~np.isnan(y)
-    if not there.any():
-        return pairs
-    at = m + np.flatnonzero(there)
-    log_w, sign, mean, covariance, *_ = pairs
-    S = covariance[..., at[:, None], at]
-    factor = np.linalg.cholesky(S).astype(np.float64, copy=False)
-    root = np.linalg.solve(factor, covariance[..., at, :])  # L^-1 Cov(Y', s')
-    residual = (y[there] - mean[..., at])[..., None]
-    white = np.linalg.solve(factor, residual).astype(np.float64, copy=False)
-    log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
-    small = log_w - log_det - at.size * _HALF_LOG_2PI
-    log_w = small - 0.5 * (white * white).sum(axis=(-1, -2))
-    reference, best = pairs.reference, pairs.best
-    if are_far(log_w.max(axis=0)):
-        log_w, reference, best = far_parts(white[..., 0], small, mean[..., at], factor)
-    mean = mean + (np.swapaxes(root, -1, -2) @ white)[..., 0]
-    covariance = covariance - np.swapaxes(root, -1, -2) @ root
-    mean[..., at] = y[there]
-    covariance[..., at, :] = 0.0
-    covariance[..., :, at] = 0.0
-    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-    return PairMoments(log_w, sign, mean, covariance, reference, best)
-
-
-def collapse_weights(
-    log_w: FloatArray, sign: FloatArray | None
-) -> tuple[FloatArray, FloatArray | None, FloatArray]:
-    """Column sums in the log domain, their signs, and o_ij = w_ij / sum_k w_kj."""
-    top = log_w.max(axis=0)
-    w = np.exp(log_w - top)
-    if sign is None:
-        column = w.sum(axis=0)
-        return np.log(column) + top, None, w / column
-    w *= sign
-    column = w.sum(axis=0)
-    column = np.where(column == 0.0, np.finfo(np.float64).tiny, column)
-    return np.log(np.abs(column)) + top, np.where(column < 0.0, -1.0, 1.0), w / column
-
-
-def _collapse_pairs(pairs: PairMoments, window: FloatArray) -> tuple[FloatArray, FloatArray | None, float]:
-    """Sum pairs into nodes and keep of the window what is missing; table, signs and the log of the total."""
-    log_p, sign, o = collapse_weights(pairs.log_w, pairs.sign)
-    first = pairs.mean[np.abs(o).argmax(axis=0), np.arange(o.shape[1])]
-    off = pairs.mean - first
-    beyond = np.einsum("ij,ijk->jk", o, off)
-    mean = first + beyond
-    off -= beyond
-    covariance = np.transpose(o[..., None] * off, (1, 2, 0)) @ np.swapaxes(off, 0, 1)  # of the means, per j
-    covariance += np.einsum("ij,ijkl->jkl", o, pairs.covariance)
-    is_lost = log_p < DEAD
-    log_p = log_p + pairs.reference
-    log_total = _log_sum(log_p, sign)
-    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-    table = window_table(log_p - log_total, mean, covariance, window)
-    table[1:, is_lost] = 0.0
-    return table, sign, log_total + pairs.best
-
-
-@QUIET
-def first_step_in_part(
-    log_initial: FloatArray, mean: FloatArray, covariance: FloatArray, y: FloatArray
-) -> tuple[FloatArray, float]:
-    """Condition the law of (r_1, Z_1) on the parts of y (q,) that are there; arguments as in `first_step`."""
-    alone = PairMoments(log_initial[None], None, mean[None], covariance[None])  # one imaginary predecessor
-    pairs = condition_pairs(alone, y, mean.shape[1] - y.size)
-    table, _, log_total = _collapse_pairs(pairs, y)
-    return table, 0.0 if np.isnan(y).all() else log_total
-
-
-@QUIET
-def step_in_part(
-    transition: FloatArray,
-    pairs: tuple[FloatArray, ...],
-    table: FloatArray,
-    sign: FloatArray | None,
-    window: FloatArray,
-    y: FloatArray,
-    after: FloatArray,
-) -> tuple[FloatArray, FloatArray | None, float]:
-    """Do a `step` where parts of the observation y (q,), of the window, or of both are missing.
-
-    Parameters
-    ----------
-    transition, pairs, table, sign, window
-        As in `pair_moments`.
-    y : ndarray, shape (q,)
-    after : ndarray, shape (w',)
-        The window after it: y and what is kept of ``window``.
-
-    Returns
-    -------
-    table, sign, log_likelihood
-        The log-likelihood is that of the parts that are there; 0 if none is.
-    """
-    m = pairs[0].shape[-1]
-    keep = slice(0, m + after.size)
-    log_w, signs, mean, covariance, *_ = pair_moments(transition, pairs, table, sign, window)
-    seen = condition_pairs(PairMoments(log_w, signs, mean[..., keep], covariance[..., keep, keep]), y, m)
-    table, signs, log_total = _collapse_pairs(seen, after)
-    return table, signs, 0.0 if np.isnan(y).all() else log_total
-
-
-def before_step(
-    transition: FloatArray,
-    pairs: tuple[FloatArray, ...],
-    table: FloatArray,
-    sign: FloatArray | None,
-    window: FloatArray,
-    mass: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Probabilities (M2,) of the next nodes, mean and covariance of (X', Y'), before Y' is seen.
-
-    Parameters
-    ----------
-    transition, pairs, table, sign, window
-        As in `pair_moments`.
-    mass : ndarray, shape (M1,), optional
-        The probabilities, where more digits are known of them than ``table`` has.
-    """
-    d = pairs[0].shape[-1] + pairs[-1].shape[-1]
-    moments = pair_moments(transition, pairs, table, sign, window)
-    p = np.exp(table[0]) if mass is None else mass
-    if sign is not None:
-        p = p * sign
-    weights = p[:, None] * transition
-    means = moments.mean[..., :d].reshape(-1, d)
-    first = means[weights.argmax()]
-    off = means - first
-    beyond = weights.ravel() @ off
-    mean = first + beyond
-    off -= beyond
-    covariance = (off * weights.reshape(-1, 1)).T @ off
-    covariance += np.einsum("ij,ijkl->kl", weights, moments.covariance[..., :d, :d])
-    return p @ transition, mean, 0.5 * (covariance + covariance.T)

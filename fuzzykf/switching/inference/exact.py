@@ -27,10 +27,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.engine import selected as engine
-from fuzzykf.errors import NumericalRangeError, QuadratureError
+from fuzzykf.errors import QuadratureError
 from fuzzykf.gaussian import check_definite
 from fuzzykf.switching.dynamics.pairs import Ahead
-from fuzzykf.switching.inference.method import Method
+from fuzzykf.switching.inference.method import Method, out_of_range
 from fuzzykf.switching.inference.mixture import Mixture
 
 if TYPE_CHECKING:
@@ -56,10 +56,10 @@ class Exact(Method):
             if not log_likelihood[0] > engine.FARTHEST:
                 raise out_of_range(y)
             return Mixture(table[0], y), float(log_likelihood[0])
-        table, value = engine.first_step_in_part(*start[:3], y)
+        table, root, value = engine.first_step_in_part(*start[:3], y)
         if not value > engine.FARTHEST:
             raise out_of_range(y)
-        return Mixture(table, y, unknown=int(np.isnan(y).sum())), value
+        return Mixture(table, y, unknown=int(np.isnan(y).sum()), root=root), value
 
     def advance(
         self, tables: PairTables, mixture: Mixture, y: FloatArray, width: int
@@ -88,17 +88,19 @@ class Exact(Method):
             if not log_likelihood > engine.FARTHEST:
                 raise out_of_range(y)
             return Mixture(table, window, sign), log_likelihood
-        before = tables.transition, tables.pairs, mixture.table, mixture.sign, mixture.window
+        known = mixture.table, mixture.sign, mixture.window, mixture.root
+        before = tables.transition, tables.pairs, *known
         try:
-            table, sign, log_likelihood = engine.step_in_part(*before, y, window)
+            table, sign, root, log_likelihood = engine.step_in_part(*before, y, window)
         except np.linalg.LinAlgError:
             at = tables.pairs.Axx.shape[-1] + np.flatnonzero(~np.isnan(y))
-            S = engine.pair_moments(*before).covariance[..., at[:, None], at]
+            S = engine.pair_mixture(*before).covariance[..., at[:, None], at]
             check_definite(S, lambda k: f"covariance of the predicted observation, pair {k}", strict=True)
             raise
         if not log_likelihood > engine.FARTHEST:
             raise out_of_range(y)
-        return Mixture(table, window, sign, unknown=int(np.isnan(window).sum())), log_likelihood
+        unknown = int(np.isnan(window).sum())
+        return Mixture(table, window, sign, None, unknown, root if unknown else None), log_likelihood
 
     def ahead(self, tables: PairTables, mixture: Mixture) -> Ahead:
         """Moments of (X', Y') and the probabilities of the nodes before Y' is seen."""
@@ -155,14 +157,6 @@ def is_complete(y: FloatArray) -> bool:
         value = y.item()
         return bool(value == value)
     return not np.isnan(y).any()
-
-
-def out_of_range(y: FloatArray) -> NumericalRangeError:
-    """Return what is said of an observation (q,) whose log-density left the range of numbers."""
-    return NumericalRangeError(
-        f"observation: got {y.tolist()}, so many standard deviations off that double precision cannot "
-        "hold its density; expected a value within 1e150 of them, or NaN if it is missing"
-    )
 
 
 def check_masses(p: FloatArray) -> None:

@@ -12,6 +12,8 @@ each pair (i, j) it gives the weight of the pair, and the moments of u' in it; t
 the window before follow by regression, and those of X from that.
 
 All of this is exact if the future is linear and Gaussian given j, as with a single class.
+Covariances go through it as roots, as in `fuzzykf.engine.numpy.gaps`.  Where weights are negative the
+matrices come first, and what is negative in them counts as zero.
 """
 
 from __future__ import annotations
@@ -21,26 +23,32 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from fuzzykf.engine import selected as engine
-from fuzzykf.gaussian import mixture_moments, symmetrize
+from fuzzykf.gaussian import covariance_root, lower_factor, mixture_moments, mixture_root, solve_lower, square
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import PairTables
     from fuzzykf.switching.inference.mixture import Mixture
 
-__all__ = ["Moments", "smooth_state", "step_back"]
+__all__ = ["Moments", "smooth_state", "step_back", "window_known"]
 
-#: Shares of the variance of u' that the future leaves; below, it is taken as known.
-_KNOWN = 1e-12
+#: Where the future leaves at most this share of the variance of u', it is taken for an observation of it.
+_TELLING = 0.5
 
 
 class Moments(NamedTuple):
-    """Mean (..., w) and covariance (..., w, w) of a window."""
+    """Mean (..., w) of a window, and a root (..., w, r) of its covariance, zero where it is known."""
 
     mean: FloatArray
-    covariance: FloatArray
+    root: FloatArray
+
+
+def window_known(mixture: Mixture, m: int) -> Moments:
+    """Return what a filter knew of the window, per node."""
+    mean, covariance = engine.window_moments(mixture.table, mixture.window)
+    if not mixture.unknown:
+        return Moments(mean[:, m:], np.zeros((*mean[:, m:].shape, 1)))
+    return Moments(mean[:, m:], engine.window_root(covariance, mixture.root, mixture.window)[:, m:])
 
 
 def step_back(
@@ -72,38 +80,42 @@ def step_back(
     """
     m, q = tables.pairs.dim_x, y.size
     following = slice(m, m + filtered.mean.shape[1])  # the next window, which begins with y
-    before = engine.pair_moments(tables.transition, tables.pairs, mixture.table, mixture.sign, mixture.window)
-    x, P = engine.window_moments(mixture.table, mixture.window)
+    state = mixture.table, mixture.sign, mixture.window, mixture.root
+    before = engine.pair_mixture(tables.transition, tables.pairs, *state)
     after = engine.condition_pairs(before, y, m)
-    law = Moments(after.mean[..., following], after.covariance[..., following, following])
+    law = Moments(after.mean[..., following], _root_of(after)[..., following, :])
     log_evidence, updated = _weigh(law, filtered, smoothed)
     joint = engine.collapse_weights(after.log_w + log_evidence, after.sign)[2] * gamma  # p(i, j | y_1..N)
     total = joint.sum(axis=1)
     # regression of the window here on the next one
-    S = before.covariance[..., following, following]
-    J = _divide(before.covariance[..., m + q :, following], S)
-    mean = x[:, None, m:] + (J @ (updated.mean - before.mean[..., following])[..., None])[..., 0]
-    change = J @ (updated.covariance - S) @ np.swapaxes(J, -1, -2)
+    root = _root_of(before)
+    J, left = _regress(root[..., following, :], root[..., m + q :, :])
+    mean = before.mean[..., m + q :] + _times(J, updated.mean - before.mean[..., following])
+    root = np.concatenate([J @ updated.root, left], axis=-1)
     # a node that is impossible by now keeps any finite moments
     share = np.where(total[:, None] != 0.0, joint, 1.0)
     share = share / share.sum(axis=1, keepdims=True)
-    return total, Moments(*mixture_moments(share, mean, P[:, None, m:, m:] + change))
+    if after.sign is None:
+        return total, Moments(*mixture_root(share, mean, root))
+    mean, covariance = mixture_moments(share, mean, square(root))
+    return total, Moments(mean, covariance_root(covariance))
 
 
 def smooth_state(mixture: Mixture, window: Moments, m: int) -> tuple[FloatArray, FloatArray]:
-    """Moments of X per node, given the smoothed moments of the window.
-
-    With B = P_xw P_ww^-1: x + B (ms - mf) and P_xx + B (Vs - P_ww) B'.
-    """
+    """Moments of X per node, given the smoothed moments of the window, from the regression of X on it."""
     mean, P = engine.window_moments(mixture.table, mixture.window)
-    B = _divide(P[:, :m, m:], P[:, m:, m:])
-    x = mean[:, :m] + (B @ (window.mean - mean[:, m:])[..., None])[..., 0]
-    change = window.covariance - P[:, m:, m:]
-    return x, symmetrize(P[:, :m, :m] + B @ change @ np.swapaxes(B, -1, -2))
+    root = engine.window_root(P, mixture.root, mixture.window)
+    B, left = _regress(root[:, m:], root[:, :m])
+    x = mean[:, :m] + _times(B, window.mean - mean[:, m:])
+    return x, square(np.concatenate([B @ window.root, left], axis=-1))
 
 
 def _weigh(law: Moments, filtered: Moments, smoothed: Moments) -> tuple[FloatArray, Moments]:
     """Weigh the law of the next window in each pair by what the future tells of it.
+
+    With Vs = Ls Ls', Vf = Lf Lf' and the singular values s of Lf^-1 Ls, Lam = T' (1 - s^2) T and
+    eta = T' T (ms - mf), T = V' Ls^-1.  In the directions in which the future tells much it is an
+    observation of T u', whose density does not cancel, however far the means of the pairs lie apart.
 
     Parameters
     ----------
@@ -115,61 +127,86 @@ def _weigh(law: Moments, filtered: Moments, smoothed: Moments) -> tuple[FloatArr
     Returns
     -------
     log_evidence : ndarray, shape (M1, M2)
-        Logarithm of the mean of L_j under the law of the pair.
+        Logarithm of the mean of L_j under the law of the pair, up to what depends on j alone.
     updated : Moments
         Of the law of the pair times L_j.
     """
-    std = np.sqrt(np.diagonal(filtered.covariance, axis1=-2, axis2=-1))
-    scale = np.where(std > 0.0, std, 1.0)  # in units of it, whatever those of the components are
-    both = scale[..., :, None] * scale[..., None, :]
-    information, vector = _message(
-        filtered.covariance / both,
-        smoothed.covariance / both,
-        (smoothed.mean - filtered.mean) / scale,
-        std == 0.0,
-    )
-    off, C = (law.mean - filtered.mean) / scale, law.covariance / both
-    A = np.eye(off.shape[-1]) + C @ information
-    covariance: FloatArray = np.linalg.solve(A, C)
-    shift = np.linalg.solve(A, (off + (C @ vector[..., None])[..., 0])[..., None])[..., 0]
-    log_evidence = 0.5 * (
-        ((vector - (information @ off[..., None])[..., 0]) * shift).sum(axis=-1)
-        + (vector * off).sum(axis=-1)
-        - np.linalg.slogdet(A)[1]
-    )
-    return log_evidence, Moments(filtered.mean + scale * shift, symmetrize(covariance) * both)
-
-
-def _message(
-    filtered: FloatArray, smoothed: FloatArray, moved: FloatArray, known: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray]:
-    """Lam (M, w, w) and eta (M, w) of the future, zero for the ``known`` parts of a window (M, w).
-
-    Parameters
-    ----------
-    filtered, smoothed : ndarray, shape (M, w, w)
-        Covariances Vf and Vs.
-    moved : ndarray, shape (M, w)
-        ms - mf.
-    known : ndarray of bool, shape (M, w)
-    """
-    unit = np.where(known[..., :, None] & known[..., None, :], np.eye(known.shape[-1]), 0.0)
-    L = np.linalg.cholesky(filtered + unit)
-    half = np.linalg.solve(L, smoothed + unit)
-    ratio = np.linalg.solve(L, np.swapaxes(half, -1, -2)).astype(np.float64, copy=False)
-    values, vectors = np.linalg.eigh(symmetrize(ratio))
+    open_ = np.flatnonzero(filtered.root.any(axis=(0, -1)))
+    if not open_.size:
+        return np.zeros(law.mean.shape[:2]), law
+    Lf, Ls = (lower_factor(moments.root[:, open_]) for moments in (filtered, smoothed))
+    half = solve_lower(_regular(Lf), Ls)
+    s, V = np.linalg.svd(half)[1:]
     # mixtures may widen what one class can only narrow; then nothing is known of the direction
-    values = np.clip(values, _KNOWN, 1.0)
-    T = np.swapaxes(vectors, -1, -2) @ np.linalg.inv(L)
-    Tt = np.swapaxes(T, -1, -2)
-    vector = Tt @ ((T @ moved[..., None]) / values[..., None])
-    return Tt @ ((1.0 / values - 1.0)[..., None] * T), vector[..., 0]
+    told = np.maximum(1.0 - s * s, 0.0)
+    T = V @ solve_lower(_regular(Ls), np.eye(open_.size))
+    tau = _times(T, (smoothed.mean - filtered.mean)[:, open_])
+    off, root = law.mean[..., open_] - filtered.mean[:, open_], law.root[..., open_, :]
+
+    is_told = told >= 1.0 - _TELLING
+    Y = np.where(is_told, np.sqrt(told), 0.0)[..., None] * T
+    A, B, root = _observe(Y, root)
+    seen = np.where(is_told, tau / np.sqrt(np.where(is_told, told, 1.0)), 0.0)
+    white = solve_lower(A, (_times(Y, off) - seen)[..., None])
+    off = off - (B @ white)[..., 0]
+    log_evidence = -0.5 * (white * white).sum(axis=(-1, -2)) - _log_diagonal(A)
+
+    tau, told = np.where(is_told, 0.0, tau), np.where(is_told, 0.0, told)
+    A, _, root = _observe(np.sqrt(told)[..., None] * T, root)
+    t = _times(T, off)
+    pull = np.swapaxes(root, -1, -2) @ np.swapaxes(T, -1, -2) @ (tau - told * t)[..., None]
+    log_evidence += (tau * t - 0.5 * told * t * t).sum(axis=-1) + 0.5 * (pull * pull).sum(axis=(-1, -2))
+    log_evidence -= _log_diagonal(A)
+    mean, whole = law.mean.copy(), np.zeros((*law.mean.shape, root.shape[-1]))
+    mean[..., open_] = filtered.mean[:, open_] + off + (root @ pull)[..., 0]
+    whole[..., open_, :] = root
+    return log_evidence, Moments(mean, whole)
 
 
-def _divide(B: FloatArray, S: FloatArray) -> FloatArray:
-    """B S^+ for semi-definite S, whatever the units of its components."""
-    std = np.sqrt(np.maximum(np.diagonal(S, axis1=-2, axis2=-1), 0.0))
-    scale = np.where(std > 0.0, std, 1.0)
-    inverse = np.linalg.pinv(S / (scale[..., :, None] * scale[..., None, :]), hermitian=True)
-    quotient: FloatArray = (B / scale[..., None, :]) @ inverse / scale[..., None, :]
-    return quotient
+def _observe(Y: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Condition a law with this root on Y u + noise of unit variance.
+
+    Returns A, B and the root that is left, where A A' = Y C Y' + I and B A' = C Y'.
+    """
+    f = root.shape[-2]
+    upper = np.concatenate([np.broadcast_to(np.eye(f), (*root.shape[:-1], f)), Y @ root], axis=-1)
+    lower = np.concatenate([np.zeros((*root.shape[:-1], f)), root], axis=-1)
+    whole = lower_factor(np.concatenate([upper, lower], axis=-2))
+    return whole[..., :f, :f], whole[..., f:, :f], whole[..., f:, f:]
+
+
+def _regress(given: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Coefficients of the regression on the variables with root ``given``, and the root of what it leaves.
+
+    Variables that are known, whose rows are zero in all of ``given``, have no part in it.
+    """
+    n, w = given.shape[-2], root.shape[-2]
+    open_ = np.flatnonzero(given.any(axis=(*range(given.ndim - 2), -1)))
+    whole = lower_factor(np.concatenate([given[..., open_, :], root], axis=-2))
+    k = open_.size
+    J = np.zeros((*root.shape[:-2], w, n))
+    L, cross = _regular(whole[..., :k, :k]), whole[..., k:, :k]
+    # J L = cross, solved from the last column on
+    turned = solve_lower(np.swapaxes(L, -1, -2)[..., ::-1, ::-1], np.swapaxes(cross, -1, -2)[..., ::-1, :])
+    J[..., open_] = np.swapaxes(turned[..., ::-1, :], -1, -2)
+    return J, whole[..., k:, k:]
+
+
+def _regular(L: FloatArray) -> FloatArray:
+    """Put a one where the diagonal of a triangular root is zero: in nodes that are impossible."""
+    d = L.shape[-1]
+    return L + np.where(np.diagonal(L, axis1=-2, axis2=-1) == 0.0, 1.0, 0.0)[..., None] * np.eye(d)
+
+
+def _root_of(pairs: engine.PairMixture) -> FloatArray:
+    return covariance_root(pairs.covariance) if pairs.root is None else pairs.root
+
+
+def _times(A: FloatArray, v: FloatArray) -> FloatArray:
+    product: FloatArray = (A @ v[..., None])[..., 0]
+    return product
+
+
+def _log_diagonal(A: FloatArray) -> FloatArray:
+    total: FloatArray = np.log(np.diagonal(A, axis1=-2, axis2=-1)).sum(axis=-1)
+    return total

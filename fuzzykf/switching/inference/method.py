@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 
 from fuzzykf.engine import selected as engine
-from fuzzykf.errors import ParameterError
+from fuzzykf.errors import NumericalRangeError, ParameterError
 from fuzzykf.switching.inference.mixture import Mixture
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables, SwitchingSystem
     from fuzzykf.switching.inference.series import Trajectory
 
-__all__ = ["Method", "Smoothed"]
+__all__ = ["Method", "Smoothed", "out_of_range"]
 
 
 class Smoothed(NamedTuple):
@@ -128,3 +128,11 @@ class Method(Protocol):
             If the method has no smoother.
         """
         raise ParameterError(f"smooth: the method {type(self).__name__} has no smoother")
+
+
+def out_of_range(y: FloatArray, limit: float = 1e150) -> NumericalRangeError:
+    """Return what is said of an observation (q,) from which what follows leaves the range of numbers."""
+    return NumericalRangeError(
+        f"observation: got {y.tolist()}, so many standard deviations off that double precision cannot "
+        f"hold what follows from it; expected a value within {limit:g} of them, or NaN if it is missing"
+    )

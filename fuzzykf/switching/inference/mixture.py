@@ -41,6 +41,9 @@ class Mixture:
         The probabilities, where the engine carries them, too.
     unknown : int
         How many parts of the window are missing.
+    root : ndarray, shape (M, e, e), or None
+        In a gap: root of the covariances of ``table``, with the digits that they have lost after an
+        outlier; None if there are signs.
     """
 
     table: FloatArray
@@ -48,6 +51,7 @@ class Mixture:
     sign: FloatArray | None = None
     mass: FloatArray | None = None
     unknown: int = 0
+    root: FloatArray | None = None
 
     @property
     def probabilities(self) -> FloatArray:
@@ -85,6 +89,8 @@ class Mixture:
             "covariance": covariance.tolist(),
             "known": (~np.isnan(self.window)).tolist(),
         }
+        if self.root is not None:
+            state["root"] = encode(self.root)
         return {"kind": "gap", "window": window, "state": state}
 
     @classmethod
@@ -101,14 +107,16 @@ class Mixture:
             decode(state[name], k) for name, k in (("log_p", 1), ("mean", 2), ("covariance", 3))
         )
         table = engine.window_table(log_p, mean, covariance, window)
-        return cls(table, window, sign, None, int((~known).sum()))
+        root = decode(state.get("root"), 3)  # files of older versions have none
+        return cls(table, window, sign, None, int((~known).sum()), root)
 
     def is_sound(self, m: int, q: int, M: int, order: int) -> bool:
         """Whether it has the sizes of a system, and finite numbers."""
         w, e = self.window.size, m + self.unknown
         shaped = self.table.shape == (1 + e + e * e, M) and (self.sign is None or self.sign.shape == (M,))
         known = int(np.isfinite(self.window).sum()) == w - self.unknown
-        finite = np.isfinite(self.table).all() and (self.sign is None or np.isfinite(self.sign).all())
+        shaped &= self.root is None or self.root.shape == (M, e, e)
+        finite = all(a is None or np.isfinite(a).all() for a in (self.table, self.sign, self.root))
         return bool(shaped and known and finite and w % q == 0 and 0 < w <= order * q)
 
 

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.engine import selected as engine
-from fuzzykf.switching.inference.gap_smoother import Moments, smooth_state, step_back
-from fuzzykf.switching.inference.method import Smoothed
+from fuzzykf.switching.inference.gap_smoother import smooth_state, step_back, window_known
+from fuzzykf.switching.inference.method import Smoothed, out_of_range
 from fuzzykf.switching.inference.mixture import Mixture
 from fuzzykf.switching.inference.series import windows_of
 
@@ -29,11 +29,13 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
+    from fuzzykf.switching.inference.gap_smoother import Moments
     from fuzzykf.switching.inference.series import Trajectory
 
 __all__ = ["smooth_back"]
 
 
+@engine.QUIET
 def smooth_back(system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> Smoothed:
     """Smooth a series that has been filtered.
 
@@ -77,6 +79,8 @@ def smooth_back(system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray)
         gap = trajectory.gaps.get(k)
         if gap is not None:
             means[k], covariances[k] = smooth_state(gap, window, m)
+    if not all(np.isfinite(part).all() for part in (gamma, means, covariances)):
+        raise out_of_range(ys[np.nanargmax(np.abs(ys).max(axis=1, where=~np.isnan(ys), initial=0.0))], 1e100)
     return Smoothed(gamma, means, covariances, backward.most_likely_path())
 
 
@@ -127,10 +131,7 @@ class _Backward:
 
     def window(self, k: int) -> Moments:
         """Return the filtered moments of the window at k, given each node."""
-        m = self.system.dim_x
-        mixture = self.mixture(k)
-        mean, covariance = engine.window_moments(mixture.table, mixture.window)
-        return Moments(mean[:, m:], covariance[:, m:, m:])
+        return window_known(self.mixture(k), self.system.dim_x)
 
     def _log_pairs(self, k: int) -> FloatArray:
         """Log |P_ij| + log N(y_{k+1}; ...), (M, M); where a part is missing, given y_1..k."""
@@ -140,9 +141,8 @@ class _Backward:
             u = np.concatenate([np.ones(1), self._windows[k, :width], self.ys[k + 1]])
             return engine.log_pairs(tables.kernel, u[None]).reshape(tables.transition.shape)
         mixture = self.mixture(k)
-        before = engine.pair_moments(
-            tables.transition, tables.pairs, mixture.table, mixture.sign, mixture.window
-        )
+        state = mixture.table, mixture.sign, mixture.window, mixture.root
+        before = engine.pair_mixture(tables.transition, tables.pairs, *state)
         after = engine.condition_pairs(before, self.ys[k + 1], self.system.dim_x)
         log_pairs: FloatArray = after.log_w + after.reference - mixture.table[0][:, None]
         return log_pairs

@@ -59,12 +59,19 @@ def _maximise(make: Callable[[FloatArray], Any], n_free: int, before: FloatArray
             log_p = np.log(np.maximum(joint, 1e-300)) - np.log(marginal)
         return -float(counts @ log_p) / float(counts.sum())
 
-    found = minimize(loss, np.zeros(n_free), method="Nelder-Mead", options=_SEARCH)
-    again = minimize(loss, found.x, method="Nelder-Mead", options=_SEARCH)
-    return make(np.clip(again.x, -40.0, 40.0))
+    x, best = np.zeros(n_free), np.inf
+    for _ in range(_SIMPLICES):  # a simplex may collapse on a slope; one that starts anew goes on from there
+        found = minimize(loss, x, method="Nelder-Mead", options=_SEARCH)
+        gained, x, best = best - found.fun, found.x, float(found.fun)
+        if gained <= _LITTLE:
+            break
+    return make(np.clip(x, -40.0, 40.0))
 
 
 _SEARCH = {"xatol": 1e-7, "fatol": 1e-11, "maxiter": 4000, "maxfev": 4000}
+
+#: At most so many simplices, until one gains no more than this in the mean log-likelihood.
+_SIMPLICES, _LITTLE = 20, 1e-9
 
 
 def count_transitions(before: FloatArray, after: FloatArray, K: int) -> FloatArray:

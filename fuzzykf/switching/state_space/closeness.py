@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import ClosenessWarning, NotPositiveDefiniteError, NotStableError, ParameterError
-from fuzzykf.gaussian import as_array, symmetrize
-from fuzzykf.switching.state_space.conversion import StateSpace, backward_kernel, square
+from fuzzykf.gaussian import as_array, square, symmetrize
+from fuzzykf.switching.state_space.conversion import StateSpace, backward_kernel
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fuzzykf.gaussian import check_definite, logsumexp, symmetrize
+from fuzzykf.gaussian import check_definite, logsumexp, lower_factor, square, symmetrize
 from fuzzykf.switching.dynamics.pairs import PairCoefficients, regress
 
 if TYPE_CHECKING:
@@ -92,20 +92,6 @@ class PairMoments(NamedTuple):
     def V(self) -> FloatArray:
         """Covariance of Y' given w, (K, K, q, q)."""
         return square(self.Ly)
-
-
-def square(factor: FloatArray) -> FloatArray:
-    """F F' for factors F."""
-    product: FloatArray = factor @ np.swapaxes(factor, -1, -2)
-    return product
-
-
-def lower_factor(F: FloatArray) -> FloatArray:
-    """Lower triangular L with L L' = F F', (..., r, r) from (..., r, c), by orthogonal transformations."""
-    r, c = F.shape[-2:]
-    if c < r:
-        F = np.concatenate([F, np.zeros((*F.shape[:-1], r - c))], axis=-1)
-    return np.swapaxes(np.linalg.qr(np.swapaxes(F, -1, -2), mode="r"), -1, -2)
 
 
 def right_divide(B: FloatArray, L: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 import numpy as np
 
 from fuzzykf.errors import FileFormatError, NotStableError, ParameterError
-from fuzzykf.gaussian import check_definite, is_whole, semidefinite_root
+from fuzzykf.gaussian import check_definite, is_whole, semidefinite_root, square
 from fuzzykf.io import decode, encode
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables
 from fuzzykf.switching.dynamics.placed import KnownPath
@@ -120,7 +120,7 @@ class ConvertedSystem:
             log_p = np.log(self.chain.initial)
         _, B, _, D = self.cglssm.space
         G = self.cglssm.initial_covariance
-        Gy = B @ G @ np.swapaxes(B, -1, -2) + conversion.square(D)
+        Gy = B @ G @ np.swapaxes(B, -1, -2) + square(D)
         check_definite(
             Gy,
             lambda k: f"covariance of the first observation in the regime {k[0]}",
@@ -181,7 +181,7 @@ class ConvertedSystem:
         law, m = self.law(0), self.dim_x
         factor = np.roll(law.factor, m, axis=-2)  # rows X, Y
         mean = np.zeros(factor.shape[:-1])
-        return InitialLaw(self.chain.initial, mean, conversion.square(factor))
+        return InitialLaw(self.chain.initial, mean, square(factor))
 
     def pair_tables(self, n: int) -> PairTables:
         """Return the tables of the step from observation ``n`` to ``n + 1``.

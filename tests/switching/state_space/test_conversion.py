@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from fuzzykf import gaussian
 from fuzzykf.errors import NotPositiveDefiniteError
 from fuzzykf.switching.state_space import conversion
 from fuzzykf.switching.state_space.conversion import StateSpace, WindowLaw
@@ -93,11 +94,11 @@ def test_pair_moments_are_the_formulas(K, m, q, w, seed):
             J, P, E, V, gain, post = by_formula(law, space, i, j)
             got = (
                 moments.J[i],
-                conversion.square(moments.Lx[i]),
+                gaussian.square(moments.Lx[i]),
                 moments.E[i, j],
                 moments.V[i, j],
                 moments.K[i, j],
-                conversion.square(moments.Lnew[i, j]),
+                gaussian.square(moments.Lnew[i, j]),
             )
             for value, expected in zip(got, (J, P, E, V, gain, post), strict=True):
                 np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-11 * np.abs(expected).max())
@@ -196,7 +197,7 @@ def test_the_stationary_covariance_is_where_recursion_18_ends(K, m, seed):
     growth, norms = np.array([np.eye(m)] * K), []
     for _ in range(400):
         G = space.A @ np.einsum("ij,ikl->jkl", kernel, G) @ np.swapaxes(space.A, 1, 2)
-        G += conversion.square(space.C)
+        G += gaussian.square(space.C)
         growth = space.A @ np.einsum("ij,ikl->jkl", kernel, growth) @ np.swapaxes(space.A, 1, 2)
         norms.append(np.abs(growth).max())
         growth /= norms[-1]
@@ -215,8 +216,8 @@ def test_advancing_the_window_is_recursion_18_and_shifts():
     law = conversion.first_window(np.log([0.3, 0.7]), root, space.B, space.D)
     kernel, log_next = conversion.backward_kernel(law.log_p, T)
     new = conversion.advance_window(law, moments_of(law, space), space.A, kernel, log_next, length=2)
-    S = conversion.square(new.factor)
-    G = conversion.square(root)
+    S = gaussian.square(new.factor)
+    G = gaussian.square(root)
     for j in range(K):
         A, B, C, D = (a[j] for a in space)
         mixed = np.einsum("i,ikl->kl", kernel[:, j], G)
@@ -292,9 +293,9 @@ def test_clip_is_the_construction_of_the_paper_where_that_exists_and_valid_elsew
             assert np.abs(pairs.Axx[i, j] - space.A[j]).max() > 1e-9
     assert np.linalg.eigvalsh(conversion.noise_covariance(pairs)).min() > -1e-9
     # X' keeps its variance: C + At P At' = P'
-    P = conversion.square(moments.Lx)[:, None]
+    P = gaussian.square(moments.Lx)[:, None]
     total = pairs.C + pairs.Axx @ P @ np.swapaxes(pairs.Axx, -1, -2)
-    np.testing.assert_allclose(total, conversion.square(moments.Lnew), rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(total, gaussian.square(moments.Lnew), rtol=1e-7, atol=1e-9)
 
 
 def test_clip_needs_an_uncertain_state():
@@ -352,7 +353,7 @@ def test_lower_factors_of_wide_tall_and_singular_arrays():
         F[0] = 0.0
         L = conversion.lower_factor(F)
         assert L.shape == (*shape[:-1], shape[-2])
-        np.testing.assert_allclose(conversion.square(L), conversion.square(F), atol=1e-12)
+        np.testing.assert_allclose(gaussian.square(L), conversion.square(F), atol=1e-12)
         np.testing.assert_array_equal(np.triu(L, 1), 0.0)
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from fuzzykf import CGOFMSModel, FuzzyMarkovLaw, OFSRFilter
-from fuzzykf.engine.numpy.switching import condition_pairs, pair_moments
+from fuzzykf.engine.numpy.gaps import condition_pairs, pair_mixture
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,8 @@ def prediction():
     for y in ([0.3, -0.2], [np.nan, 0.5]):
         f.step(y)
     tables, known = f._next_tables(), f._mixture
-    return pair_moments(tables.transition, tables.pairs, known.table, known.sign, known.window)
+    state = known.table, known.sign, known.window, known.root
+    return pair_mixture(tables.transition, tables.pairs, *state)
 
 
 @pytest.mark.parametrize("y", [[0.4, -1.0], [np.nan, -1.0], [0.4, np.nan], [np.nan, np.nan]])

@@ -1,0 +1,367 @@
+"""NumPy kernels of the exact switching recursion where something is missing.
+
+The next observation is predicted from the latest ones, so a gap leaves not only X but also a
+part u of the window w unknown.  Then the rows of ``table`` are those of s = (X, u), and the general
+pair formulas apply to X and the whole window:
+
+    s'_ij = F_ij s + b_ij + noise,   s' = (X', Y', w),
+
+conditioned on what is there of Y', and collapsed over i by moment matching.
+
+After an outlier what the nodes expect lies as far apart as the outlier is far off, and so does what is
+unknown of s; what an observation then leaves of its covariance is lost in a difference of matrices.
+So covariances go through all this as roots, by orthogonal transformations that leave small columns their
+digits beside large ones.  Negative weights have no roots: chains that have them (the rule 'product')
+keep the matrices themselves.
+"""
+
+from __future__ import annotations
+
+from math import isqrt
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from fuzzykf.engine.numpy.outliers import QUIET, far_parts
+from fuzzykf.engine.numpy.switching import are_far, layout, log_sum
+from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
+from fuzzykf.gaussian import (
+    LOG_2PI,
+    covariance_root,
+    lower_factor,
+    mixture_root,
+    solve_lower,
+    square,
+    symmetrize,
+)
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import FloatArray, IntArray
+
+__all__ = [
+    "PairMixture",
+    "before_step",
+    "collapse_weights",
+    "condition_pairs",
+    "first_step_in_part",
+    "pair_mixture",
+    "step_in_part",
+    "window_moments",
+    "window_root",
+    "window_table",
+]
+
+
+class PairMixture(NamedTuple):
+    """Weights of the pairs of nodes, and moments of s' = (X', Y', w) given each."""
+
+    log_w: FloatArray  # (M1, M2): log p_i + log |P_ij|, and the density of what is there of Y'
+    sign: FloatArray | None  # (M1, M2)
+    mean: FloatArray  # (M1, M2, e)
+    covariance: FloatArray  # (M1, M2, e, e)
+    root: FloatArray | None  # (M1, M2, e, r), whose square the covariance is; None if there are signs
+    reference: FloatArray | float = 0.0  # (M2,): that to which the weights of each column are relative
+    best: float = 0.0  # that to which the references are relative
+
+
+def _unknown(m: int, window: FloatArray) -> IntArray:
+    """Where s = (X, u) stands in (X, w)."""
+    there: IntArray = np.flatnonzero(np.concatenate([np.ones(m, dtype=bool), np.isnan(window)]))
+    return there
+
+
+def window_moments(table: FloatArray, window: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean (M, m + w) and covariance of X and the whole window, per node.
+
+    Parameters
+    ----------
+    table : ndarray, shape (1 + e + e*e, M)
+        Of s = (X, u), u the parts of the window that are missing.
+    window : ndarray, shape (w,)
+        NaN where missing.
+    """
+    M, e = table.shape[1], (isqrt(4 * len(table) - 3) - 1) // 2
+    m = e - int(np.isnan(window).sum())
+    at = _unknown(m, window)
+    mean, covariance = np.empty((M, m + window.size)), np.zeros((M, m + window.size, m + window.size))
+    mean[:, m:] = window
+    mean[:, at] = table[1 : 1 + e].T
+    covariance[:, at[:, None], at] = table[1 + e :].T.reshape(M, e, e)
+    return mean, covariance
+
+
+def window_root(covariance: FloatArray, root: FloatArray | None, window: FloatArray) -> FloatArray:
+    """Return a root (M, m + w, r) of the covariance of X and the whole window, per node.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (M, m + w, m + w)
+        As `window_moments` returns it.
+    root : ndarray, shape (M, e, e), or None
+        Root of the covariance of s = (X, u), if one is known: it has more digits.
+    window : ndarray, shape (w,)
+    """
+    if root is None:
+        return covariance_root(covariance)
+    whole = np.zeros((*covariance.shape[:-1], root.shape[-1]))
+    whole[:, _unknown(covariance.shape[-1] - window.size, window)] = root
+    return whole
+
+
+def window_table(
+    log_p: FloatArray, mean: FloatArray, covariance: FloatArray, window: FloatArray
+) -> FloatArray:
+    """Return the table of (X, u) from moments of X and the whole window, per node."""
+    at = _unknown(mean.shape[1] - window.size, window)
+    return layout(log_p, mean[:, at], covariance[:, at[:, None], at])
+
+
+def _move(
+    transition: FloatArray, pairs: tuple[FloatArray, ...], table: FloatArray, x: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return F (M1, M2, e, m + w), the means F x + b, and log p_i + log |P_ij|."""
+    Axx, H, G, c, _, Ayy, Ny, _ = pairs
+    m, q, w = Axx.shape[-1], Ny.shape[-1], H.shape[-1]
+    F = np.zeros((*transition.shape, m + q + w, m + w))
+    F[..., :m, :m] = Axx
+    F[..., :m, m:] = H + G @ Ayy
+    F[..., m : m + q, m:] = Ayy
+    F[..., m + q :, m:] = np.eye(w)
+    mean = (F @ x[:, None, :, None])[..., 0]
+    mean[..., :m] += c + (G @ Ny[..., None])[..., 0]
+    mean[..., m : m + q] += Ny
+    with np.errstate(divide="ignore"):
+        log_w = np.maximum(np.log(np.abs(transition)), LOG_ZERO) + table[0][:, None]
+    return F, mean, log_w
+
+
+def _spread(pairs: tuple[FloatArray, ...], F: FloatArray, P: FloatArray) -> FloatArray:
+    """Covariance of s' in each pair, (M1, M2, e, e), from that of X and the window, (M, m + w, m + w)."""
+    G, C, Qyy = pairs[2], pairs[4], pairs[7]
+    m, q = G.shape[-2:]
+    covariance = F @ P[:, None] @ np.swapaxes(F, -1, -2)
+    cross = G @ Qyy
+    covariance[..., :m, :m] += C + cross @ np.swapaxes(G, -1, -2)
+    covariance[..., :m, m : m + q] += cross
+    covariance[..., m : m + q, :m] += np.swapaxes(cross, -1, -2)
+    covariance[..., m : m + q, m : m + q] += Qyy
+    return symmetrize(covariance)
+
+
+def _root(pairs: tuple[FloatArray, ...], F: FloatArray, root: FloatArray) -> FloatArray:
+    """Root of `_spread`, (M1, M2, e, r), from one of the covariance of X and the window, (M, m + w, k)."""
+    G, C, Qyy = pairs[2], pairs[4], pairs[7]
+    m, q = G.shape[-2:]
+    noise = np.zeros((*F.shape[:-1], m + q))
+    factor = np.linalg.cholesky(Qyy)
+    noise[..., :m, :m] = covariance_root(C)
+    noise[..., :m, m:] = G @ factor
+    noise[..., m : m + q, m:] = factor
+    return np.concatenate([F @ root[:, None], noise], axis=-1)
+
+
+def pair_mixture(
+    transition: FloatArray,
+    pairs: tuple[FloatArray, ...],
+    table: FloatArray,
+    sign: FloatArray | None,
+    window: FloatArray,
+    root: FloatArray | None,
+) -> PairMixture:
+    """Move X and the window through every pair of nodes, before Y' is seen.
+
+    Parameters
+    ----------
+    transition : ndarray, shape (M1, M2)
+    pairs : tuple of ndarray
+        Axx, H, G, c, C, Ayy, Ny, Qyy of the regressions of X' and Y', leading shape (M1, M2).
+    table, sign, window
+        The state, as in `step`; NaN where the window is missing.
+    root : ndarray, shape (M1, e, e), or None
+        Root of the covariance of s = (X, u), if one is known.
+    """
+    x, P = window_moments(table, window)
+    F, mean, log_w = _move(transition, pairs, table, x)
+    if (transition < 0.0).any():
+        signs = np.sign(transition)
+        return PairMixture(
+            log_w, signs if sign is None else signs * sign[:, None], mean, _spread(pairs, F, P), None
+        )
+    root = _root(pairs, F, window_root(P, root, window))
+    return PairMixture(log_w, None, mean, square(root), root)
+
+
+def condition_pairs(pairs: PairMixture, y: FloatArray, m: int) -> PairMixture:
+    """Condition every pair on the parts of y (q,) that are there, whose density joins the weights."""
+    there = ~np.isnan(y)
+    if not there.any():
+        return pairs
+    log_w, sign, mean, covariance, root, *_ = pairs
+    at = m + np.flatnonzero(there)
+    rest = np.delete(np.arange(mean.shape[-1]), at)
+    k, e = at.size, mean.shape[-1]
+    left = None
+    if root is None:
+        S = covariance[..., at[:, None], at]
+        factor = np.linalg.cholesky(S).astype(np.float64, copy=False)
+        cross = np.linalg.solve(factor, covariance[..., at[:, None], rest])  # L^-1 Cov(Y', rest)
+        square_left = covariance[..., rest[:, None], rest] - np.swapaxes(cross, -1, -2) @ cross
+    else:
+        # [L 0; cross' left]: a root of the covariance of (Y', rest) says all that is asked for
+        whole = lower_factor(root[..., np.concatenate([at, rest]), :])
+        factor, cross = whole[..., :k, :k], np.swapaxes(whole[..., k:, :k], -1, -2)
+        if not np.diagonal(factor, axis1=-2, axis2=-1).all():
+            raise np.linalg.LinAlgError("an observation without any spread")
+        left = np.zeros((*mean.shape, e - k))
+        left[..., rest, :] = whole[..., k:, k:]
+        square_left = square(whole[..., k:, k:])
+    white = solve_lower(factor, (y[there] - mean[..., at])[..., None])
+    log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+    small = log_w - log_det - 0.5 * k * LOG_2PI
+    log_w = small - 0.5 * (white * white).sum(axis=(-1, -2))
+    reference, best = pairs.reference, pairs.best
+    if are_far(log_w.max(axis=0)):
+        log_w, reference, best = far_parts(white[..., 0], small, mean[..., at], factor)
+    moved = np.empty(mean.shape)
+    moved[..., at] = y[there]
+    moved[..., rest] = mean[..., rest] + (np.swapaxes(cross, -1, -2) @ white)[..., 0]
+    covariance = np.zeros((*mean.shape, e))
+    covariance[..., rest[:, None], rest] = symmetrize(square_left)
+    return PairMixture(log_w, sign, moved, covariance, left, reference, best)
+
+
+def collapse_weights(
+    log_w: FloatArray, sign: FloatArray | None
+) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+    """Column sums in the log domain, their signs, and o_ij = w_ij / sum_k w_kj."""
+    top = log_w.max(axis=0)
+    w = np.exp(log_w - top)
+    if sign is None:
+        column = w.sum(axis=0)
+        return np.log(column) + top, None, w / column
+    w *= sign
+    column = w.sum(axis=0)
+    column = np.where(column == 0.0, np.finfo(np.float64).tiny, column)
+    return np.log(np.abs(column)) + top, np.where(column < 0.0, -1.0, 1.0), w / column
+
+
+def _collapse_pairs(
+    pairs: PairMixture, window: FloatArray
+) -> tuple[FloatArray, FloatArray | None, FloatArray | None, float]:
+    """Sum pairs into nodes and keep of the window what is missing.
+
+    Returns the table, signs, the root of the covariances (M2, e, e) and the log of the total.
+    """
+    log_p, sign, o = collapse_weights(pairs.log_w, pairs.sign)
+    at = _unknown(pairs.mean.shape[-1] - window.size, window)
+    means, root = pairs.mean[..., at], None
+    if pairs.root is None:
+        first = means[np.abs(o).argmax(axis=0), np.arange(o.shape[1])]
+        off = means - first
+        beyond = np.einsum("ij,ijk->jk", o, off)
+        off -= beyond
+        mean = first + beyond
+        covariance = np.transpose(o[..., None] * off, (1, 2, 0)) @ np.swapaxes(off, 0, 1)  # of the means
+        covariance += np.einsum("ij,ijkl->jkl", o, pairs.covariance[..., at[:, None], at])
+    else:
+        mean, root = mixture_root(o.T, np.swapaxes(means, 0, 1), np.swapaxes(pairs.root[..., at, :], 0, 1))
+        covariance = square(root)
+    is_lost = log_p < DEAD
+    log_p = log_p + pairs.reference
+    log_total = log_sum(log_p, sign)
+    table = layout(log_p - log_total, mean, symmetrize(covariance))
+    table[1:, is_lost] = 0.0
+    if root is not None:
+        root[is_lost] = 0.0
+    return table, sign, root, log_total + pairs.best
+
+
+@QUIET
+def first_step_in_part(
+    log_initial: FloatArray, mean: FloatArray, covariance: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray | None, float]:
+    """Condition the law of (r_1, Z_1) on the parts of y (q,) that are there; arguments as in `first_step`.
+
+    Returns the table, the root and the log-likelihood, as `step_in_part` does.
+    """
+    # one imaginary predecessor
+    alone = PairMixture(
+        log_initial[None], None, mean[None], covariance[None], covariance_root(covariance)[None]
+    )
+    pairs = condition_pairs(alone, y, mean.shape[1] - y.size)
+    table, _, left, log_total = _collapse_pairs(pairs, y)
+    return table, left, 0.0 if np.isnan(y).all() else log_total
+
+
+@QUIET
+def step_in_part(
+    transition: FloatArray,
+    pairs: tuple[FloatArray, ...],
+    table: FloatArray,
+    sign: FloatArray | None,
+    window: FloatArray,
+    root: FloatArray | None,
+    y: FloatArray,
+    after: FloatArray,
+) -> tuple[FloatArray, FloatArray | None, FloatArray | None, float]:
+    """Do a `step` where parts of the observation y (q,), of the window, or of both are missing.
+
+    Parameters
+    ----------
+    transition, pairs, table, sign, window, root
+        As in `pair_mixture`.
+    y : ndarray, shape (q,)
+    after : ndarray, shape (w',)
+        The window after it: y and what is kept of ``window``.
+
+    Returns
+    -------
+    table, sign, root, log_likelihood
+        The root is that of the covariances of the table, (M2, e, e), or None if there are signs.
+        The log-likelihood is that of the parts that are there; 0 if none is.
+    """
+    m = pairs[0].shape[-1]
+    kept = slice(0, m + after.size)
+    moved = pair_mixture(transition, pairs, table, sign, window, root)
+    moved = moved._replace(
+        mean=moved.mean[..., kept],
+        covariance=moved.covariance[..., kept, kept],
+        root=None if moved.root is None else moved.root[..., kept, :],
+    )
+    table, signs, root, log_total = _collapse_pairs(condition_pairs(moved, y, m), after)
+    return table, signs, root, 0.0 if np.isnan(y).all() else log_total
+
+
+def before_step(
+    transition: FloatArray,
+    pairs: tuple[FloatArray, ...],
+    table: FloatArray,
+    sign: FloatArray | None,
+    window: FloatArray,
+    mass: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Probabilities (M2,) of the next nodes, mean and covariance of (X', Y'), before Y' is seen.
+
+    Parameters
+    ----------
+    transition, pairs, table, sign, window
+        As in `pair_mixture`.
+    mass : ndarray, shape (M1,), optional
+        The probabilities, where more digits are known of them than ``table`` has.
+    """
+    d = pairs[0].shape[-1] + pairs[-1].shape[-1]
+    x, P = window_moments(table, window)
+    F, means, _ = _move(transition, pairs, table, x)
+    p = np.exp(table[0]) if mass is None else mass
+    if sign is not None:
+        p = p * sign
+    weights = p[:, None] * transition
+    means = means[..., :d].reshape(-1, d)
+    first = means[weights.argmax()]
+    off = means - first
+    beyond = weights.ravel() @ off
+    mean = first + beyond
+    off -= beyond
+    covariance = (off * weights.reshape(-1, 1)).T @ off
+    covariance += np.einsum("ij,ijkl->kl", weights, _spread(pairs, F, P)[..., :d, :d])
+    return p @ transition, mean, symmetrize(covariance)
