@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import minimum_filter
 
-from fuzzykf.engine.selected import CUT, continue_tails, subgrid_minimum
+from fuzzykf.engine.selected import CUT, QUIET, continue_tails, subgrid_minimum
+from fuzzykf.errors import NumericalRangeError
 from fuzzykf.possibility.grid.lattice import Lattice
 
 if TYPE_CHECKING:
@@ -29,6 +30,9 @@ __all__ = ["Conditioned", "condition", "restart"]
 
 #: An axis is refined if the posterior occupies less than this part of it.
 OCCUPIED = 0.7
+
+#: Costs are told from one another to at least this.
+DIGITS = 1e-4
 
 #: Rounds of refinement or extension.  An extension doubles an axis.
 ROUNDS = 60
@@ -56,6 +60,7 @@ class Conditioned:
     notes: list[str]
 
 
+@QUIET
 def condition(
     prior: Lattice, measure: Mapping, noise: Membership, z: FloatArray, universe: Universe
 ) -> Conditioned:
@@ -76,6 +81,8 @@ def condition(
     ------
     ParameterError
         If the map returns something inadmissible at a possible state.
+    NumericalRangeError
+        If the measurement is so far off that costs lose their digits.
     """
     notes: list[str] = []
     if universe.domain is None:
@@ -85,6 +92,8 @@ def condition(
     surprise = noise.cost(residual, t_norm)
     cost = t_norm.combine(prior.cost, surprise)
     if not _resolves(prior, residual, cost, noise):
+        if notes:  # prolonged, and nevertheless too coarse
+            raise _too_far(z, "no grid of these points reaches it")
         notes.append(
             "the measurement is finer than the cells of the grid; every node was judged by the best of its "
             "cell (ask for more points)"
@@ -94,10 +103,21 @@ def condition(
     best = float(cost.min())
     if best >= t_norm.impossible:
         return Conditioned(None, 0.0, _reaches(prior, measure, noise, z, universe), notes)
+    if not best * np.finfo(np.float64).eps < DIGITS:
+        raise _too_far(z, "costs of double precision cannot tell one state from another")
     best = subgrid_minimum(cost)[0] if t_norm.additive else _meeting(prior.cost, surprise)
     best = max(0.0, best)
     posterior = Lattice(prior.axes, t_norm.renormalise(cost, best), t_norm)
+    if notes:
+        notes += posterior.notes(follows=universe.domain is None)
     return Conditioned(posterior, float(t_norm.membership(best)), True, notes)
+
+
+def _too_far(z: FloatArray, why: str) -> NumericalRangeError:
+    return NumericalRangeError(
+        f"z: got {z.tolist()}, so far from every state that was expected that {why}; expected a value "
+        "within a thousand standard deviations, or NaN if the measurement is missing"
+    )
 
 
 def _meeting(prior: FloatArray, surprise: FloatArray) -> float:

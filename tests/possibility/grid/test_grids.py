@@ -21,6 +21,7 @@ from fuzzykf import (
 )
 from fuzzykf.errors import (
     EmptyIntersectionError,
+    NumericalRangeError,
     ParameterError,
     SupportLostError,
     SupportWarning,
@@ -730,3 +731,54 @@ def test_sampled_memberships():
         f.step(0.7)
     np.testing.assert_allclose(est.x, exact.x, atol=1e-4)
     np.testing.assert_allclose(est.P, exact.P, atol=1e-3)
+
+
+# --------------------------------------------------------------------------- beyond what a grid can hold
+
+
+def narrow(kind, d):
+    """A membership of width about one."""
+    return {
+        "gaussian": GaussianMembership(np.zeros(d), np.eye(d)),
+        "cauchy": CauchyMembership(np.zeros(d), np.eye(d)),
+        "parabolic": ParabolicMembership(np.zeros(d), np.eye(d)),
+    }[kind]
+
+
+@pytest.mark.filterwarnings("ignore::fuzzykf.errors.SupportWarning")
+@pytest.mark.parametrize("size", [1e2, 1e3, 1e4, 1e6, 1e9, 1e12, 1e50, 1e100, 1e150, 1e200, 1e308])
+@pytest.mark.parametrize("d", [1, 2])
+@pytest.mark.parametrize("kind", ["gaussian", "cauchy", "parabolic"])
+def test_an_outlier_is_followed_or_refused_and_leaves_nothing_behind(kind, d, size):
+    def fx(x):
+        return 0.9 * x + 0.1 * np.sin(x[..., ::-1])
+
+    est = FuzzyRelationEstimator(
+        d,
+        1,
+        fx=fx,
+        hx=lambda x: x[..., :1],
+        state=narrow(kind, d),
+        process_noise=narrow(kind, d),
+        measurement_noise=narrow(kind, 1),
+        points=61,
+    )
+    refused, told = [], []
+    for z in (0.1, 0.2, size, 0.3, -0.1, 0.2):
+        before = [np.array(est.x), np.array(est.P)]
+        try:
+            est.step(z)
+        except (NumericalRangeError, EmptyIntersectionError) as error:
+            refused.append(z)
+            told.append(str(error))
+            for then, now in zip(before, (est.x, est.P), strict=True):
+                np.testing.assert_array_equal(now, then)
+        assert np.isfinite(est.x).all()
+        assert np.isfinite(est.P).all()
+        assert (np.diagonal(est.P) >= 0.0).all()
+    assert [text.startswith(f"z: got [{z}]") for z, text in zip(refused, told, strict=True)] == [True] * len(
+        told
+    )
+    assert size not in refused or refused == [size]
+    if kind == "gaussian" and size != 1e4:  # where it begins depends on the cells
+        assert refused == ([] if size < 1e4 else [size])
