@@ -209,3 +209,40 @@ def test_of_many_series_only_the_one_beyond_all_numbers_is_named(two_regimes) ->
     series[2, 1] = -1e200
     with pytest.raises(NumericalRangeError, match=r"got \[-1e\+200\]"):
         two_regimes.filter_many(series)
+
+
+def pair_weights(f, mu, w, y):
+    """p_i P_ij N(y'; Ayy w + Ny, Qyy) in decimal numbers, (K, K), for a scalar system; the largest is one."""
+    tables = f._system.pair_tables(0)
+    with localcontext() as context:
+        context.prec, context.Emin, context.Emax = 400, -(10**9), 10**9
+        log_w = {}
+        for i, j in np.ndindex(*tables.transition.shape):
+            Ayy, Ny, Q = (Decimal(float(part[i, j].item())) for part in tables.pairs[5:])
+            z = Decimal(y) - Ayy * Decimal(w) - Ny
+            log_w[i, j] = Decimal(float(mu[i] * tables.transition[i, j])).ln() - (z * z / Q + Q.ln()) / 2
+        top = max(log_w.values())
+        return {at: (value - top).exp() for at, value in log_w.items()}
+
+
+@pytest.mark.parametrize("far", [3e3, 1e4, 1e5, 1e6])
+def test_the_smoother_goes_back_through_an_outlier_by_the_rule_of_bayes(two_regimes, far) -> None:
+    # the outlier tells of the regime before it as well, by the means of the pairs
+    f, zs = two_regimes, [0.1, far]
+    smoothed = f.smooth(zs).mu
+    weights = pair_weights(f, f.filter(zs).mu[0], zs[0], far)
+    total = sum(weights.values())
+    for i in range(2):
+        assert smoothed[0, i] == pytest.approx(float((weights[i, 0] + weights[i, 1]) / total), rel=1e-9)
+
+
+@pytest.mark.parametrize("zs", [[0.1, 1e5, 0.2], [0.1, np.nan, 1e5, 0.2], [0.1, 0.2, np.nan, np.nan, -1e6]])
+def test_the_most_likely_path_lies_in_the_regime_in_which_an_outlier_is_less_of_one(zs) -> None:
+    z = np.array([[1.0, 0.5], [0.5, 1.0]])
+    pair = np.block([[z, 0.5 * z], [0.5 * z, z]])
+    size = np.array([1.0, 3.0])  # of the noise in the two regimes
+    scale = [[np.repeat([size[i], size[j]], 2) for j in range(2)] for i in range(2)]
+    pairs = np.array([[pair * np.outer(scale[i][j], scale[i][j]) for j in range(2)] for i in range(2)])
+    f = CGOMSMFilter(CGOMSModel([[0.9, 0.1], [0.2, 0.8]], np.zeros((2, 2)), pairs, 1))
+    path = f.smooth(zs).switch_path
+    assert path[int(np.nanargmax(np.abs(zs)))] == 1

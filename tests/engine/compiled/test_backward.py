@@ -34,6 +34,7 @@ def system(M, q, order, seed=0):
 def test_smoothed_probabilities_are_those_of_numpy_and_of_bayes(size) -> None:
     arguments, log_p, U, after = system(*size)
     U[17, -1] = 1e4  # an outlier
+    U[23:33, -1] = np.linspace(18.0, 45.0, 10)  # the largest that are none: densities down to exp(-500)
     kernel = tables.pack(*arguments)
     got = compiled.smooth_back(packed.pack(*arguments), log_p, U, after)
     np.testing.assert_allclose(got, backward.smooth_back(kernel, log_p, U, after), rtol=1e-9, atol=1e-12)

@@ -44,7 +44,7 @@ def regression_likelihood(cells, targets, regressors, fit):
     return total
 
 
-@pytest.mark.parametrize(("t", "p", "B"), [(1, 1, 1), (1, 3, 4), (2, 3, 4), (3, 2, 2)])
+@pytest.mark.parametrize(("t", "p", "B"), [(1, 1, 1), (2, 1, 2), (1, 3, 4), (2, 3, 4), (3, 2, 2)])
 def test_regressions_cannot_be_improved_upon(t, p, B):
     cells = random_cells(60, B, 1 + t + p, seed=t)
     cells = join(cells, prior_cells(cells))
