@@ -318,19 +318,14 @@ def mixture_root(p: FloatArray, means: FloatArray, roots: FloatArray) -> tuple[F
     """
     first = np.take_along_axis(means, p.argmax(axis=-1)[..., None, None], axis=-2)
     off = means - first  # what all have in common then cancels to the last bit, however large
-    beyond = (p[..., None] * off).sum(axis=-2)
     # k - 1 columns for the spread of k means: each against the mean of those before it
-    before, mass = np.zeros(beyond.shape), np.zeros(p.shape[:-1])
-    spread = np.empty(off.shape)
-    for i in range(p.shape[-1]):
-        share = p[..., i] / np.where(mass + p[..., i] > 0.0, mass + p[..., i], 1.0)
-        apart = off[..., i, :] - before
-        spread[..., i, :] = np.sqrt(mass * share)[..., None] * apart
-        before = before + share[..., None] * apart
-        mass = mass + p[..., i]
-    parts = np.concatenate([spread[..., None], roots * np.sqrt(p)[..., None, None]], axis=-1)
-    wide = np.moveaxis(parts, -3, -1)
-    return first[..., 0, :] + beyond, lower_factor(wide.reshape(*wide.shape[:-2], -1))
+    mass, moment = p.cumsum(axis=-1), (p[..., None] * off).cumsum(axis=-2)
+    there = np.where(mass > 0.0, mass, 1.0)
+    apart = off[..., 1:, :] - moment[..., :-1, :] / there[..., :-1, None]
+    spread = np.sqrt(mass[..., :-1] / there[..., 1:] * p[..., 1:])[..., None] * apart
+    columns = np.moveaxis(roots * np.sqrt(p)[..., None, None], -3, -1)
+    wide = np.concatenate([np.swapaxes(spread, -1, -2), columns.reshape(*columns.shape[:-2], -1)], axis=-1)
+    return first[..., 0, :] + moment[..., -1, :], lower_factor(wide)
 
 
 def whitening(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,7 @@ import pytest
 
 from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter
 
-SIZES = [1e3, 1e8, 1e12, 1e36, 1e70, 1e100]
+SIZES = [1e3, 1e8, 1e12, 1e36, 1e100]
 GAPS = [[6], [6, 7], [7, 8]]
 
 
@@ -102,7 +102,7 @@ def scalar_filters(fuzzy_model):
     banded = CGOFMSModel(law, fuzzy_model.form.means, fuzzy_model.form.covariances, 1)
     return {
         "fmc1": OFSRFilter(fuzzy_model, 2),
-        "fmc2": OFSRFilter(banded, 3),
+        "fmc2": OFSRFilter(banded, 2),
         "hard": CGOMSMFilter(fuzzy_model.harden()),
     }
 
@@ -129,9 +129,9 @@ def linear(m, q, order):
     return CGOMSModel.from_cglssm([[0.9, 0.1], [0.1, 0.9]], A=A, B=B, C=C, D=D, order=order)
 
 
-@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("order", [1, 3])
 @pytest.mark.parametrize(("m", "q"), [(1, 1), (2, 1), (4, 2)])
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", SIZES[1:])
 def test_no_variance_is_negative(m, q, order, size):
     f = CGOMSMFilter(linear(m, q, order))
     for gap in GAPS:

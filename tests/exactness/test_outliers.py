@@ -10,7 +10,15 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from fuzzykf import CGOMSMFilter, CGOMSModel, IMMEstimator, KalmanFilter
+from fuzzykf import (
+    CGOFMSModel,
+    CGOMSMFilter,
+    CGOMSModel,
+    FuzzyMarkovLaw,
+    IMMEstimator,
+    KalmanFilter,
+    OFSRFilter,
+)
 from fuzzykf.engine import info
 from fuzzykf.engine import selected as engine
 from fuzzykf.engine.numpy import tables
@@ -246,3 +254,23 @@ def test_the_most_likely_path_lies_in_the_regime_in_which_an_outlier_is_less_of_
     f = CGOMSMFilter(CGOMSModel([[0.9, 0.1], [0.2, 0.8]], np.zeros((2, 2)), pairs, 1))
     path = f.smooth(zs).switch_path
     assert path[int(np.nanargmax(np.abs(zs)))] == 1
+
+
+@pytest.mark.parametrize("far", [1e4, 1e8, 1e30, 1e50, 1e100, 1e140])
+def test_probabilities_sum_to_one_when_what_comes_back_is_an_outlier_too(far) -> None:
+    # after the outlier the way back is one; by then the nodes differ by as many powers of ten themselves
+    rng = np.random.default_rng(6)
+    r = 0.3 * rng.normal(size=(3, 3)) + 0.8 * np.eye(3)
+    z = r @ r.T + 0.1 * np.eye(3)
+    pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
+    law = FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16)
+    model = CGOFMSModel(law, rng.normal(size=(2, 3)), np.broadcast_to(pair, (2, 2, 6, 6)), 1)
+    f, zs = OFSRFilter(model), [[0.0, 0.0], [far, 0.7 * far], [0.0, 0.0], [0.0, -far], [0.0, 0.0]]
+    many = f.filter_many([zs], keep=("mu",)).mu[0]
+    for mu in (f.filter(zs).mu, many, f.smooth(zs).mu):
+        np.testing.assert_allclose(mu.sum(axis=1), 1.0, rtol=1e-12)
+    f.reset()
+    for y, mu in zip(zs, many, strict=True):
+        f.step(y)
+        np.testing.assert_allclose(f.mu, mu, rtol=1e-9, atol=1e-14)
+        assert f.mu.sum() == pytest.approx(1.0, rel=1e-12)

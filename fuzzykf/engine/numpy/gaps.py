@@ -44,6 +44,7 @@ __all__ = [
     "collapse_weights",
     "condition_pairs",
     "first_step_in_part",
+    "noise_root",
     "pair_mixture",
     "step_in_part",
     "window_moments",
@@ -148,21 +149,22 @@ def _spread(pairs: tuple[FloatArray, ...], F: FloatArray, P: FloatArray) -> Floa
     return symmetrize(covariance)
 
 
-def _root(pairs: tuple[FloatArray, ...], F: FloatArray, root: FloatArray) -> FloatArray:
-    """Root of `_spread`, (M1, M2, e, r), from one of the covariance of X and the window, (M, m + w, k)."""
+def noise_root(pairs: tuple[FloatArray, ...]) -> FloatArray:
+    """Root of the covariance of the noise of (X', Y') in each pair, (M1, M2, m + q, m + q)."""
     G, C, Qyy = pairs[2], pairs[4], pairs[7]
     m, q = G.shape[-2:]
-    noise = np.zeros((*F.shape[:-1], m + q))
+    root = np.zeros((*G.shape[:-2], m + q, m + q))
     factor = np.linalg.cholesky(Qyy)
-    noise[..., :m, :m] = covariance_root(C)
-    noise[..., :m, m:] = G @ factor
-    noise[..., m : m + q, m:] = factor
-    return np.concatenate([F @ root[:, None], noise], axis=-1)
+    root[..., :m, :m] = covariance_root(C)
+    root[..., :m, m:] = G @ factor
+    root[..., m:, m:] = factor
+    return root
 
 
 def pair_mixture(
     transition: FloatArray,
     pairs: tuple[FloatArray, ...],
+    noise: FloatArray,
     table: FloatArray,
     sign: FloatArray | None,
     window: FloatArray,
@@ -175,6 +177,8 @@ def pair_mixture(
     transition : ndarray, shape (M1, M2)
     pairs : tuple of ndarray
         Axx, H, G, c, C, Ayy, Ny, Qyy of the regressions of X' and Y', leading shape (M1, M2).
+    noise : ndarray, shape (M1, M2, m + q, m + q)
+        Their `noise_root`.
     table, sign, window
         The state, as in `step`; NaN where the window is missing.
     root : ndarray, shape (M1, e, e), or None
@@ -187,7 +191,10 @@ def pair_mixture(
         return PairMixture(
             log_w, signs if sign is None else signs * sign[:, None], mean, _spread(pairs, F, P), None
         )
-    root = _root(pairs, F, window_root(P, root, window))
+    known = F @ window_root(P, root, window)[:, None]
+    fresh = np.zeros((*F.shape[:-1], noise.shape[-1]))
+    fresh[..., : noise.shape[-1], :] = noise
+    root = np.concatenate([known, fresh], axis=-1)
     return PairMixture(log_w, None, mean, square(root), root)
 
 
@@ -297,6 +304,7 @@ def first_step_in_part(
 def step_in_part(
     transition: FloatArray,
     pairs: tuple[FloatArray, ...],
+    noise: FloatArray,
     table: FloatArray,
     sign: FloatArray | None,
     window: FloatArray,
@@ -308,7 +316,7 @@ def step_in_part(
 
     Parameters
     ----------
-    transition, pairs, table, sign, window, root
+    transition, pairs, noise, table, sign, window, root
         As in `pair_mixture`.
     y : ndarray, shape (q,)
     after : ndarray, shape (w',)
@@ -322,7 +330,7 @@ def step_in_part(
     """
     m = pairs[0].shape[-1]
     kept = slice(0, m + after.size)
-    moved = pair_mixture(transition, pairs, table, sign, window, root)
+    moved = pair_mixture(transition, pairs, noise, table, sign, window, root)
     moved = moved._replace(
         mean=moved.mean[..., kept],
         covariance=moved.covariance[..., kept, kept],

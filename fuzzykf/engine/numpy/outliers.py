@@ -42,6 +42,9 @@ FARTHEST = -1e303
 #: Factors of covariances that differ by less, relatively, are one.
 _ALIKE = 1e-14
 
+#: How often a better reference is looked for.
+_ROUNDS = 4
+
 #: What overflows is told by weights that are NaN, not by a warning on the way to them.
 QUIET = np.errstate(over="ignore", invalid="ignore")
 
@@ -66,7 +69,7 @@ def far_weights(rows: FloatArray, small: FloatArray, u: FloatArray) -> tuple[Flo
     log_w : ndarray, shape (M1, M2)
         Relative to the reference of the column.
     reference : ndarray, shape (M2,)
-        Log-density of the references of the columns, relative to ``best``.
+        Log-weights of the references of the columns, relative to ``best``.
     best : float
         The largest of them.
     """
@@ -86,21 +89,30 @@ def relative_weights(
 
     ``minus(i, j)`` is (q, M1, M2), z - z[:, i, j] with digits kept; i and j broadcast against (M2,).
     """
-    possible = small > DEAD
-    density = np.where(possible, -(z * z).sum(axis=0), -np.inf)
-    columns = np.arange(z.shape[2])
-    i = density.argmax(axis=0)
-    log_w = small - (minus(i, columns) * (z + z[:, i, columns][:, None])).sum(axis=0)
-    log_w = np.where(possible, log_w, LOG_ZERO)
-    of_column = density[i, columns]
-    j = np.array([of_column.argmax()])
-    best = float(of_column[j[0]])
+    possible, columns = small > DEAD, np.arange(z.shape[2])
+    total = np.where(possible, small - (z * z).sum(axis=0), -np.inf)
+    i = total.argmax(axis=0)
+    is_there = total[i, columns] > -np.inf
+    best = float(total.max())
     if not best > FARTHEST:
         return np.full_like(small, np.nan), np.zeros(columns.size), np.nan
-    z_best = z[:, i[j], j]
-    off = minus(i[j], j)[:, i, columns]
-    reference = -(off * (z[:, i, columns] + z_best)).sum(axis=0)
-    return log_w, np.where(of_column > -np.inf, reference, 0.0), best
+    for _ in range(_ROUNDS):  # the best by its digits is found among those that seemed to be
+        less = (minus(i, columns) * (z + z[:, i, columns][:, None])).sum(axis=0)
+        log_w = np.where(possible, small - small[i, columns] - less, LOG_ZERO)
+        if not (log_w.max(axis=0) > 0.0).any():
+            break
+        i = log_w.argmax(axis=0)
+    j = np.array([np.where(is_there, total[i, columns], -np.inf).argmax()])
+    for _ in range(_ROUNDS):
+        off = minus(i[j], j)[:, i, columns]
+        less = (off * (z[:, i, columns] + z[:, i[j], j])).sum(axis=0)
+        reference = np.where(is_there, small[i, columns] - small[i[j], j] - less, 0.0)
+        best = float(total[i[j], j][0])
+        if not reference.max() > 0.0:
+            break
+        j = np.array([reference.argmax()])
+    peak = float((log_w.max(axis=0) + reference)[is_there].max())
+    return log_w, reference - peak, best + peak
 
 
 def far_pairs(kernel: Kernel, log_p: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, float]:

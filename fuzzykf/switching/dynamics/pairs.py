@@ -19,7 +19,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from fuzzykf.engine.selected import LOG_ZERO, Kernel, Summary, pack
+from fuzzykf.engine.selected import LOG_ZERO, Kernel, Summary, noise_root, pack
 from fuzzykf.gaussian import check_definite, cholesky, mixture_moments, symmetrize
 from fuzzykf.immutable import cached_property
 
@@ -193,6 +193,11 @@ class PairTables:
         """The tables in the layout of the engine, made once."""
         factor = cholesky(self.pairs.Qyy, lambda k: f"noise covariance of the observation for the pair {k}")
         return pack(self.transition, factor, *self.pairs[:5], *self.pairs[5:7])
+
+    @cached_property
+    def noise_root(self) -> FloatArray:
+        """Root of the covariance of the noise of (X', Y'), made once; what gaps need."""
+        return noise_root(self.pairs)
 
     @cached_property
     def _summaries(self) -> WeakKeyDictionary[SwitchChain, Summary]:

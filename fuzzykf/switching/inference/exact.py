@@ -89,7 +89,7 @@ class Exact(Method):
                 raise out_of_range(y)
             return Mixture(table, window, sign), log_likelihood
         known = mixture.table, mixture.sign, mixture.window, mixture.root
-        before = tables.transition, tables.pairs, *known
+        before = tables.transition, tables.pairs, tables.noise_root, *known
         try:
             table, sign, root, log_likelihood = engine.step_in_part(*before, y, window)
         except np.linalg.LinAlgError:

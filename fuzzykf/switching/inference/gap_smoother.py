@@ -81,7 +81,7 @@ def step_back(
     m, q = tables.pairs.dim_x, y.size
     following = slice(m, m + filtered.mean.shape[1])  # the next window, which begins with y
     state = mixture.table, mixture.sign, mixture.window, mixture.root
-    before = engine.pair_mixture(tables.transition, tables.pairs, *state)
+    before = engine.pair_mixture(tables.transition, tables.pairs, tables.noise_root, *state)
     after = engine.condition_pairs(before, y, m)
     law = Moments(after.mean[..., following], _root_of(after)[..., following, :])
     log_evidence, updated = _weigh(law, filtered, smoothed)

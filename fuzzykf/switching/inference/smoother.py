@@ -142,7 +142,7 @@ class _Backward:
             return engine.log_pairs(tables.kernel, u[None]).reshape(tables.transition.shape)
         mixture = self.mixture(k)
         state = mixture.table, mixture.sign, mixture.window, mixture.root
-        before = engine.pair_mixture(tables.transition, tables.pairs, *state)
+        before = engine.pair_mixture(tables.transition, tables.pairs, tables.noise_root, *state)
         after = engine.condition_pairs(before, self.ys[k + 1], self.system.dim_x)
         log_pairs: FloatArray = after.log_w + after.reference - mixture.table[0][:, None]
         return log_pairs

@@ -87,7 +87,7 @@ FK_TARGET static void FK_NAME(fk_best_path)(const fk_kernel *k, size_t n, double
         while (from < M1 - 1 && total[from] != scratch[j]) from++;
         pointers[t * M2 + j] = from;
       }
-      fk_far_references(k, u, references, scratch);
+      fk_far_references(k, score, u, references, scratch);
       peak = -INFINITY;
       for (int j = 0; j < M2; j++) peak = scratch[j] > peak ? scratch[j] : peak;
     }

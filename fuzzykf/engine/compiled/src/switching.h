@@ -7,6 +7,7 @@
 
 #define FK_LOG_ZERO (-1e307)
 #define FK_DEAD (0.5 * FK_LOG_ZERO)
+#define FK_ROUNDS 4 /* how often a better reference is looked for */
 #define FK_NEAR (-500.0) /* logarithms of weights above this keep their digits beside one another */
 #define FK_FARTHEST (-1e303) /* below this a log-density comes near the end of the range; weights are NaN */
 #define FK_TINY 1e-250
@@ -120,6 +121,20 @@ FK_STATIC double fk_density_less(const fk_kernel *k, const double *a, const doub
   return l;
 }
 
+/* log p_i + log |P_ij| + log N(y'; Ayy w + Ny, Qyy). */
+FK_STATIC double fk_log_weight(const fk_kernel *k, const double *log_p, int i, int j, const double *u) {
+  const double *cell = fk_pair(k, i, j);
+  return log_p[i] + cell[0] + fk_density(k, cell, u);
+}
+
+/* The same less that of the pair (i', j'), with its digits kept; FK_LOG_ZERO if (i, j) is not possible. */
+FK_STATIC double fk_log_weight_less(const fk_kernel *k, const double *log_p, int i, int j, int other_i, int other_j,
+                                    const double *u) {
+  const double *a = fk_pair(k, i, j), *b = fk_pair(k, other_i, other_j);
+  if (!(log_p[i] + a[0] > FK_DEAD)) return FK_LOG_ZERO;
+  return (log_p[i] + a[0]) - (log_p[other_i] + b[0]) + fk_density_less(k, a, b, u);
+}
+
 /* Log-weights of the pairs of column j relative to the best possible one, `reference`, whose number is
  * negative if no pair is possible.  Entries of `log_w` are `stride` apart.  Returns the largest. */
 FK_STATIC double fk_far_column(const fk_kernel *k, const double *log_p, const double *u, int j, double *log_w,
@@ -127,35 +142,57 @@ FK_STATIC double fk_far_column(const fk_kernel *k, const double *log_p, const do
   int best = -1;
   double top = FK_LOG_ZERO, closest = 0.0;
   for (int i = 0; i < k->M1; i++) {
-    const double *cell = fk_pair(k, i, j);
-    if (!(log_p[i] + cell[0] > FK_DEAD)) continue;
-    const double l = fk_density(k, cell, u);
-    if (best < 0 || l > closest) best = i, closest = l;
-  }
-  for (int i = 0; i < k->M1; i++) {
-    const double *cell = fk_pair(k, i, j), small = log_p[i] + cell[0];
-    double *to = log_w + (size_t)i * stride;
-    *to = small > FK_DEAD ? small + fk_density_less(k, cell, fk_pair(k, best, j), u) : FK_LOG_ZERO;
-    if (*to > top) top = *to;
+    const double l = fk_log_weight(k, log_p, i, j, u);
+    if (log_p[i] + fk_pair(k, i, j)[0] > FK_DEAD && (best < 0 || l > closest)) best = i, closest = l;
   }
   *reference = best;
+  for (int i = 0; best < 0 && i < k->M1; i++) log_w[(size_t)i * stride] = FK_LOG_ZERO;
+  /* the best by its digits is found among those that seemed to be */
+  for (int round = 0; best >= 0 && round < FK_ROUNDS; round++) {
+    int better = best;
+    top = FK_LOG_ZERO;
+    for (int i = 0; i < k->M1; i++) {
+      double *to = log_w + (size_t)i * stride;
+      *to = fk_log_weight_less(k, log_p, i, j, best, j, u);
+      if (*to > top) top = *to, better = i;
+    }
+    *reference = best;
+    if (!(top > 0.0)) break;
+    best = better;
+  }
   return top;
 }
 
 /* Add to each column what its reference, a number of `references`, is above the best of them, whose
- * density is returned; none for columns without one. */
-FK_STATIC double fk_far_references(const fk_kernel *k, const double *u, const double *references, double *log_p) {
-  const double *best = NULL;
-  double closest = 0.0;
+ * log-weight is returned; none for columns without one.  log_p are the nodes that the pairs begin in. */
+FK_STATIC double fk_far_references(const fk_kernel *k, const double *log_p, const double *u,
+                                   const double *references, double *column) {
+  int best = -1;
+  double closest = 0.0, peak = FK_LOG_ZERO;
   for (int j = 0; j < k->M2; j++) {
     if (references[j] < 0.0) continue;
-    const double *cell = fk_pair(k, (int)references[j], j);
-    const double l = fk_density(k, cell, u);
-    if (!best || l > closest) best = cell, closest = l;
+    const double l = fk_log_weight(k, log_p, (int)references[j], j, u);
+    if (best < 0 || l > closest) best = j, closest = l;
+  }
+  if (best < 0) return closest;
+  for (int round = 0, better = best; round < FK_ROUNDS; round++, best = better) {
+    double top = 0.0;
+    for (int j = 0; j < k->M2; j++) {
+      if (references[j] < 0.0) continue;
+      const double l = fk_log_weight_less(k, log_p, (int)references[j], j, (int)references[best], best, u);
+      if (l > top) top = l, better = j;
+    }
+    if (!(top > 0.0)) break;
+  }
+  closest = fk_log_weight(k, log_p, (int)references[best], best, u);
+  for (int j = 0; j < k->M2; j++) {
+    if (references[j] < 0.0) continue;
+    column[j] += fk_log_weight_less(k, log_p, (int)references[j], j, (int)references[best], best, u);
+    if (column[j] > peak) peak = column[j];
   }
   for (int j = 0; j < k->M2; j++)
-    if (references[j] >= 0.0) log_p[j] += fk_density_less(k, fk_pair(k, (int)references[j], j), best, u);
-  return closest;
+    if (references[j] >= 0.0) column[j] -= peak;
+  return closest + peak;
 }
 
 /* z = L^-1 a for a lower triangle L. */

@@ -105,8 +105,8 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
   }
   if (far && near) { /* beside what is near the digits of the others do not count */
     for (int j = 0; j < M2; j++)
-      if (references[j] >= 0.0) out[j] += fk_density(k, fk_pair(k, (int)references[j], j), u);
-  } else if (far) best = fk_far_references(k, u, references, out);
+      if (references[j] >= 0.0) out[j] += fk_log_weight(k, table, (int)references[j], j, u);
+  } else if (far) best = fk_far_references(k, table, u, references, out);
   for (int j = 0; j < M2; j++) peak = out[j] > peak ? out[j] : peak;
   for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
     FK_V mass = FK_NAME(fk_exp)(FK_AT(out, b) - peak);
