@@ -13,10 +13,7 @@ after the other, each in a process of its own; one that dies or hangs is a fault
 from __future__ import annotations
 
 import argparse
-import faulthandler
-import importlib
 import multiprocessing
-import multiprocessing.connection
 import os
 import sys
 import time
@@ -25,6 +22,7 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 from report import Report  # noqa: E402
+from worker import work  # noqa: E402
 
 #: In this order.  A new part is one file and one line here.
 PARTS = ("calls", "outliers", "soak", "kills", "files", "pickles", "threads", "workers")
@@ -34,12 +32,6 @@ SHORT = 0.02
 
 #: A part that takes longer than this, in seconds, hangs.
 PATIENCE = 7200.0
-
-
-def work(part: str, share: float, seed: int, results: multiprocessing.connection.Connection) -> None:
-    """Run a part in this process and send its report."""
-    faulthandler.enable()
-    results.send(importlib.import_module(part).run(share, seed))
 
 
 def tried(part: str, share: float, seed: int) -> Report:
