@@ -182,8 +182,9 @@ class KnownSwitchFilter(SwitchingFilter):
         if r is None:
             raise ParameterError("r: missing; expected the value of the switch at this observation")
         as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
-        self.predict(r)
-        self.update(z)
+        with self._unchanged_on_error():
+            self.predict(r)
+            self.update(z)
         return self.x
 
     def _checked(self, r: float) -> float:

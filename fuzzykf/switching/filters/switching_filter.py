@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,7 +34,7 @@ from fuzzykf.switching.inference.series import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import ArrayLike
 
@@ -163,13 +164,20 @@ class SwitchingFilter(Stepper, Filter):
 
     def _step_by_verbs(self, y: FloatArray) -> FloatArray:
         """Predict and update; an error leaves the filter as it was."""
-        self.predict()
-        try:
+        with self._unchanged_on_error():
+            self.predict()
             self._take(y)
-        except Exception:
-            self._predicted = False
-            raise
         return self.x
+
+    @contextmanager
+    def _unchanged_on_error(self) -> Iterator[None]:
+        """Return to the state of before if the block raises: a predict may have taken a gap."""
+        before = SwitchingFilter.__getstate__(self)
+        try:
+            yield
+        except Exception:
+            SwitchingFilter.__setstate__(self, before)
+            raise
 
     if not STREAMS:
         step = _step_any

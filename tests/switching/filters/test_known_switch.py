@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fuzzykf import CGOMSMFilter, KnownSwitchFilter
-from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
+from fuzzykf.errors import NotPositiveDefiniteError, NumericalRangeError, ParameterError, ShapeError
 
 
 def test_it_takes_a_switching_model():
@@ -168,3 +168,18 @@ def test_indefinite_noise_at_a_known_pair(monkeypatch, fuzzy_model):
         f.step(1.0, 1.0)
     np.testing.assert_array_equal(f.x, x)
     f.step(1.0, 0.0)
+
+
+@pytest.mark.parametrize("predicted", [False, True])
+def test_an_absurd_observation_leaves_the_filter_as_it_was(known, predicted):
+    for f in (known, twin := known.copy()):
+        f.step(0.1, 0.0)
+        f.step(0.3, 0.5)
+        if predicted:
+            f.predict(1.0)
+    before = known.x, known.P, known.switch, known.log_likelihood
+    with pytest.raises(NumericalRangeError):
+        known.step(1e300, 0.5)
+    for now, was in zip((known.x, known.P, known.switch, known.log_likelihood), before, strict=True):
+        np.testing.assert_array_equal(now, was)
+    np.testing.assert_array_equal(known.step(0.2, 1.0), twin.step(0.2, 1.0))

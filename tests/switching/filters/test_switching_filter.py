@@ -22,7 +22,7 @@ from fuzzykf import (
     OFSRFilter,
     engine,
 )
-from fuzzykf.errors import ParameterError, QuadratureError, SequenceError, ShapeError
+from fuzzykf.errors import NumericalRangeError, ParameterError, QuadratureError, SequenceError, ShapeError
 from fuzzykf.switching import EXACT, SwitchingFilter
 
 ATTRIBUTES = (
@@ -164,6 +164,23 @@ def test_refused_observations_leave_the_filter_as_it_was(make, y, z, error, mess
 
 
 # --------------------------------------------------------------------------- copies, reset, reuse
+
+
+@pytest.mark.parametrize("steps", [0, 1, 4])
+def test_an_absurd_step_after_a_predict_leaves_the_filter_as_it_was(make, steps):
+    factory, _, step = make
+    f = factory()  # the predict that was called already stands for a gap, which the step takes first
+    arguments = (0.5,) if isinstance(f, KnownSwitchFilter) else ()
+    for k in range(steps):
+        step(f, k)
+    f.predict(*arguments)
+    before, twin = snapshot(f), f.copy()
+    with pytest.raises(NumericalRangeError):
+        f.step(np.full(f.dim_z, 1e300), *arguments)
+    assert_same_state(snapshot(f), before)
+    z = np.full(f.dim_z, 0.2)
+    np.testing.assert_array_equal(f.step(z, *arguments), twin.step(z, *arguments))
+    assert_same_state(snapshot(f), snapshot(twin))
 
 
 @pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, lambda f: f.copy(),
