@@ -12,6 +12,7 @@ from fuzzykf.engine.selected import log_mixing, merge_modes, mix_modes, weigh_mo
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array
 from fuzzykf.kalman import bank, bank_series
+from fuzzykf.kalman.arguments import SingularInnovationError
 from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD
 from fuzzykf.kalman.gpb2 import PairBranches
@@ -398,9 +399,11 @@ class IMMEstimator(BankStepper, Filter):
         if model is None or self._log_cbar is not None:
             return filter_each(self, series, names)
         weights, every_pair = (self._log_weights(), self._log_transition()), self.method == "gpb2"
-        return FilterResult(
-            **bank_series.filter_many(self.filters, model, series, weights, every_pair, names)
-        )
+        try:
+            found = bank_series.filter_many(self.filters, model, series, weights, every_pair, names)
+        except SingularInnovationError:  # or what an observation beyond all numbers leaves looks like it
+            return filter_each(self, series, names)
+        return FilterResult(**found)
 
     # ------------------------------------------------------------------ reset
 

@@ -700,6 +700,8 @@ def test_an_observation_that_no_mode_can_explain_is_an_error(method, kind):
     assert state(imm) == before
     with pytest.raises(ParameterError, match="no mode gives"):
         imm.filter_many([[0.1, 1e200]])
+    with pytest.raises(ParameterError, match="no mode gives"):  # not what it leaves for the next one
+        imm.filter_many([[0.1, 1e200, 0.3, 0.2]])
     with pytest.raises(
         ParameterError, match="series 1 .*no mode gives" if kind is KalmanFilter else "no mode gives"
     ):
