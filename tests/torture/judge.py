@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from systems import System, system
 
-from fuzzykf.errors import NumericalRangeError
+from fuzzykf.errors import NumericalRangeError, ParameterError
 
 __all__ = ["LENGTH", "Case", "Judge", "Outcome"]
 
@@ -107,7 +107,7 @@ class Judge:
         self.faults += [f"{where}: {fault}" for fault in outcome.faults]
         if outcome.error:
             self.counts["named errors"] += 1
-            if far <= PROMISED and outcome.error == NumericalRangeError.__name__:
+            if far <= PROMISED and outcome.error in (NumericalRangeError.__name__, ParameterError.__name__):
                 self.faults.append(f"{where}: {outcome.error} within {PROMISED:g} standard deviations")
         for name, value in outcome.fields.items():
             endless = name == "log_likelihood" and far > PROMISED  # the logarithm of a density of nothing
@@ -138,7 +138,9 @@ class Judge:
             self.faults.append(f"{where}: {apart:.3g} apart")
 
     def tie(self, outcome: Outcome, twin: Outcome, where: str, case: Case) -> None:
-        """Judge whether equal regimes are one filter."""
+        """Judge whether equal regimes are one filter; where numbers end, a bank refuses what one takes."""
+        if case.far > PROMISED:
+            return
         if outcome.error != twin.error:
             self.faults.append(f"{where}: {outcome.error or 'no error'}, as one {twin.error or 'no error'}")
             return
