@@ -63,6 +63,8 @@ def filter_many(
         filter_linear_many(x.ravel(), P, series, F, Q, H, R, alpha_sq, controls, out)
     except np.linalg.LinAlgError as error:
         raise SingularInnovationError(SINGULAR) from error
+    if "log_likelihood" in out:  # of a distance beyond all numbers, whose terms have cancelled to NaN
+        out["log_likelihood"][np.isnan(out["log_likelihood"])] = -np.inf
     return out
 
 

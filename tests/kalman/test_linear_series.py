@@ -267,3 +267,15 @@ def test_batch_filter_may_begin_with_an_update_and_nothing_else_given(system):
         g.predict()
         np.testing.assert_allclose(means_p[k], g.x, rtol=1e-12)
         np.testing.assert_allclose(covariances_p[k], g.P, rtol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("far", [1e160, 1e300])
+def test_an_absurd_observation_has_a_density_of_zero_among_many_series_too(far):
+    # the terms of its squared distance are infinite, of either sign
+    f = KalmanFilter(2, 2, H=np.eye(2), P=1e-3 * np.eye(2), R=[[1.0, 0.5], [0.5, 1.0]])
+    zs = np.array([[0.1, 0.2], [far, 0.4 * far], [0.3, 0.1]])
+    many, one = f.filter_many(zs[None]), f.copy().filter(zs)
+    np.testing.assert_array_equal(one.log_likelihood[1:], -np.inf)
+    np.testing.assert_allclose(many.log_likelihood[0], one.log_likelihood, rtol=1e-12)
+    np.testing.assert_allclose(many.x[0], one.x, rtol=1e-12)
