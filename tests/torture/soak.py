@@ -45,7 +45,7 @@ ON_NUMPY = 0.01
 BLOCK = 2_000
 
 #: The same where each step takes long, as on NumPy.
-SHORT_BLOCK = 500
+SHORT_BLOCK = 1_000
 
 #: How much the process may grow after its first steps, in bytes.
 GROWTH = 8 << 20

@@ -142,22 +142,21 @@ def with_a_worker_killed(
 
 
 def kill_workers(kills: int, folder: Path, seed: int) -> list[str]:
-    """Filter again and again on one cluster, each time with a worker killed."""
+    """Filter again and again, each time on a new cluster, since Dask need not replace who is killed."""
     import dask
     from distributed import Client, LocalCluster
 
-    rng, ds = random.Random(seed), readings(seed)
+    rng, ds, faults = random.Random(seed), readings(seed), []
     expected = Slow().filter_many(ds["reading"].values)
-    faults = []
-    options = {"distributed.admin.log-format": "%(message)s", "logging.distributed": "critical"}
-    with (
-        dask.config.set(options),
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=60) as cluster,
-        Client(cluster) as client,
-    ):
-        for n in range(kills):
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": 60}
+    for n in range(kills):
+        with (
+            dask.config.set({"logging.distributed": "critical"}),
+            LocalCluster(**options) as cluster,
+            Client(cluster) as client,
+        ):
             wrong = with_a_worker_killed(client, ds, folder / f"workers{n}.zarr", expected, rng)
-            faults += [f"worker, kill {n}: {fault}" for fault in wrong]
+        faults += [f"worker, kill {n}: {fault}" for fault in wrong]
     return faults
 
 
