@@ -13,7 +13,6 @@ after the other, each in a process of its own; one that dies or hangs is a fault
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
 import sys
 import time
@@ -21,36 +20,13 @@ import time
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-from report import Report  # noqa: E402
-from worker import work  # noqa: E402
+from processes import tried  # noqa: E402
 
 #: In this order.  A new part is one file and one line here.
 PARTS = ("calls", "outliers", "soak", "kills", "files", "pickles", "threads", "workers")
 
 #: Share of the full run that the short one takes.
 SHORT = 0.02
-
-#: A part that takes longer than this, in seconds, hangs.
-PATIENCE = 7200.0
-
-
-def tried(part: str, share: float, seed: int) -> Report:
-    """Run a part in a process of its own."""
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe(duplex=False)
-    process = context.Process(target=work, args=(part, share, seed, there))
-    process.start()
-    there.close()
-    try:
-        if here.poll(PATIENCE):
-            return here.recv()
-        return Report("did not end", faults=[f"{part}: nothing after {PATIENCE:.0f} s"])
-    except EOFError:
-        process.join()
-        return Report("did not end", faults=[f"{part}: the process ended with code {process.exitcode}"])
-    finally:
-        process.kill()
-        process.join()
 
 
 def main() -> int:
