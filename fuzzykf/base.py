@@ -20,6 +20,7 @@ import numpy as np
 
 from fuzzykf.arrays import FloatArray
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import brief, is_complex
 from fuzzykf.results import FIELDS, FilterResult, field_shapes
 
 if TYPE_CHECKING:
@@ -74,10 +75,12 @@ def as_observation(z: ArrayLike | None, dim_z: int) -> FloatArray | None:
         return None
     if dim_z == 1 and isinstance(z, float) and isfinite(z):  # the usual case in real time
         return np.array([z])
+    if is_complex(z):
+        raise ParameterError(f"z: got complex numbers, expected {dim_z} real ones")
     try:
         value = np.array(z, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"z: expected {dim_z} numbers, got {z!r}") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ShapeError(f"z: expected {dim_z} numbers, got {brief(z)}") from error
     shape = value.shape
     if not (
         shape in ((dim_z,), (dim_z, 1), (1, dim_z)) or (dim_z == 1 and value.size == 1 and value.ndim <= 2)
@@ -123,11 +126,18 @@ def as_observations(zs: Iterable[ArrayLike | None] | ArrayLike, dim_z: int) -> F
            [ 3.]])
     """
     if not isinstance(zs, np.ndarray):
-        zs = zs.to_numpy() if hasattr(zs, "to_numpy") else list(zs)  # type: ignore[arg-type]
+        try:
+            zs = zs.to_numpy() if hasattr(zs, "to_numpy") else list(zs)  # type: ignore[arg-type]
+        except TypeError as error:
+            raise ShapeError(f"zs: got {brief(zs)}, expected a series of observations") from error
+    if isinstance(zs, np.ndarray) and zs.ndim == 0:
+        raise ShapeError(f"zs: got shape (), expected a series of observations, not {brief(zs.item())}")
     if isinstance(zs, list) or zs.dtype == object:
         rows = [as_observation(z, dim_z) for z in zs]
         missing = np.full(dim_z, np.nan)
         return np.array([missing if z is None else z for z in rows]).reshape(len(rows), dim_z)
+    if zs.dtype.kind == "c":
+        raise ParameterError("zs: got complex numbers, expected real ones")
     try:
         series = np.array(zs, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -167,9 +177,11 @@ def as_many(zs: Any, dim_z: int) -> FloatArray:
     ShapeError, ParameterError
         If the shape is another one, or a number is infinite.
     """
+    if is_complex(zs):
+        raise ParameterError("zs: got complex numbers, expected real ones")
     try:
         array = np.asarray(zs, dtype=np.float64).view()
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(
             f"zs: expected numbers of shape (series, n, {dim_z}); pad series of unequal length with NaN"
         ) from error
@@ -195,10 +207,16 @@ def index_of(zs: Any) -> Any:
 
 def check_keep(keep: Iterable[str], admissible: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names in ``keep`` after checking each of them."""
-    names = (keep,) if isinstance(keep, str) else tuple(keep)
-    for name in names:
-        if name not in admissible:
-            raise ParameterError(f"keep: got {name!r}, expected names among {', '.join(admissible)}")
+    try:
+        names = (keep,) if isinstance(keep, str) else tuple(keep)
+    except TypeError as error:
+        raise ParameterError(
+            f"keep: got {brief(keep)}, expected names among {', '.join(admissible)}"
+        ) from error
+    given: tuple[Any, ...] = names
+    for name in given:
+        if not isinstance(name, str) or name not in admissible:
+            raise ParameterError(f"keep: got {brief(name)}, expected names among {', '.join(admissible)}")
     return names
 
 

@@ -14,7 +14,7 @@ import sys
 import tempfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fuzzykf.errors import FileFormatError, ParameterError
 
@@ -26,7 +26,15 @@ if TYPE_CHECKING:
     from os import PathLike
     from typing import IO
 
-__all__ = ["LIMIT_VARIABLE", "check_writable", "is_stdout", "read_bytes", "write_bytes", "write_text"]
+__all__ = [
+    "LIMIT_VARIABLE",
+    "as_path",
+    "check_writable",
+    "is_stdout",
+    "read_bytes",
+    "write_bytes",
+    "write_text",
+]
 
 #: Environment variable that raises what a file may hold.
 LIMIT_VARIABLE = "FUZZYKF_MAX_BYTES"
@@ -37,6 +45,23 @@ PART = ".part"
 _PIECE = 1 << 20
 
 # --------------------------------------------------------------------------- out
+
+
+def as_path(path: Any) -> str:
+    """Return the name of a file.
+
+    Raises
+    ------
+    ParameterError
+        If it is none: a number would be taken for a file that is open already.
+    """
+    try:
+        name = os.fsdecode(path)
+    except TypeError as error:
+        raise ParameterError(f"path: got {type(path).__name__}, expected the name of a file") from error
+    if not name or "\0" in name:
+        raise ParameterError(f"path: got {name!r}, expected the name of a file")
+    return name
 
 
 def is_stdout(path: str | PathLike[str]) -> bool:
@@ -98,7 +123,7 @@ def write_bytes(path: str | PathLike[str], content: bytes) -> None:
     OSError
         If it cannot be written: a folder, a read-only file, a full disk.
     """
-    name = os.fspath(path)
+    name = as_path(path)
     if is_stdout(name):
         _print(content)
         return
@@ -270,7 +295,7 @@ def read_bytes(
     )
     pieces: list[bytes] = []
     size = 0
-    with open(path, "rb", buffering=0) as stream:
+    with open(as_path(path), "rb", buffering=0) as stream:
         if os.fstat(stream.fileno()).st_size > limit:
             raise refusal
         counted = _Counted(stream, limit, refusal)

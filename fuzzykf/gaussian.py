@@ -7,14 +7,14 @@ the vector and the matrix.
 from __future__ import annotations
 
 from numbers import Integral, Real
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import ArrayLike
 
@@ -24,11 +24,16 @@ __all__ = [
     "LOG_2PI",
     "RANK_TOLERANCE",
     "as_array",
+    "as_choice",
+    "as_numbers",
+    "as_real",
+    "brief",
     "check_covariance",
     "check_definite",
     "cholesky",
     "condition",
     "covariance_root",
+    "is_complex",
     "is_whole",
     "log_density",
     "logsumexp",
@@ -57,6 +62,10 @@ SYMMETRY_TOLERANCE = 1e-8
 RANK_TOLERANCE = 1e-13
 
 
+#: How much of a value is shown in a message.
+SHOWN = 200
+
+
 def as_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
     """Copy ``value`` into a float array after checking its shape and finiteness.
 
@@ -76,9 +85,11 @@ def as_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Floa
         If an entry is NaN or infinite.
     """
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        array = np.array(value, dtype=None if is_complex(value) else np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(f"{name}: expected an array of numbers of shape {_show(shape)}") from error
+    if array.dtype.kind == "c":
+        raise ParameterError(f"{name}: got complex numbers, expected real ones")
     if array.ndim != len(shape) or any(
         want is not None and got != want for got, want in zip(array.shape, shape, strict=True)
     ):
@@ -87,6 +98,74 @@ def as_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Floa
         where = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
         raise ParameterError(f"{name}: entry {where} is {array[where]}, expected finite numbers")
     return array
+
+
+def is_complex(value: object) -> bool:
+    """Whether an array holds complex numbers, which NumPy would cut down to real ones."""
+    return getattr(getattr(value, "dtype", None), "kind", "") == "c"
+
+
+def as_numbers(name: str, value: Any) -> FloatArray:
+    """Return ``value`` as a float array of whatever shape; it shares memory where it can.
+
+    Raises
+    ------
+    ShapeError
+        If it is not numeric, or ragged.
+    ParameterError
+        If its numbers are complex.
+    """
+    if is_complex(value):
+        raise ParameterError(f"{name}: got complex numbers, expected real ones")
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ShapeError(f"{name}: expected an array of numbers, got {brief(value)}") from error
+
+
+def as_real(name: str, value: Any, expected: str = "a number") -> float:
+    """Return one number as a float; ``expected`` says in the message what it should be.
+
+    Raises
+    ------
+    ParameterError
+        If it is none: a text, several numbers, a complex one.
+    """
+    if isinstance(value, float):
+        return value
+    try:
+        if isinstance(value, str | bytes) or is_complex(value) or np.ndim(value) != 0:
+            raise TypeError
+        return float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ParameterError(f"{name}: got {brief(value)}, expected {expected}") from error
+
+
+def as_choice(name: str, value: Any, options: Iterable[str]) -> str:
+    """Return a word that is one of a few.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+    """
+    options = tuple(options)
+    if not (isinstance(value, str) and value in options):
+        *others, last = map(repr, options)
+        either = (
+            f"{', '.join(others)} or {last}" if len(others) < 3 else f"one of {', '.join([*others, last])}"
+        )
+        raise ParameterError(f"{name}: got {brief(value)}, expected {either}")
+    return value
+
+
+def brief(value: object) -> str:
+    """Show a value in a message, cut where it is long."""
+    try:
+        shown = repr(value)
+    except ValueError:  # a whole number of too many digits
+        return type(value).__name__
+    return shown if len(shown) <= SHOWN else shown[:SHOWN] + "..."
 
 
 def is_whole(value: object) -> bool:

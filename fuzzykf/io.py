@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 
-from fuzzykf.errors import FileFormatError, FuzzykfError
+from fuzzykf.errors import FileFormatError, FuzzykfError, ParameterError
 from fuzzykf.files import read_bytes, write_text
 from fuzzykf.registry import Registry, either
 
@@ -249,6 +249,8 @@ def _expected(cls: Any, registry: Registry, others: Registry) -> Mapping[str, An
 
 def save_model(model: Any, path: str | PathLike[str]) -> None:
     """Write a model to a file; see `Document.save`."""
+    if type(model).__name__ not in MODELS:
+        raise ParameterError(f"model: got {type(model).__name__}, expected {either(MODELS)}")
     model.save(path)
 
 
@@ -278,6 +280,8 @@ def load_model(path: str | PathLike[str], cls: type[M] | None = None, *, max_byt
 
 def save_filter(filter_: Any, path: str | PathLike[str]) -> None:
     """Write a switching filter, model and state, to a file; see `Document.save`."""
+    if type(filter_).__name__ not in FILTERS:
+        raise ParameterError(f"filter_: got {type(filter_).__name__}, expected {either(FILTERS)}")
     filter_.save(path)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from fuzzykf.errors import ParameterError, SequenceError, ShapeError
+from fuzzykf.gaussian import as_numbers, as_real
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -40,6 +41,9 @@ def hour_of_day(time: NDArray[np.datetime64]) -> FloatArray:
     >>> hour_of_day(np.array(["2014-01-31T16:30"], dtype="datetime64[s]"))
     array([16.5])
     """
+    time = np.asarray(time)
+    if time.dtype.kind != "M":
+        raise ParameterError(f"time: got an array of {time.dtype}, expected times (datetime64)")
     seconds = (time - time.astype("datetime64[D]")) / np.timedelta64(1, "s")
     return np.asarray(seconds / 3600.0, dtype=np.float64)
 
@@ -181,6 +185,8 @@ class DailyProfile:
     means_: FloatArray
 
     def __init__(self, slot: float | None = None) -> None:
+        if slot is not None:
+            slot = as_real("slot", slot, "a number of hours that divides 24")
         if slot is not None and not (0.0 < slot <= 24.0 and abs(24.0 / slot - round(24.0 / slot)) < 1e-9):
             raise ParameterError(f"slot: got {slot} hours, expected a number of hours that divides 24")
         self.slot = slot
@@ -308,10 +314,7 @@ class DailyProfile:
 
 def as_columns(name: str, values: Any) -> FloatArray:
     """Return values as columns (n, k)."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"{name}: expected numbers, got {type(values).__name__}") from error
+    array = as_numbers(name, values)
     if array.ndim not in (1, 2):
         raise ShapeError(f"{name}: got shape {array.shape}, expected (n,) or (n, k)")
     if np.isinf(array).any():

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from fuzzykf.errors import MissingDependencyError, ParameterError
-from fuzzykf.gaussian import as_count, check_generator, mixture_quantile, normal_quantile
+from fuzzykf.gaussian import as_choice, as_count, as_real, check_generator, mixture_quantile, normal_quantile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -174,7 +174,7 @@ class FilterResult:
         ParameterError
             If ``level`` is outside ]0, 1[, or the result holds no `x` and `P`.
         """
-        if not 0.0 < level < 1.0:
+        if not 0.0 < as_real("level", level, "a number between 0 and 1") < 1.0:
             raise ParameterError(f"level: got {level}, expected a number between 0 and 1")
         if self.x is None or self.P is None:
             raise ParameterError("interval: the result holds no x and P (see 'keep')")
@@ -266,6 +266,9 @@ def field_shapes(names: Iterable[str], **sizes: int) -> dict[str, tuple[int, ...
     >>> field_shapes(("x", "P", "log_likelihood"), state=2)
     {'x': (2,), 'P': (2, 2), 'log_likelihood': ()}
     """
+    names = tuple(names)
+    for name in names:
+        as_choice("names", name, FIELDS)
     return {
         name: tuple(sizes[axis.removesuffix("_column")] for axis in FIELDS[name].axes if axis != "step")
         for name in names
@@ -305,7 +308,8 @@ class Simulation(NamedTuple):
 
 def bic(n_parameters: int, n_observations: int, log_likelihood: float) -> float:
     """Schwarz's information criterion, k log n - 2 log L; smaller is better."""
-    return float(np.log(n_observations)) * n_parameters - 2.0 * log_likelihood
+    k, n = as_count("n_parameters", n_parameters), as_count("n_observations", n_observations, 1)
+    return float(np.log(n)) * k - 2.0 * as_real("log_likelihood", log_likelihood)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from fuzzykf.comparison.candidates.registry import chosen
 from fuzzykf.comparison.evaluation import Fold, HeldOut, restore, summarise
 from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
-from fuzzykf.gaussian import check_generator
+from fuzzykf.gaussian import as_choice, as_count, as_real, check_generator
 from fuzzykf.preprocessing import DailyProfile, as_columns, as_times
 from fuzzykf.progress import progress_bar
 
@@ -178,12 +178,10 @@ def _hold_out(part: LearningPart, truth: FloatArray, zs: FloatArray, methods: Se
 
 
 def _folds(n: int, n_folds: int, first: float, window: str) -> tuple[Fold, ...]:
-    if n_folds < 1:
-        raise ParameterError(f"n_folds: got {n_folds}, expected at least 1")
-    if not 0.0 < first < 1.0:
+    as_count("n_folds", n_folds, 1)
+    if not 0.0 < as_real("first", first, "a share between 0 and 1") < 1.0:
         raise ParameterError(f"first: got {first:g}, expected a share between 0 and 1")
-    if window not in ("expanding", "sliding"):
-        raise ParameterError(f"window: got {window!r}, expected 'expanding' or 'sliding'")
+    as_choice("window", window, ("expanding", "sliding"))
     start = round(first * n)
     if start < MIN_TRAIN or n - start < max(MIN_TEST, n_folds):
         raise ParameterError(

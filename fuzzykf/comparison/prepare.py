@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array
+from fuzzykf.gaussian import as_array, as_choice
 from fuzzykf.preprocessing import DailyProfile, hour_of_day
 
 if TYPE_CHECKING:
@@ -125,6 +125,9 @@ def quantile_switch(learning: FloatArray) -> tuple[float, float]:
     >>> quantile_switch(np.arange(11.0))
     (2.0, 8.0)
     """
+    learning = as_array("learning", learning, (None,))
+    if not learning.size:
+        raise ParameterError("learning: got no observation, expected at least one")
     low, high = (float(level) for level in np.quantile(learning, QUANTILES))
     if low == high:
         raise ParameterError(
@@ -223,8 +226,7 @@ def prepare(
     for name, values in (("state", x), ("observation", y)):
         if np.ptp(values[:n_train]) == 0.0:
             raise ParameterError(f"{name}: it is {values[0]:g} in all {n_train} rows to learn on")
-    if switch not in ("learned", "clock", "quantiles"):
-        raise ParameterError(f"switch: got {switch!r}, expected 'learned', 'clock' or 'quantiles'")
+    as_choice("switch", switch, ("learned", "clock", "quantiles"))
     if time is None and (profile or switch == "clock"):
         needs = "profile" if profile else "switch"
         raise ParameterError(f"{needs}: the time of day needs a column of times, and there is none")

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.comparison.candidates import Named
-from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import check_generator
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_count, as_numbers, brief, check_generator, is_whole
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from fuzzykf.arrays import FloatArray
 
 __all__ = [
@@ -95,6 +97,7 @@ def block_length(series: FloatArray) -> int:
     >>> block_length(noise) < block_length(np.convolve(noise, np.ones(50)))
     True
     """
+    series = _finite("series", series, 1)
     n = len(series)
     longest = int(min(np.ceil(3.0 * np.sqrt(n)), np.ceil(n / 3.0)))
     deviation = series - series.mean()
@@ -116,6 +119,18 @@ def block_length(series: FloatArray) -> int:
         return longest
     length = (2.0 * slope**2 / (4.0 / 3.0 * spectrum**2)) ** (1.0 / 3.0) * n ** (1.0 / 3.0)
     return int(np.clip(np.ceil(length), 1, longest))
+
+
+def _finite(name: str, value: ArrayLike, ndim: int) -> FloatArray:
+    """Return an array of finite numbers, and of at least two rows."""
+    array = as_numbers(name, value)
+    if array.ndim != ndim or len(array) < 2:
+        raise ShapeError(
+            f"{name}: got shape {array.shape}, expected {'(n,)' if ndim == 1 else '(n, k)'}, n > 1"
+        )
+    if not np.isfinite(array).all():
+        raise ParameterError(f"{name}: got NaN or infinity, expected finite numbers")
+    return array
 
 
 def circular_block_means(
@@ -148,9 +163,11 @@ def circular_block_means(
     the cost does not depend on the length of the blocks.
     """
     check_generator(rng)
+    series = _finite("series", series, 2)
     n, k = series.shape
-    if not 1 <= length <= n:
-        raise ParameterError(f"length: got {length}, expected 1 to {n}")
+    if not is_whole(length) or not 1 <= length <= n:
+        raise ParameterError(f"length: got {brief(length)}, expected 1 to {n}")
+    length, n_resamples = int(length), as_count("n_resamples", n_resamples)
     centre = series.mean(axis=0)  # running sums of deviations lose no digits
     deviation = series - centre
     running = np.concatenate([np.zeros((1, k)), np.cumsum(np.concatenate([deviation, deviation]), axis=0)])
@@ -207,8 +224,10 @@ def bootstrap_rmse(squared: FloatArray, n_resamples: int, rng: np.random.Generat
     ParameterError
         If ``n_resamples`` is less than 100: quantiles of 2.5 % would mean nothing.
     """
-    if n_resamples < 100:
-        raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
+    n_resamples = as_count("n_resamples", n_resamples, 100)
+    squared = _finite("squared", squared, 2)
+    if squared.shape[1] == 0 or (squared < 0.0).any():
+        raise ParameterError(f"squared: got shape {squared.shape}, expected columns of numbers of at least 0")
     length = max(block_length(column) for column in squared.T)
     resampled = np.sqrt(circular_block_means(squared, length, n_resamples, rng))
     return Bootstrap(np.sqrt(squared.mean(axis=0)), resampled, length)

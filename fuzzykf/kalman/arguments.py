@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
-from fuzzykf.gaussian import SYMMETRY_TOLERANCE, as_array, check_covariance
+from fuzzykf.gaussian import SYMMETRY_TOLERANCE, as_array, as_numbers, as_real, brief, check_covariance
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -92,9 +92,9 @@ def as_square(name: str, value: Any, n: int) -> FloatArray:
         return value
     if np.ndim(value) == 0 or (n == 1 and np.shape(value) == (1,)):
         try:
-            return float(np.reshape(value, ())) * np.eye(n)
+            return as_real(name, np.reshape(value, ())) * np.eye(n)
         except (TypeError, ValueError) as error:
-            raise ShapeError(f"{name}: got {value!r}, expected a number or shape ({n}, {n})") from error
+            raise ShapeError(f"{name}: got {brief(value)}, expected a number or shape ({n}, {n})") from error
     return as_array(name, value, (n, n))
 
 
@@ -136,10 +136,7 @@ def as_vector(name: str, value: Any, like: FloatArray) -> FloatArray:
     Flat, row and column vectors are all unambiguous here; a scalar is one of length 1.
     """
     n = like.shape[0]
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"{name}: expected {n} numbers, got {value!r}") from error
+    array = as_numbers(name, value)
     if array.size != n or array.shape not in {(n,), (n, 1), (1, n), (1,), (), (1, 1)}:
         raise ShapeError(f"{name}: got shape {array.shape}, expected ({n},) or ({n}, 1)")
     if not np.isfinite(array).all():
@@ -165,7 +162,7 @@ def control_term(B: Any, u: Any, x: FloatArray) -> FloatArray | float:
     """
     if B is None or u is None:
         return 0.0
-    B, u = np.asarray(B, dtype=np.float64), np.asarray(u, dtype=np.float64)
+    B, u = as_numbers("B", B), as_numbers("u", u)
     if u.ndim == 0 and u == 0.0:
         return 0.0
     inner = B.shape[1] if B.ndim > 1 else 1

@@ -12,9 +12,9 @@ import numpy as np
 
 from fuzzykf.engine.selected import predict_linear, seen_components
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array
+from fuzzykf.gaussian import as_array, as_numbers, as_real
 from fuzzykf.kalman.arguments import as_covariance, control_term, observation_matrix
-from fuzzykf.kalman.series import per_step, run_batch
+from fuzzykf.kalman.series import as_listed, per_step, run_batch
 from fuzzykf.kalman.updates import condition_linear, log_density, observed
 from fuzzykf.kalman.variants import update_with_gain
 
@@ -30,14 +30,14 @@ __all__ = ["batch_filter", "predict", "predict_steadystate", "update", "update_s
 
 def _vector(x: ArrayLike) -> FloatArray:
     """Return x as a flat vector or a column; a number becomes a flat vector."""
-    value = np.asarray(x, dtype=np.float64)
+    value = as_numbers("x", x)
     if value.ndim > 2 or (value.ndim == 2 and value.shape[1] != 1) or value.size == 0:
         raise ShapeError(f"x: got shape {value.shape}, expected a scalar, (n,) or (n, 1)")
     return as_array("x", np.atleast_1d(value), (None,) if value.ndim < 2 else (None, 1))
 
 
 def _transition(F: Any, n: int) -> FloatArray:
-    return float(F) * np.eye(n) if np.ndim(F) == 0 else as_array("F", F, (n, n))
+    return as_real("F", F) * np.eye(n) if np.ndim(F) == 0 else as_array("F", F, (n, n))
 
 
 def _observation(H: Any, n: int) -> FloatArray:
@@ -45,7 +45,7 @@ def _observation(H: Any, n: int) -> FloatArray:
     if H is None:
         return np.eye(n)
     if np.ndim(H) == 0:
-        return float(H) * np.eye(n)
+        return as_real("H", H) * np.eye(n)
     if np.ndim(H) == 1 and n == 1:
         H = np.reshape(H, (-1, 1))
     return observation_matrix("H", H, n)
@@ -257,7 +257,7 @@ def batch_filter(
     array([0.667, 1.5  ])
     """
     mean: Any = _vector(x)
-    n, d = len(zs), mean.shape[0]
+    n, d = len(as_listed("zs", zs, 0)), mean.shape[0]
     covariance: Any = as_covariance("P", P, d)
     given = {"Fs": Fs, "Qs": Qs, "Hs": Hs, "Rs": Rs, "Bs": Bs, "us": us}
     F, Q, H, R, B, u = (per_step(name, values, n) for name, values in given.items())

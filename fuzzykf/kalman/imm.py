@@ -10,7 +10,7 @@ import numpy as np
 from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep
 from fuzzykf.engine.selected import log_mixing, merge_modes, mix_modes, weigh_modes
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array
+from fuzzykf.gaussian import as_array, as_choice, as_numbers
 from fuzzykf.kalman import bank, bank_series
 from fuzzykf.kalman.arguments import SingularInnovationError
 from fuzzykf.kalman.describe import describe
@@ -145,8 +145,7 @@ class IMMEstimator(BankStepper, Filter):
             raise ShapeError(
                 f"filters: observations have {dims} components, expected the same for all members"
             )
-        if method not in ("imm", "gpb2"):
-            raise ParameterError(f"method: got {method!r}, expected 'imm' or 'gpb2'")
+        as_choice("method", method, ("imm", "gpb2"))
         self.filters, self.N, self.method = filters, len(filters), method
         self.dim_x, self.dim_z = int(np.size(filters[0].x)), dims[0]
         weights = as_array("mu", mu, (self.N,))
@@ -154,7 +153,7 @@ class IMMEstimator(BankStepper, Filter):
             raise ParameterError(f"mu: got {weights.tolist()}, expected weights of at least 0, not all 0")
         self.mu = weights / weights.sum()
         self._set_weights(_log(self.mu), self.mu)
-        self.M = M if isinstance(M, np.ndarray) else np.array(M, dtype=np.float64)
+        self.M = M if isinstance(M, np.ndarray) else as_numbers("M", M).copy()
         self._checked_M, self._log_M = _checked_transition(self.M, self.N)
         self.likelihood = np.zeros(self.N)
         self.mode_log_likelihood = np.full(self.N, LEAST_LOG_LIKELIHOOD)

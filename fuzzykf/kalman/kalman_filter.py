@@ -9,7 +9,7 @@ import numpy as np
 from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine.selected import predict_linear
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_array
+from fuzzykf.gaussian import as_array, as_numbers
 from fuzzykf.kalman.arguments import (
     as_covariance,
     as_matrix,
@@ -651,7 +651,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         x, P, K, Pp : ndarray
             As there.
         """
-        n = len(np.asarray(Xs))
+        n = len(np.atleast_1d(as_numbers("Xs", Xs)))
         Fs = [self.F] * n if Fs is None else Fs
         Qs = [self.Q] * n if Qs is None else Qs
         return rts_smoother(Xs, Ps, Fs, Qs, inv)
@@ -697,7 +697,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     def measurement_of_state(self, x: ArrayLike) -> FloatArray:
         """Return H x."""
         H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
-        measurement: FloatArray = H.dot(as_state(np.asarray(x, dtype=np.float64), self.dim_x))
+        measurement: FloatArray = H.dot(as_state(as_numbers("x", x), self.dim_x))
         return measurement
 
     def log_likelihood_of(self, z: ArrayLike | None) -> float:

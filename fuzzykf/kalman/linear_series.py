@@ -8,6 +8,7 @@ import numpy as np
 
 from fuzzykf.engine.selected import filter_linear, filter_linear_many
 from fuzzykf.errors import ShapeError
+from fuzzykf.gaussian import as_numbers
 from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError
 from fuzzykf.kalman.series import empty_fields, field_shapes
 
@@ -70,10 +71,10 @@ def filter_many(
 
 def control_terms(B: Any, us: ArrayLike, shape: tuple[int, ...], dim_x: int) -> FloatArray:
     """Return the terms B u (series or 1, n, dim_x) for many observations of the shape (series, n)."""
-    controls = np.asarray(us, dtype=np.float64)
+    controls = as_numbers("us", us)
     if B is None or np.ndim(B) != 2:
         raise ShapeError(f"B: got shape {np.shape(B)}, expected ({dim_x}, dim_u) to go with us")
-    matrix = np.asarray(B, dtype=np.float64)
+    matrix = as_numbers("B", B)
     one, many = (shape[1], matrix.shape[1]), (*shape, matrix.shape[1])
     if controls.shape == one:
         controls = controls[None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,9 +10,10 @@ import numpy as np
 from fuzzykf import results
 from fuzzykf.base import FilterResult, index_of
 from fuzzykf.errors import ShapeError
+from fuzzykf.gaussian import brief
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping
 
     from fuzzykf.arrays import FloatArray
 
@@ -19,6 +21,7 @@ __all__ = [
     "BANK_FIELDS",
     "FIELDS",
     "as_batch",
+    "as_listed",
     "as_result",
     "collect",
     "empty_fields",
@@ -67,13 +70,23 @@ class unchanged_on_error:
                 each.__dict__.update(state)
 
 
-def per_step(name: str, values: Sequence[Any] | None, n: int) -> Sequence[Any]:
+def as_listed(name: str, values: Any, n: int) -> Sequence[Any]:
+    """Return what holds a value for each step, of which there are ``n``; a number or a text does not."""
+    listed = isinstance(values, Sequence) or (hasattr(values, "__len__") and hasattr(values, "__array__"))
+    if not listed or isinstance(values, str | bytes) or (isinstance(values, np.ndarray) and values.ndim == 0):
+        raise ShapeError(f"{name}: got {brief(values)}, expected one value for each of the {n} observations")
+    each: Sequence[Any] = values
+    return each
+
+
+def per_step(name: str, values: Any, n: int) -> Sequence[Any]:
     """Return one value per step; None for all of them where nothing was given."""
     if values is None:
         return [None] * n
-    if len(values) < n:
-        raise ShapeError(f"{name}: got {len(values)} values, expected one for each of the {n} observations")
-    return values
+    each = as_listed(name, values, n)
+    if len(each) < n:
+        raise ShapeError(f"{name}: got {len(each)} values, expected one for each of the {n} observations")
+    return each
 
 
 def given_per_step(n: int, **given: Sequence[Any] | None) -> list[dict[str, Any]]:

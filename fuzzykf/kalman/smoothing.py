@@ -9,8 +9,9 @@ import numpy as np
 from fuzzykf.base import FilterResult
 from fuzzykf.engine.selected import rts_gains, smooth_linear
 from fuzzykf.errors import ShapeError
+from fuzzykf.gaussian import as_numbers
 from fuzzykf.kalman.arguments import as_matrix, as_square
-from fuzzykf.kalman.series import FIELDS
+from fuzzykf.kalman.series import FIELDS, as_listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -76,7 +77,9 @@ def rts_smoother(
     >>> x.ravel(), P.ravel()
     (array([0.5, 1. ]), array([0.75, 1.  ]))
     """
-    x, P = np.array(Xs, dtype=np.float64), np.array(Ps, dtype=np.float64)
+    x, P = as_numbers("Xs", Xs).copy(), as_numbers("Ps", Ps).copy()
+    if x.ndim == 0 or P.ndim == 0:
+        raise ShapeError(f"Xs, Ps: got shapes {x.shape} and {P.shape}, expected one entry a step")
     n = len(x)
     if len(P) != n:
         raise ShapeError(f"Ps: got {len(P)} covariances, expected {n}, one for each of Xs")
@@ -84,7 +87,7 @@ def rts_smoother(
     if x.shape not in {(n, d), (n, d, 1)} or P.shape != (n, d, d):
         raise ShapeError(f"Xs, Ps: got shapes {x.shape} and {P.shape}, expected (n, dim_x[, 1]) and squares")
     for name, values in (("Fs", Fs), ("Qs", Qs)):
-        if len(values) < n:
+        if len(as_listed(name, values, n)) < n:
             raise ShapeError(f"{name}: got {len(values)} matrices, expected {n}, one for each of Xs")
     K, Pp = np.zeros((n, d, d)), P.copy()
     for k in range(n - 2, -1, -1):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ShapeError
+from fuzzykf.gaussian import as_numbers
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square
 from fuzzykf.kalman.updates import condition, distance, log_density, observed, zero_where_missing
 
@@ -47,7 +48,7 @@ def block_matrices(
     if H_i is None:
         H_i = as_matrix("H", H, shape)[block]
     else:
-        H_i = as_matrix("H_i", np.reshape(np.asarray(H_i, dtype=np.float64), (length, -1)), (length, n))
+        H_i = as_matrix("H_i", np.reshape(as_numbers("H_i", H_i), (length, -1)), (length, n))
     if R_i is None:
         return H_i, as_square("R", R, m)[block, block]
     return H_i, as_covariance("R_i", R_i, length)
@@ -84,7 +85,7 @@ def update_block(
         Of the block.
     """
     z, y, K = whole
-    value = observed(np.ravel(np.asarray(z_i, dtype=np.float64)), len(R), x)
+    value = observed(np.ravel(as_numbers("z_i", z_i)), len(R), x)
     if value is None:
         z[block], y[block] = np.nan, 0.0
         return x.copy(), P.copy(), 0.0, 0.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from fuzzykf.base import Filter, as_observation
 from fuzzykf.errors import ParameterError, SupportWarning
-from fuzzykf.gaussian import is_whole
+from fuzzykf.gaussian import as_choice, is_whole
 from fuzzykf.possibility.beliefs import QuadraticBelief, believe, nothing_explains
 from fuzzykf.possibility.closed_form import over_all
 from fuzzykf.possibility.mapping import Mapping, as_map, control
@@ -193,8 +193,7 @@ class FuzzyRelationEstimator(Filter):
         for name, value in (("dim_x", dim_x), ("dim_z", dim_z)):
             if not is_whole(value) or value < 1:
                 raise ParameterError(f"{name}: got {value!r}, expected a whole number of at least 1")
-        if on_empty not in {"raise", "keep", "reset"}:
-            raise ParameterError(f"on_empty: got {on_empty!r}, expected 'raise', 'keep' or 'reset'")
+        as_choice("on_empty", on_empty, ("raise", "keep", "reset"))
         if fx is None and (fx_inverse is not None or fx_interval is not None):
             raise ParameterError(
                 "fx: got None, expected the function that belongs to fx_inverse or fx_interval"
@@ -473,6 +472,7 @@ class FuzzyRelationEstimator(Filter):
         >>> est.defuzzify("centroid").round(3).item(), est.defuzzify("mean_of_maximum").item()
         (1.0, 0.0)
         """
+        as_choice("method", method, ("centroid", "mean_of_maximum", "peak"))
         if method == "centroid":
             return np.array(self.x).reshape(-1, 1)
         if method == "mean_of_maximum":

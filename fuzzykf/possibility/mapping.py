@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array
+from fuzzykf.gaussian import as_array, as_numbers
 from fuzzykf.immutable import cached_property
 
 if TYPE_CHECKING:
@@ -245,7 +245,7 @@ def as_map(name: str, value: Any, shape: tuple[int, int]) -> FloatArray:
     ShapeError, ParameterError
         Wrong shape; not finite.
     """
-    array = np.asarray(value, dtype=np.float64)
+    array = as_numbers(name, value)
     return as_array(name, array.reshape(1, 1) if array.ndim == 0 and shape == (1, 1) else array, shape)
 
 
@@ -253,8 +253,8 @@ def control(u: ArrayLike | None, B: ArrayLike | None, dim: int) -> FloatArray:
     """Return B u (dim,), or zero without one of them, as in filterpy."""
     if u is None or B is None:
         return np.zeros(dim)
-    vector = np.asarray(u, dtype=np.float64).ravel()
-    matrix = np.asarray(B, dtype=np.float64)
+    vector = as_numbers("u", u).ravel()
+    matrix = as_numbers("B", B)
     matrix = matrix * np.eye(dim) if matrix.ndim == 0 else matrix
     return as_array("B", matrix, (dim, vector.size)) @ as_array("u", vector, (None,))
 

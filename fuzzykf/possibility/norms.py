@@ -29,6 +29,7 @@ import numpy as np
 
 from fuzzykf.engine.selected import from_membership, to_membership
 from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import as_choice, as_numbers
 from fuzzykf.immutable import cached_property
 
 if TYPE_CHECKING:
@@ -180,11 +181,11 @@ class TNorm:
 
     def cost(self, membership: ArrayLike) -> FloatArray:
         """Costs of memberships: 0 for 1, and infinite (Lukasiewicz: 1) for 0."""
-        return from_membership(np.asarray(membership, dtype=np.float64), self.scale)
+        return from_membership(as_numbers("membership", membership), self.scale)
 
     def membership(self, cost: ArrayLike) -> FloatArray:
         """Memberships of costs: the (pseudo-)inverse of `cost`."""
-        return to_membership(np.asarray(cost, dtype=np.float64), self.scale)
+        return to_membership(as_numbers("cost", cost), self.scale)
 
     def cost_of_log(self, negative_log: FloatArray) -> FloatArray:
         """Costs from minus the logarithms of memberships, which do not underflow."""
@@ -318,9 +319,7 @@ def as_t_norm(t_norm: str | TNorm) -> TNorm:
     """
     if isinstance(t_norm, TNorm):
         return t_norm
-    if t_norm not in _T_NORMS:
-        raise ParameterError(f"t_norm: got {t_norm!r}, expected one of {', '.join(map(repr, _T_NORMS))}")
-    return _T_NORMS[t_norm]
+    return _T_NORMS[as_choice("t_norm", t_norm, _T_NORMS)]
 
 
 def as_t_conorm(t_conorm: str | TConorm, *, continuum: bool = False) -> TConorm:
@@ -361,7 +360,7 @@ def _memberships(name: str, values: tuple[ArrayLike, ...]) -> list[FloatArray]:
     """Return the arguments as arrays after checking that they lie in [0, 1]."""
     if not values:
         raise ParameterError(f"{name}: expected at least one membership, got none")
-    arrays = [np.asarray(value, dtype=np.float64) for value in values]
+    arrays = [as_numbers(f"{name}: memberships", value) for value in values]
     for array in arrays:
         inside = (array >= 0.0) & (array <= 1.0)
         if not inside.all():

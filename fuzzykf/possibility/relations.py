@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_numbers
 from fuzzykf.possibility.memberships import GaussianMembership, Membership, SingletonMembership
 from fuzzykf.possibility.norms import TConorm, TNorm, as_t_conorm, as_t_norm
 
@@ -92,7 +93,7 @@ def union(*sets: ArrayLike, t_conorm: str | TConorm = "max") -> FloatArray:
     >>> union([0.0, 0.5], [0.2, 0.1])
     array([0.2, 0.5])
     """
-    return as_t_conorm(t_conorm)(np.stack([np.asarray(s, dtype=np.float64) for s in sets]), axis=0)
+    return as_t_conorm(t_conorm)(np.stack([as_numbers("sets", s) for s in sets]), axis=0)
 
 
 def intersection(*sets: ArrayLike, t_norm: str | TNorm = "min") -> FloatArray:
@@ -124,7 +125,7 @@ def cartesian_product(*sets: ArrayLike, t_norm: str | TNorm = "product") -> Floa
            [0.5, 0.1, 0. ]])
     """
     norm = as_t_norm(t_norm)
-    arrays = [np.asarray(s, dtype=np.float64) for s in sets]
+    arrays = [as_numbers("sets", s) for s in sets]
     return reduce(lambda a, b: norm(a.reshape(a.shape + (1,) * b.ndim), b), arrays)
 
 
@@ -161,7 +162,7 @@ def compose(
     >>> compose([1.0, 0.5], [[0.2, 0.9], [1.0, 0.1]])
     array([0.5, 0.9])
     """
-    left, right = np.asarray(fuzzy_set, dtype=np.float64), np.asarray(relation, dtype=np.float64)
+    left, right = as_numbers("fuzzy_set", fuzzy_set), as_numbers("relation", relation)
     if right.ndim <= left.ndim or right.shape[: left.ndim] != left.shape:
         raise ShapeError(
             f"relation: got shape {right.shape}, expected ({', '.join(map(str, left.shape))}, ...) "
@@ -215,10 +216,10 @@ def extend(
     >>> extend([0.5, 1.0, 0.25], [1.0, 0.0, 1.0], [0.0, 1.0, 2.0])
     array([1. , 0.5, 0. ])
     """
-    values = np.asarray(fuzzy_set, dtype=np.float64).ravel()
-    elements = np.asarray(universe, dtype=np.float64)
+    values = as_numbers("fuzzy_set", fuzzy_set).ravel()
+    elements = as_numbers("universe", universe)
     elements = elements.reshape(elements.shape[0], -1)
-    points = np.asarray(images, dtype=np.float64)
+    points = as_numbers("images", images)
     if points.size != values.size * elements.shape[1]:
         raise ShapeError(
             f"images: got shape {points.shape}, expected one element of dimension {elements.shape[1]} "
@@ -334,7 +335,7 @@ class RuleBase:
             Fuzzify an element, and what f makes of it; `fuzzify` by default.
         t_norm, t_conorm : str or TNorm, TConorm
         """
-        universes = [np.asarray(e, dtype=np.float64) for e in elements]
+        universes = [as_numbers("elements", e) for e in elements]
         rules = tuple(
             Rule(
                 tuple(antecedent(value) for value in values),

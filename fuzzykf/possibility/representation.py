@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import check_covariance
+from fuzzykf.gaussian import as_numbers, check_covariance
 from fuzzykf.possibility.grid.lattice import Universe
 from fuzzykf.possibility.memberships import (
     CauchyMembership,
@@ -228,7 +228,7 @@ def as_matrix(name: str, value: ArrayLike, dim: int) -> FloatArray:
     ShapeError, ParameterError, NotPositiveDefiniteError
         Wrong shape; not finite or not symmetric; indefinite.
     """
-    array = np.asarray(value, dtype=np.float64)
+    array = as_numbers(name, value)
     return check_covariance(name, array * np.eye(dim) if array.ndim == 0 else array, (dim, dim))
 
 
@@ -240,10 +240,7 @@ def as_center(value: ArrayLike, dim: int) -> FloatArray:
     ShapeError, ParameterError
         Wrong shape; not finite.
     """
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"x: expected {dim} numbers, got {value!r}") from error
+    array = as_numbers("x", value).copy()
     if array.ndim == 0 and dim == 1:
         array = array.reshape(1, 1)
     if array.shape not in {(dim,), (dim, 1)}:
@@ -276,7 +273,7 @@ def universe_of(
         raise ParameterError(f"points: got {points!r}, expected a whole number of at least 5, or {d} of them")
     box = None
     if domain is not None:
-        box = np.array(domain, dtype=np.float64)
+        box = as_numbers("domain", domain)
         box = box[None] if d == 1 and box.shape == (2,) else box
         if box.shape != (d, 2) or not np.isfinite(box).all() or (box[:, 0] >= box[:, 1]).any():
             raise ParameterError(

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import as_numbers, brief
 from fuzzykf.testing import basics, capabilities  # noqa: F401 - they register their checks
 from fuzzykf.testing.case import CHECKS, Case, FilterCheckError
 
@@ -103,7 +103,9 @@ def check_filter(factory: Callable[[], Filter], zs: ArrayLike | None = None) -> 
     >>> "step" in report.passed, report.not_applicable["mode_probabilities"]
     (True, 'no mu and nodes')
     """
-    case = Case(factory, None if zs is None else np.array(zs, dtype=np.float64))
+    if not callable(factory):
+        raise ParameterError(f"factory: got {brief(factory)}, expected a function that makes a filter")
+    case = Case(factory, None if zs is None else as_numbers("zs", zs).copy())
     passed: list[str] = []
     not_applicable: dict[str, str] = {}
     for name, check in CHECKS.items():

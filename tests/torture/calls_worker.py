@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
 import inspect
 import re
@@ -123,10 +124,8 @@ def is_tainted(values: Any) -> bool:
 def names_of(call: Any, verb: Verb) -> set[str]:
     """Return the names of which an error should have one."""
     names = set(verb.arguments) | {verb.name}
-    try:
+    with contextlib.suppress(TypeError, ValueError):
         names |= set(inspect.signature(call).parameters)
-    except (TypeError, ValueError):
-        pass
     return names - {"self"}
 
 
@@ -138,6 +137,8 @@ def kind_of(error: Exception, names: set[str]) -> str:
         return "named"
     if isinstance(error, MemoryError):
         return "memory"
+    if isinstance(error, OSError):  # as everywhere in Python, it names the file
+        return "named" if error.filename is not None else "obscure"
     words = set(re.findall(r"\w+", str(error)))
     return "named" if isinstance(error, TypeError | ValueError) and words & names else "obscure"
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fuzzykf.comparison.candidates.switching import hard_candidate
 from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import brief
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,6 +61,11 @@ def candidate(name: str) -> Candidate:
     >>> candidate("kalman").title
     'KalmanFilter'
     """
+    given: Any = name
+    if not isinstance(given, str):
+        raise ParameterError(
+            f"candidates: got {brief(given)}, expected names of {', '.join(candidate_names())}"
+        )
     if name in _registry():
         return _registry()[name]
     if hard := re.fullmatch(r"hard([1-9]\d*)", name):

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, is_whole
+from fuzzykf.gaussian import as_array, as_real, is_whole
+from fuzzykf.gaussian import as_numbers as numbers
+from fuzzykf.possibility.norms import as_t_norm
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     from fuzzykf.possibility.memberships.derived import CutMembership
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["Membership", "as_components", "as_level", "as_numbers", "as_vector"]
+__all__ = ["Membership", "as_components", "as_level", "as_levels", "as_numbers", "as_points", "as_vector"]
 
 
 class Membership(ABC):
@@ -86,22 +88,20 @@ class Membership(ABC):
         ShapeError
             If the last axis does not have length ``dim``.
         """
-        points = np.asarray(x, dtype=np.float64)
+        points = numbers("x", x)
         if self.dim == 1 and (points.ndim < 2 or points.shape[-1] != 1):
             points = points[..., None]
-        if points.ndim == 0 or points.shape[-1] != self.dim:
-            raise ShapeError(f"x: got shape {points.shape}, expected (..., {self.dim})")
-        value = self._evaluate(points)
+        value = self._evaluate(as_points(points, self.dim))
         return float(value) if value.ndim == 0 else value
 
     def negative_log(self, x: FloatArray) -> FloatArray:
         """Minus the logarithm of the memberships of points (..., dim); it may exceed 745."""
         with np.errstate(divide="ignore"):
-            return -np.log(self._evaluate(x))
+            return -np.log(self._evaluate(as_points(x, self.dim)))
 
     def cost(self, x: FloatArray, t_norm: TNorm) -> FloatArray:
         """Memberships of points (..., dim) in the scale in which ``t_norm`` adds."""
-        return t_norm.cost_of_log(self.negative_log(x))
+        return as_t_norm(t_norm).cost_of_log(self.negative_log(x))
 
     @property
     def is_bounded(self) -> bool:
@@ -117,6 +117,7 @@ class Membership(ABC):
         lower, upper : ndarray, shape (n, dim)
             Possibly wider than `support` would say.
         """
+        levels = as_levels("levels", levels)
         lower, upper = self.support(float(levels.min(initial=1.0)))
         shape = (levels.size, self.dim)
         return np.broadcast_to(lower, shape), np.broadcast_to(upper, shape)
@@ -202,13 +203,27 @@ def as_level(name: str, level: float, *, or_zero: bool = False) -> float:
     ParameterError
         If it is not in ]0, 1], or in [0, 1] where zero asks for all that is possible.
     """
-    try:
-        within = bool(0.0 <= level <= 1.0) and (or_zero or level > 0.0)
-    except (TypeError, ValueError):  # a text, or many levels
-        within = False
-    if not within:
-        raise ParameterError(f"{name}: got {level}, expected a number in {'[' if or_zero else ']'}0, 1]")
-    return float(level)
+    expected = f"a number in {'[' if or_zero else ']'}0, 1]"
+    number = as_real(name, level, expected)
+    if not (0.0 <= number <= 1.0 and (or_zero or number > 0.0)):
+        raise ParameterError(f"{name}: got {level}, expected {expected}")
+    return number
+
+
+def as_levels(name: str, levels: ArrayLike) -> FloatArray:
+    """Check several levels of membership, in [0, 1]."""
+    values = numbers(name, levels)
+    if values.ndim != 1 or not ((values >= 0.0) & (values <= 1.0)).all():
+        raise ParameterError(f"{name}: got {values.tolist()}, expected a flat array of numbers in [0, 1]")
+    return values
+
+
+def as_points(x: ArrayLike, dim: int) -> FloatArray:
+    """Check points (..., dim)."""
+    points = numbers("x", x)
+    if points.ndim == 0 or points.shape[-1] != dim:
+        raise ShapeError(f"x: got shape {points.shape}, expected (..., {dim})")
+    return points
 
 
 def as_components(components: Sequence[int], dim: int) -> list[int]:
@@ -241,10 +256,7 @@ def as_numbers(name: str, value: ArrayLike) -> FloatArray:
     ShapeError
         If they are no numbers, or have no shape.
     """
-    try:
-        return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"{name}: expected an array of numbers, got {value!r}") from error
+    return numbers(name, value).copy()
 
 
 def as_vector(name: str, value: ArrayLike, dim: int | None = None) -> FloatArray:
@@ -255,10 +267,7 @@ def as_vector(name: str, value: ArrayLike, dim: int | None = None) -> FloatArray
     ShapeError, ParameterError
         Wrong shape; not finite.
     """
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"{name}: expected a vector of numbers, got {value!r}") from error
+    array = numbers(name, value)
     if array.ndim == 2 and 1 in array.shape:
         array = array.ravel()
     return as_array(name, np.atleast_1d(array), (dim,))

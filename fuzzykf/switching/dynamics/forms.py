@@ -14,12 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import (
-    as_array,
-    check_covariance,
-    semidefinite_root,
-    symmetrize,
-)
+from fuzzykf.gaussian import as_array, as_choice, check_covariance, semidefinite_root, symmetrize
 from fuzzykf.switching.dynamics.base import Dynamics
 from fuzzykf.switching.dynamics.form_checks import (
     CONSISTENCY_TOLERANCE,
@@ -126,8 +121,7 @@ class CovarianceForm(_MeanAndCovariance):
     kind = "covariance"
 
     def __init__(self, means: ArrayLike, covariances: ArrayLike, dim_x: int, constraint: str) -> None:
-        if constraint not in ("project", "check"):
-            raise ParameterError(f"constraint: got {constraint!r}, expected 'project' or 'check'")
+        as_choice("constraint", constraint, ("project", "check"))
         self.means = as_array("means", means, (None, None))
         K, d = self.means.shape
         self.n_classes = checked_classes(K)

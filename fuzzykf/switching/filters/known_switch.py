@@ -9,6 +9,7 @@ import numpy as np
 
 from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_numbers
 from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
 from fuzzykf.switching.inference.series import SHOWN, Trajectory, filter_one, result_of, smoothed_result
@@ -260,7 +261,9 @@ class KnownSwitchFilter(SwitchingFilter):
         if r is None or np.shape(r) != series.shape[:2]:
             got = "nothing" if r is None else f"shape {np.shape(r)}"
             raise ShapeError(f"r: got {got}, expected the switches, shape {series.shape[:2]}")
-        results = [self.copy().filter(one, path) for one, path in zip(series, np.asarray(r), strict=True)]
+        results = [
+            self.copy().filter(one, path) for one, path in zip(series, as_numbers("r", r), strict=True)
+        ]
         return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
 
     def forecast(self, steps: int) -> FilterResult:
@@ -309,7 +312,4 @@ class KnownSwitchFilter(SwitchingFilter):
 
 
 def _as_switches(r: ArrayLike) -> FloatArray:
-    try:
-        return np.array(r, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"r: expected values of the switch, got {r!r}") from error
+    return as_numbers("r", r).copy()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_count, check_generator
+from fuzzykf.gaussian import as_count, as_numbers, check_generator
 from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.chain import MOST_DRAWS
 from fuzzykf.switching.laws.integration import Lines, cell_masses, integrate_line, invert_line
@@ -392,7 +392,7 @@ def _make(kind: str, *arguments: Any) -> FuzzyMarkovLaw:
 
 
 def checked_switch(name: str, r: ArrayLike) -> FloatArray:
-    value = np.asarray(r, dtype=np.float64)
+    value = as_numbers("r", r)
     if not ((value >= 0.0) & (value <= 1.0)).all():
         bad = value[~((value >= 0.0) & (value <= 1.0))].reshape(-1)[0]
         raise ParameterError(f"{name}: got {bad}, expected values of the switch in [0, 1]")

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import is_whole
+from fuzzykf.gaussian import as_choice, is_whole
 from fuzzykf.switching.laws.chain import SwitchChain
 from fuzzykf.switching.laws.integration import cell_masses, gauss_nodes
 
@@ -48,8 +48,7 @@ MOST_NODES = 1000
 
 def discretize(law: JointLaw, n_nodes: int, rule: str) -> SwitchChain:
     """Approximate a law by a Markov chain; see `FuzzyMarkovLaw.discretize`."""
-    if rule not in RULES:
-        raise ParameterError(f"rule: got {rule!r}, expected one of {', '.join(map(repr, RULES))}")
+    as_choice("rule", rule, RULES)
     if not is_whole(n_nodes) or n_nodes < 0:
         raise ParameterError(f"n_nodes: got {n_nodes!r}, expected a whole number of at least 0")
     if n_nodes > MOST_NODES:

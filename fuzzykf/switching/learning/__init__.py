@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_count, check_generator
+from fuzzykf.gaussian import as_choice, as_count, check_generator
 from fuzzykf.registry import either
 from fuzzykf.results import FitResult, bic
 from fuzzykf.switching.laws.registry import learned_laws
@@ -112,8 +112,7 @@ def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any]) -> TrainingData:
         check_generator(rng)
     if options["n_starts"] > 4 and rng is None:
         raise ParameterError("rng: missing; more than 4 starts are drawn at random and need a Generator")
-    if options["form"] not in ("auto", "regression", "covariance"):
-        raise ParameterError(f"form: got {options['form']!r}, expected 'auto', 'regression' or 'covariance'")
+    as_choice("form", options["form"], ("auto", "regression", "covariance"))
     return gather(x, y, r)
 
 

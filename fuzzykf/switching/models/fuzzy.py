@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import check_covariance
+from fuzzykf.gaussian import as_choice, as_numbers, check_covariance
 from fuzzykf.io import FILTERS, part_from_dict, part_to_dict
 from fuzzykf.switching.dynamics.forms import (
     CovarianceForm,
@@ -108,10 +108,7 @@ class CGOFMSModel(SwitchingModel):
         interpolation: Literal["covariance", "transition"] = "covariance",
         constraint: Literal["project", "check"] = "project",
     ) -> None:
-        if interpolation not in ("covariance", "transition"):
-            raise ParameterError(
-                f"interpolation: got {interpolation!r}, expected 'covariance' or 'transition'"
-            )
+        as_choice("interpolation", interpolation, ("covariance", "transition"))
         form = CovarianceForm(means, covariances, dim_x, constraint)
         self._build(law, form if interpolation == "covariance" else _transition_form(form))
 
@@ -280,7 +277,7 @@ class CGOFMSModel(SwitchingModel):
 
     def class_weights(self, r: ArrayLike) -> FloatArray:
         """Return the shares of the two regimes in values of the switch: (..., 2)."""
-        value = np.asarray(r, dtype=np.float64)
+        value = as_numbers("r", r)
         if not ((value >= 0.0) & (value <= 1.0)).all():
             raise ParameterError(f"r: got values from {value.min()} to {value.max()}, expected [0, 1]")
         return np.stack([1.0 - value, value], axis=-1)

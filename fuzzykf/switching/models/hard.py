@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import is_whole
+from fuzzykf.gaussian import as_numbers, is_whole
 from fuzzykf.io import FILTERS, part_from_dict, part_to_dict
 from fuzzykf.registry import either
 from fuzzykf.switching.dynamics.forms import CovarianceForm, RegressionForm, TransitionForm
@@ -317,7 +317,7 @@ class CGOMSModel(SwitchingModel):
 
     def class_weights(self, r: ArrayLike) -> FloatArray:
         """Return the one-hot shares of regimes 0, 1, ..., K - 1: (..., K)."""
-        value = np.asarray(r, dtype=np.float64)
+        value = as_numbers("r", r)
         if not np.isin(value, np.arange(self.n_classes)).all():
             raise ParameterError(f"r: expected regimes 0 to {self.n_classes - 1}, got {np.unique(value)[:5]}")
         one_hot: FloatArray = np.eye(self.n_classes)[value.astype(int)]

@@ -86,7 +86,7 @@ def test_components_may_be_any_sequence(name, components):
             "support: expected an array of numbers",
         ),
         (lambda: FunctionMembership(abs, [(0.0, 1.0), (2.0,)]), ShapeError, "support: expected an array"),
-        (lambda: GAUSSIAN.cut("half"), ParameterError, "level: got half"),
+        (lambda: GAUSSIAN.cut("half"), ParameterError, "level: got 'half'"),
         (lambda: GAUSSIAN.cut([(0.0, 1.0), (2.0,)]), ShapeError, "bounds: expected an array of numbers"),
         (lambda: GridMembership([0.0, 1.0], ["a", "b"]), ShapeError, "values: expected an array of numbers"),
     ],

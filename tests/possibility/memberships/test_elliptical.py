@@ -141,7 +141,7 @@ def test_bad_gaussians():
         GaussianMembership(np.nan, 1.0)
     with pytest.raises(ShapeError, match=r"covariance: got shape \(1, 1\), expected \(2, 2\)"):
         GaussianMembership([0.0, 0.0], 1.0)
-    with pytest.raises(ShapeError, match="mean: expected a vector"):
+    with pytest.raises(ShapeError, match="mean: expected an array of numbers"):
         GaussianMembership("here", 1.0)
     with pytest.raises(ShapeError, match=r"x: got shape \(3,\), expected \(..., 2\)"):
         GaussianMembership([0.0, 0.0], np.eye(2))([1.0, 2.0, 3.0])
