@@ -325,10 +325,16 @@ class Filter(ABC):
         sizes = {"state": self.dim_x, "observation": self.dim_z, "node": np.size(getattr(self, "mu", ()))}
         shapes = {name: shape for name, shape in _shapes(**sizes).items() if _shows(self, name, shape)}
         collected = {name: np.empty((len(series), *shape)) for name, shape in shapes.items()}
-        for n, z in enumerate(series):
-            self.step(z)
-            for name, values in collected.items():
-                values[n] = np.reshape(getattr(self, name), shapes[name])
+        before = self.__dict__.copy()
+        try:
+            for n, z in enumerate(series):
+                self.step(z)
+                for name, values in collected.items():
+                    values[n] = np.reshape(getattr(self, name), shapes[name])
+        except BaseException:  # half a series is of no use to anybody
+            self.__dict__.clear()
+            self.__dict__.update(before)
+            raise
         nodes = getattr(self, "nodes", None) if "mu" in collected else None
         return FilterResult(**collected, nodes=nodes, index=index_of(zs))
 

@@ -25,9 +25,11 @@ __all__ = [
     "RANK_TOLERANCE",
     "as_array",
     "as_choice",
+    "as_flag",
     "as_numbers",
     "as_real",
     "brief",
+    "check_broadcast",
     "check_covariance",
     "check_definite",
     "cholesky",
@@ -157,6 +159,30 @@ def as_choice(name: str, value: Any, options: Iterable[str]) -> str:
         )
         raise ParameterError(f"{name}: got {brief(value)}, expected {either}")
     return value
+
+
+def as_flag(name: str, value: Any) -> bool:
+    """Return a truth value.
+
+    Raises
+    ------
+    ParameterError
+        If it is none: a text, or several.
+    """
+    if not isinstance(value, bool | np.bool_) and not (is_whole(value) and value in (0, 1)):
+        raise ParameterError(f"{name}: got {brief(value)}, expected True or False")
+    return bool(value)
+
+
+def check_broadcast(**arrays: FloatArray) -> None:
+    """Raise a ShapeError unless the arrays of these names can be broadcast."""
+    try:
+        np.broadcast_shapes(*(array.shape for array in arrays.values()))
+    except ValueError as error:
+        shapes = ", ".join(str(array.shape) for array in arrays.values())
+        raise ShapeError(
+            f"{', '.join(arrays)}: got shapes {shapes}, expected shapes that broadcast"
+        ) from error
 
 
 def brief(value: object) -> str:

@@ -241,7 +241,7 @@ class DailyProfile:
             If the training part had no row of that time and kind of day.
         """
         _check_fitted(self, "means_")
-        moments = as_times(time, None, len(time))
+        moments = as_times(time, None, np.size(time))
         days = _workdays(workday, moments)
         table = self.means_.reshape(-1, *self.means_.shape[2:])
         found: FloatArray = table[self._cell(moments, days, self.slot_)]
@@ -320,7 +320,7 @@ def as_columns(name: str, values: Any) -> FloatArray:
     if np.isinf(array).any():
         row = int(np.argwhere(np.isinf(array))[0, 0])
         raise ParameterError(f"{name}: row {row} is infinite, expected finite numbers (NaN where missing)")
-    return array.reshape(len(array), -1) if array.ndim == 2 else array[:, None]
+    return array if array.ndim == 2 else array[:, None]
 
 
 def _like(values: Any, columns: FloatArray) -> Any:
@@ -343,12 +343,15 @@ def as_times(time: Any, values: Any, n: int) -> NDArray[np.datetime64]:
             raise ParameterError("time: missing; the time of day needs a time for each row")
     if hasattr(time, "tz_localize"):
         time = time.tz_localize(None)  # the local hour counts
-    given = np.asarray(time)
+    try:
+        given = np.asarray(time)
+    except ValueError as error:  # ragged
+        raise ParameterError("time: got lists of unequal length, expected times") from error
     if given.dtype.kind not in "MOSU":
         raise ParameterError(f"time: got numbers of type {given.dtype}, expected times")
     try:
         moments: NDArray[np.datetime64] = given.astype("datetime64[s]")
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ParameterError(f"time: expected times, got {given.ravel()[:1]} ({error})") from error
     if moments.shape != (n,):
         raise ShapeError(f"time: got shape {moments.shape}, expected ({n},)")
@@ -360,7 +363,10 @@ def as_times(time: Any, values: Any, n: int) -> NDArray[np.datetime64]:
 def _workdays(workday: ArrayLike | None, time: NDArray[np.datetime64]) -> NDArray[np.bool_]:
     if workday is None:
         return np.is_busday(time.astype("datetime64[D]"))
-    days = np.asarray(workday)
+    try:
+        days = np.asarray(workday)
+    except ValueError as error:  # ragged
+        raise ShapeError(f"workday: got lists of unequal length, expected shape {time.shape}") from error
     if days.shape != time.shape:
         raise ShapeError(f"workday: got shape {days.shape}, expected {time.shape}")
     if not np.isin(days, (0, 1)).all():

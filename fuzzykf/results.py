@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from fuzzykf.errors import MissingDependencyError, ParameterError
-from fuzzykf.gaussian import as_choice, as_count, as_real, check_generator, mixture_quantile, normal_quantile
+from fuzzykf.gaussian import (
+    as_choice,
+    as_count,
+    as_real,
+    brief,
+    check_generator,
+    mixture_quantile,
+    normal_quantile,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -245,7 +253,10 @@ class FilterResult:
             if covariance is not None:
                 std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
                 columns |= _columns(name, std, "_std")
-        return pd.DataFrame(columns, index=self.index if index is None else index)
+        try:
+            return pd.DataFrame(columns, index=self.index if index is None else index)
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"index: got {brief(index)}, expected one entry a step ({error})") from error
 
 
 #: The fields of `FilterResult` that hold arrays, in its order.
@@ -266,6 +277,10 @@ def field_shapes(names: Iterable[str], **sizes: int) -> dict[str, tuple[int, ...
     >>> field_shapes(("x", "P", "log_likelihood"), state=2)
     {'x': (2,), 'P': (2, 2), 'log_likelihood': ()}
     """
+    sizes = {axis: as_count(axis, size) for axis, size in sizes.items()}
+    given: Any = names
+    if not hasattr(given, "__iter__"):
+        raise ParameterError(f"names: got {brief(names)}, expected names of fields")
     names = tuple(names)
     for name in names:
         as_choice("names", name, FIELDS)
@@ -306,9 +321,14 @@ class Simulation(NamedTuple):
 # --------------------------------------------------------------------------- learning
 
 
+#: More than anybody counts.
+MOST = 1 << 62
+
+
 def bic(n_parameters: int, n_observations: int, log_likelihood: float) -> float:
     """Schwarz's information criterion, k log n - 2 log L; smaller is better."""
-    k, n = as_count("n_parameters", n_parameters), as_count("n_observations", n_observations, 1)
+    k = as_count("n_parameters", n_parameters, most=MOST)
+    n = as_count("n_observations", n_observations, 1, most=MOST)
     return float(np.log(n)) * k - 2.0 * as_real("log_likelihood", log_likelihood)
 
 

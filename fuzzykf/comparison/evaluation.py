@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from fuzzykf.comparison.candidates import Estimates, Restoration
 from fuzzykf.comparison.scores import INTERVAL_FACTOR, LIMITS, Score, bootstrap_rmse
-from fuzzykf.errors import FuzzykfError, MissingDependencyError
+from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError
+from fuzzykf.gaussian import as_flag, brief
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -100,6 +101,9 @@ class ModelComparison:
         unit : str
             Unit of the state.
         """
+        given: Any = unit
+        if not isinstance(given, str):
+            raise ParameterError(f"unit: got {brief(given)}, expected a text")
         told = self._lead("name", unit)
         likelihood = np.array([score.log_likelihood for score in self.scores], dtype=np.float64)
         if len(self.scores) > 1 and not np.isnan(likelihood).all():
@@ -142,7 +146,7 @@ class ModelComparison:
             import pandas as pd
         except ImportError as error:
             raise MissingDependencyError("to_dataframe needs pandas: pip install 'fuzzykf[cli]'") from error
-        if by_fold:
+        if as_flag("by_fold", by_fold):
             rows = pd.Index([fold.split for fold in self.folds], name="first_held_out")
             return pd.DataFrame(self.fold_rmse, index=rows, columns=[score.name for score in self.scores])
         found = pd.DataFrame([vars(score) for score in self.ranked]).set_index("name").drop(columns="title")

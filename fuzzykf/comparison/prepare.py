@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_choice
+from fuzzykf.gaussian import as_array, as_choice, as_real
 from fuzzykf.preprocessing import DailyProfile, hour_of_day
 
 if TYPE_CHECKING:
@@ -249,7 +249,7 @@ def prepare(
 
 
 def _split(n: int, train: float) -> int:
-    if not 0.0 < train < 1.0:
+    if not 0.0 < as_real("train", train, "a share between 0 and 1") < 1.0:
         raise ParameterError(f"train: got {train:g}, expected a share between 0 and 1")
     n_train = round(train * n)
     if n_train < MIN_TRAIN or n - n_train < MIN_TEST:

@@ -101,6 +101,9 @@ def block_length(series: FloatArray) -> int:
     n = len(series)
     longest = int(min(np.ceil(3.0 * np.sqrt(n)), np.ceil(n / 3.0)))
     deviation = series - series.mean()
+    largest = np.abs(deviation).max()
+    if not 1e-100 < largest < 1e100:  # squares would leave the range of double precision
+        deviation = deviation / (largest or 1.0)
     if not deviation.any():
         return 1
     run = int(max(5, np.ceil(np.sqrt(np.log10(n)))))

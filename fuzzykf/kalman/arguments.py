@@ -146,10 +146,7 @@ def as_vector(name: str, value: Any, like: FloatArray) -> FloatArray:
 
 def observation_matrix(name: str, value: Any, n: int) -> FloatArray:
     """Return an observation matrix given in a call: any number of rows, n columns."""
-    if type(value) is np.ndarray and value.ndim == 2 and value.shape[1] == n and value.dtype == _FLOAT64:
-        matrix: FloatArray = value
-    else:
-        matrix = as_array(name, value, (None, n))
+    matrix = as_array(name, value, (None, n))
     if len(matrix) == 0:
         raise ShapeError(f"{name}: got shape {matrix.shape}, expected at least one row")
     return matrix
@@ -201,7 +198,7 @@ def check_dimensions(n: int, m: int, values: dict[str, Any], z: Any) -> None:
         values = values | {"z": z}
         expected["z"] = {(rows, 1) if np.ndim(values["x"]) == 2 else (rows,)} | one
     for name, admissible in expected.items():
-        shape = np.shape(values[name])
+        shape = as_numbers(name, values[name]).shape
         if shape not in admissible:
             shapes = " or ".join(str(each) for each in sorted(admissible, key=len, reverse=True))
             raise DimensionError(f"{name}: got shape {shape}, expected {shapes}")

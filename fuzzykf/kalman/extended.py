@@ -9,6 +9,7 @@ import numpy as np
 from fuzzykf.base import as_many, as_observations, check_keep
 from fuzzykf.engine.selected import predict_stack, seen_components
 from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import brief
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square, as_state, as_vector, control_term
 from fuzzykf.kalman.gaussian_filter import GaussianFilter
 from fuzzykf.kalman.linearization import (
@@ -244,6 +245,9 @@ class ExtendedKalmanFilter(GaussianFilter):
         args = args if isinstance(args, tuple) else (args,)
         hx_args = hx_args if isinstance(hx_args, tuple) else (hx_args,)
         residual = self.residual if residual is None else residual
+        for name, function in (("HJacobian", HJacobian), ("Hx", Hx), ("residual", residual)):
+            if function is not None and not callable(function):
+                raise ParameterError(f"{name}: got {brief(function)}, expected a function")
         own, given = (self.hx, self.HJacobian), (Hx, HJacobian)
         functions = observation_functions(own, given, x.shape, args, hx_args, hx_kwargs)
         predicted, H = linearize_observation(*functions, x, residual)

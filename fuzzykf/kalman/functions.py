@@ -99,6 +99,7 @@ def predict(
     mean = _vector(x)
     n = mean.shape[0]
     covariance, noise = as_covariance("P", P, n), as_covariance("Q", Q, n)
+    alpha = as_real("alpha", alpha, "a finite number of at least 1")
     if not 1.0 <= alpha < np.inf:
         raise ParameterError(f"alpha: got {alpha!r}, expected a finite number of at least 1")
     moved, covariance = predict_linear(mean, covariance, _transition(F, n), noise, float(alpha) ** 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep
 from fuzzykf.engine.selected import log_mixing, merge_modes, mix_modes, weigh_modes
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_choice, as_numbers
+from fuzzykf.gaussian import as_array, as_choice, as_numbers, brief
 from fuzzykf.kalman import bank, bank_series
 from fuzzykf.kalman.arguments import SingularInnovationError
 from fuzzykf.kalman.describe import describe
@@ -30,7 +31,7 @@ from fuzzykf.kalman.series import (
 from fuzzykf.kalman.stepper import BankStepper
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from numpy.typing import ArrayLike
 
@@ -133,6 +134,9 @@ class IMMEstimator(BankStepper, Filter):
         *,
         method: Literal["imm", "gpb2"] = "imm",
     ) -> None:
+        given: Any = filters
+        if not isinstance(given, Sequence) or not all(hasattr(f, "x") and hasattr(f, "P") for f in given):
+            raise ParameterError(f"filters: got {brief(filters)}, expected a list of Kalman filters")
         if len(filters) < 2:
             raise ParameterError(f"filters: got {len(filters)}, expected at least two")
         if len({id(f) for f in filters}) < len(filters):

@@ -8,8 +8,8 @@ import numpy as np
 
 from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine.selected import predict_linear
-from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_array, as_numbers
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_array, as_count, as_numbers, brief
 from fuzzykf.kalman.arguments import (
     as_covariance,
     as_matrix,
@@ -26,6 +26,7 @@ from fuzzykf.kalman.overrides import lookups, overrides
 from fuzzykf.kalman.series import (
     FIELDS,
     as_batch,
+    as_listed,
     as_result,
     collect,
     field_shapes,
@@ -429,7 +430,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         self.remember_origin()
         (x, P), m = self._state(), self.dim_z
-        block = block_of(start, np.size(z_i), m)
+        block = block_of(as_count("start", start), np.size(z_i), m)
         H, R = block_matrices(block, H_i, R_i, self.H, self.R, (m, self.dim_x))
         whole = whole_observation(self.z, self.y, self.K, (m, 1)[: x.ndim], (self.dim_x, m))
         x, P, log_likelihood, mahalanobis = update_block(x, P, z_i, H, R, block, whole, self._I, self.inv)
@@ -608,8 +609,10 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         observations: Any = zs.to_numpy() if hasattr(zs, "to_numpy") else zs
         if not hasattr(observations, "__len__"):
+            if not hasattr(observations, "__iter__"):
+                raise ShapeError(f"zs: got {brief(zs)}, expected a series of observations")
             observations = list(observations)
-        n = len(observations)
+        n = len(as_listed("zs", observations, 0))
         self.remember_origin()
         x, _ = self._state()
         given = (Fs, Qs, Hs, Rs, Bs, us, saver)
@@ -667,7 +670,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     ) -> tuple[FloatArray, FloatArray]:
         """Return x and P that `predict` with the same arguments would lead to."""
         n, x, P = self.dim_x, self.x, self.P
-        transition: Any = self.F if F is None else F
+        transition: Any = self.F if F is None else as_array("F", F, (n, n))
         noise = self.Q if Q is None else as_covariance("Q", Q, n)
         if not fits(n, n, x, P, transition, noise):
             (x, P), noise = self._state(), as_square("Q", noise, n)
@@ -697,7 +700,10 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     def measurement_of_state(self, x: ArrayLike) -> FloatArray:
         """Return H x."""
         H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
-        measurement: FloatArray = H.dot(as_state(as_numbers("x", x), self.dim_x))
+        state = as_state(as_numbers("x", x), self.dim_x)
+        if not np.isfinite(state).all():
+            raise ParameterError(f"x: got {state.ravel().tolist()}, expected finite numbers")
+        measurement: FloatArray = H.dot(state)
         return measurement
 
     def log_likelihood_of(self, z: ArrayLike | None) -> float:

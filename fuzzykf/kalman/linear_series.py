@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from fuzzykf.engine.selected import filter_linear, filter_linear_many
-from fuzzykf.errors import ShapeError
+from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
 from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError
 from fuzzykf.kalman.series import empty_fields, field_shapes
@@ -80,5 +80,7 @@ def control_terms(B: Any, us: ArrayLike, shape: tuple[int, ...], dim_x: int) -> 
         controls = controls[None]
     if controls.shape not in {(1, *one), many}:
         raise ShapeError(f"us: got shape {np.shape(us)}, expected {many} or {one}")
+    if not (np.isfinite(controls).all() and np.isfinite(matrix).all()):
+        raise ParameterError("us, B: got NaN or infinity, expected finite numbers")
     terms: FloatArray = controls @ matrix.T
     return terms

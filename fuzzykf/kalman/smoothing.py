@@ -8,7 +8,7 @@ import numpy as np
 
 from fuzzykf.base import FilterResult
 from fuzzykf.engine.selected import rts_gains, smooth_linear
-from fuzzykf.errors import ShapeError
+from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
 from fuzzykf.kalman.arguments import as_matrix, as_square
 from fuzzykf.kalman.series import FIELDS, as_listed
@@ -89,6 +89,9 @@ def rts_smoother(
     for name, values in (("Fs", Fs), ("Qs", Qs)):
         if len(as_listed(name, values, n)) < n:
             raise ShapeError(f"{name}: got {len(values)} matrices, expected {n}, one for each of Xs")
+    for name, array in (("Xs", x), ("Ps", P)):
+        if not np.isfinite(array).all():
+            raise ParameterError(f"{name}: got NaN or infinity, expected finite numbers")
     K, Pp = np.zeros((n, d, d)), P.copy()
     for k in range(n - 2, -1, -1):
         F = as_matrix(f"Fs[{k + 1}]", Fs[k + 1], (d, d))

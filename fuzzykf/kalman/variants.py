@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ShapeError
-from fuzzykf.gaussian import as_numbers
+from fuzzykf.gaussian import as_array, as_numbers
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square
 from fuzzykf.kalman.updates import condition, distance, log_density, observed, zero_where_missing
 
@@ -48,7 +48,8 @@ def block_matrices(
     if H_i is None:
         H_i = as_matrix("H", H, shape)[block]
     else:
-        H_i = as_matrix("H_i", np.reshape(as_numbers("H_i", H_i), (length, -1)), (length, n))
+        H_i = as_numbers("H_i", H_i)
+        H_i = as_array("H_i", np.atleast_2d(H_i) if length == 1 else H_i, (length, n))
     if R_i is None:
         return H_i, as_square("R", R, m)[block, block]
     return H_i, as_covariance("R_i", R_i, length)

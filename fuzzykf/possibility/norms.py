@@ -29,7 +29,7 @@ import numpy as np
 
 from fuzzykf.engine.selected import from_membership, to_membership
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_choice, as_numbers
+from fuzzykf.gaussian import as_choice, as_flag, as_numbers, as_real, brief, check_broadcast
 from fuzzykf.immutable import cached_property
 
 if TYPE_CHECKING:
@@ -181,14 +181,20 @@ class TNorm:
 
     def cost(self, membership: ArrayLike) -> FloatArray:
         """Costs of memberships: 0 for 1, and infinite (Lukasiewicz: 1) for 0."""
-        return from_membership(as_numbers("membership", membership), self.scale)
+        with np.errstate(invalid="ignore"):
+            cost = from_membership(as_numbers("membership", membership), self.scale)
+        if np.isnan(cost).any():
+            raise ParameterError(f"membership: got {brief(membership)}, expected values in [0, 1]")
+        return cost
 
     def membership(self, cost: ArrayLike) -> FloatArray:
         """Memberships of costs: the (pseudo-)inverse of `cost`."""
-        return to_membership(as_numbers("cost", cost), self.scale)
+        with np.errstate(over="ignore"):
+            return to_membership(as_numbers("cost", cost), self.scale)
 
     def cost_of_log(self, negative_log: FloatArray) -> FloatArray:
         """Costs from minus the logarithms of memberships, which do not underflow."""
+        negative_log = as_numbers("negative_log", negative_log)
         if self.scale == "log":
             return negative_log
         if self.scale == "reciprocal":
@@ -207,6 +213,7 @@ class TNorm:
         For Hamacher and Lukasiewicz this is the factor 1/(1 + c) and 1/(1 - c) that
         widens or narrows the spread after a measurement of surprise c.
         """
+        cost, best = as_numbers("cost", cost), as_real("best", best)
         if self.scale == "log":
             return cost - best
         if self.scale == "reciprocal":
@@ -285,6 +292,12 @@ class TConorm:
         ndarray
         """
         (value,) = _memberships(self.name, (memberships,))
+        try:
+            value.sum(axis=axis)
+        except (TypeError, ValueError) as error:  # AxisError is the latter
+            raise ParameterError(
+                f"axis: got {brief(axis)}, expected axes of an array of {value.ndim} dimensions"
+            ) from error
         dual = cast("TNorm", self.dual)
         if dual.additive:
             return np.asarray(_GENERATED[dual.scale].join(value, axis))
@@ -343,11 +356,8 @@ def as_t_conorm(t_conorm: str | TConorm, *, continuum: bool = False) -> TConorm:
     'max'
     """
     if not isinstance(t_conorm, TConorm):
-        if t_conorm not in _T_CONORMS:
-            allowed = ", ".join(map(repr, _T_CONORMS))
-            raise ParameterError(f"t_conorm: got {t_conorm!r}, expected one of {allowed}")
-        t_conorm = _T_CONORMS[t_conorm]
-    if continuum and not t_conorm.has_continuum_limit:
+        t_conorm = _T_CONORMS[as_choice("t_conorm", t_conorm, _T_CONORMS)]
+    if as_flag("continuum", continuum) and not t_conorm.has_continuum_limit:
         raise ParameterError(
             f"t_conorm: {t_conorm.name!r} has no limit on a continuum: under refinement of a grid it joins "
             "ever more alternatives and every membership tends to 1; use 'max' here, and sums only on "
@@ -366,4 +376,5 @@ def _memberships(name: str, values: tuple[ArrayLike, ...]) -> list[FloatArray]:
         if not inside.all():
             worst = array[~inside].flat[0]
             raise ParameterError(f"{name}: got the membership {worst:.6g}, expected values in [0, 1]")
+    check_broadcast(**{f"memberships[{k}]": array for k, array in enumerate(arrays)})
     return arrays

@@ -15,12 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import reduce
 from itertools import product
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_numbers
+from fuzzykf.gaussian import as_numbers, brief
 from fuzzykf.possibility.memberships import GaussianMembership, Membership, SingletonMembership
 from fuzzykf.possibility.norms import TConorm, TNorm, as_t_conorm, as_t_norm
 
@@ -41,6 +41,14 @@ __all__ = [
     "intersection",
     "union",
 ]
+
+
+def as_sequence(name: str, value: Any) -> list[Any]:
+    """Return the elements of a sequence as a list."""
+    try:
+        return list(value)
+    except TypeError as error:
+        raise ShapeError(f"{name}: got {brief(value)}, expected a sequence of arrays") from error
 
 
 def fuzzify(
@@ -218,6 +226,8 @@ def extend(
     """
     values = as_numbers("fuzzy_set", fuzzy_set).ravel()
     elements = as_numbers("universe", universe)
+    if elements.ndim == 0 or elements.size == 0:
+        raise ShapeError(f"universe: got shape {elements.shape}, expected (m,) or (m, d)")
     elements = elements.reshape(elements.shape[0], -1)
     points = as_numbers("images", images)
     if points.size != values.size * elements.shape[1]:
@@ -276,9 +286,10 @@ class Rule:
             If there are more or fewer universes than fuzzy sets.
         """
         sets = (*self.antecedents, self.consequent)
-        if len(universes) != len(sets):
-            raise ShapeError(f"universes: got {len(universes)}, expected {len(sets)}")
-        values = [np.atleast_1d(m(u)) for m, u in zip(sets, universes, strict=True)]
+        given = as_sequence("universes", universes)
+        if len(given) != len(sets):
+            raise ShapeError(f"universes: got {len(given)}, expected {len(sets)}")
+        values = [np.atleast_1d(m(u)) for m, u in zip(sets, given, strict=True)]
         return cartesian_product(*values, t_norm=t_norm)
 
 
@@ -377,5 +388,7 @@ class RuleBase:
         -------
         ndarray, shape (m,)
         """
+        if not as_sequence("sets", sets):
+            raise ShapeError("sets: got none, expected the memberships of each universe but the last")
         joint = cartesian_product(*sets, t_norm=self.t_norm)
         return compose(joint, self.relation(universes), t_norm=self.t_norm, t_conorm=self.t_conorm)

@@ -39,11 +39,15 @@ KINDS = {
 #: Limits of a worker: bytes of address space, seconds of a call.
 BYTES, SECONDS = 4 << 30, 10.0
 
+#: Beyond this, numbers make rounding errors that can be seen in others.
+HUGE = 1e5
+
 #: What a filter knows; finite whatever was missing.
 STATE = {"x", "P", "x_prior", "P_prior", "x_post", "P_post", "mu", "switch", "switch_mean", "class_weights"}
 
 #: NaN where there has been no observation, or a switch is not known; infinite where there is no end.
 UNKNOWN = {
+    "means_",
     "z",
     "y",
     "nis",
@@ -77,12 +81,18 @@ class Outcome:
         The error, or what is wrong.
     found : dict
         What was returned, and how the object was left.
+    size : float
+        Of which the rounding errors are, at most: the square of the largest number there was, if that is huge.
+    broken : bool
+        Whether the user has assigned what is not finite to an attribute: what follows is his affair.
     """
 
     call: str
     kind: str
     text: str = ""
     found: dict[str, Any] = field(default_factory=dict)
+    size: float = 1.0
+    broken: bool = False
 
 
 # --------------------------------------------------------------------------- what is wrong
@@ -109,6 +119,19 @@ def bad_numbers(found: dict[str, Any], before: dict[str, Any], tainted: bool, in
         if wrong.any():
             return f"{name} = {value.ravel()[:4]}"
     return ""
+
+
+def size_of(found: dict[str, Any]) -> float:
+    """Return the largest number that is finite."""
+    arrays = [
+        one for one in found.values() if isinstance(one, np.ndarray) and one.dtype.kind in "fc" and one.size
+    ]
+    sizes = [
+        float(abs(value)) for value in found.values() if type(value) in (int, float) and abs(value) < 1e300
+    ]
+    return max(
+        [0.0, *sizes, *(float(np.abs(np.nan_to_num(one, posinf=0.0, neginf=0.0)).max()) for one in arrays)]
+    )
 
 
 def is_tainted(values: Any) -> bool:
@@ -179,7 +202,9 @@ def called(call: Any, args: list[Any], kwargs: dict[str, Any]) -> tuple[Any, Exc
     return result, failed, [one for one in caught if not issubclass(one.category, UserWarning)]
 
 
-def outcome(target: Any, verb: Verb, args: list[Any], kwargs: dict[str, Any], tainted: bool) -> Outcome:
+def outcome(
+    target: Any, verb: Verb, args: list[Any], kwargs: dict[str, Any], tainted: bool, broken: bool
+) -> Outcome:
     """Make a call and judge it."""
     given = ", ".join([*map(show, args), *(f"{name}={show(value)}" for name, value in kwargs.items())])
     text = f"{verb.name}({given})"
@@ -204,10 +229,11 @@ def outcome(target: Any, verb: Verb, args: list[Any], kwargs: dict[str, Any], ta
         if changed:
             return Outcome(text, "changed", f"{changed} after {said}", found)
         return Outcome(text, kind_of(error, names_of(call, verb)), said, found)
-    if caught:
+    if caught and not broken:
         return Outcome(text, "warning", f"{caught[0].category.__name__}: {caught[0].message}", found)
-    fresh = verb.name in ("reset", "copy") or type(result).__name__ == "KnownSwitchFilter"
-    bad = "" if fresh else bad_numbers(found, before, tainted, verb.infinite)
+    told_later = (type(target).__name__, verb.name) == ("KnownSwitchFilter", "predict")
+    fresh = verb.name in ("reset", "copy") or type(result).__name__ == "KnownSwitchFilter" or told_later
+    bad = "" if fresh or broken or verb.gaps else bad_numbers(found, before, tainted, verb.infinite)
     return Outcome(text, "silent", bad, found) if bad else Outcome(text, "right", "", found)
 
 
@@ -218,11 +244,15 @@ def case(number: int, seed: int, folder: str) -> tuple[str, list[Outcome]]:
     rng = np.random.default_rng([seed, number])
     name, target, verbs = drawn(rng)
     outcomes: list[Outcome] = []
-    tainted = False
+    tainted, broken, largest = False, False, 0.0
     for verb in verbs:
         args, kwargs = draw(rng, verb, folder)
         tainted = tainted or is_tainted([*args, *kwargs.values()])
-        outcomes.append(outcome(target, verb, args, kwargs, tainted))
+        broken = broken or (tainted and verb.name.startswith("set "))  # as the user wants it
+        outcomes.append(outcome(target, verb, args, kwargs, tainted, broken))
+        largest = max(largest, size_of(outcomes[-1].found), size_of(parts([args, kwargs], depth=6)))
+        outcomes[-1].broken = broken
+        outcomes[-1].size = min(largest * largest, 1e300) if largest > HUGE else 1.0
         if outcomes[-1].kind not in ("right", "named"):
             break
     return name, outcomes

@@ -62,10 +62,11 @@ def attribute(thing: Any, name: str) -> Any:
         return f"raises {type(error).__name__}"
 
 
-def differences(a: dict[str, Any], b: dict[str, Any], tolerance: float) -> str:
+def differences(a: dict[str, Any], b: dict[str, Any], tolerance: float, size: float = 1.0) -> str:
     """Say in what two values that were taken apart differ; nothing if they agree.
 
-    With a tolerance, numbers may differ by it relative to the largest of their array, or to one.
+    With a tolerance, numbers may differ by it relative to the largest of their array, or to
+    ``size``.
     """
     if a.keys() != b.keys():
         return f"{sorted(a.keys() ^ b.keys())[:5]} on one side only"
@@ -74,14 +75,14 @@ def differences(a: dict[str, Any], b: dict[str, Any], tolerance: float) -> str:
         if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
             if one.shape != other.shape or one.dtype.kind != other.dtype.kind:
                 return f"{name}: {one.dtype}{one.shape} and {other.dtype}{other.shape}"
-            if not agree(one, other, tolerance):
+            if not agree(one, other, tolerance, size):
                 return f"{name}: {brief(one)} and {brief(other)}"
         elif type(one) is not type(other) or one != other:
             return f"{name}: {one!r:.200} and {other!r:.200}"
     return ""
 
 
-def agree(a: np.ndarray, b: np.ndarray, tolerance: float) -> bool:
+def agree(a: np.ndarray, b: np.ndarray, tolerance: float, size: float) -> bool:
     """Whether arrays of one shape agree."""
     if tolerance == 0.0 or a.dtype.kind not in "fc":
         return np.array_equal(a, b, equal_nan=a.dtype.kind in "fc")
@@ -90,7 +91,7 @@ def agree(a: np.ndarray, b: np.ndarray, tolerance: float) -> bool:
         return False
     if not finite.any():
         return True
-    scale = max(np.abs(a[finite]).max(), np.abs(b[finite]).max(), 1.0)
+    scale = max(np.abs(a[finite]).max(), np.abs(b[finite]).max(), size)
     return bool((np.abs(a[finite] / scale - b[finite] / scale) <= tolerance).all())
 
 

@@ -91,7 +91,12 @@ class Membership(ABC):
         points = numbers("x", x)
         if self.dim == 1 and (points.ndim < 2 or points.shape[-1] != 1):
             points = points[..., None]
-        value = self._evaluate(as_points(points, self.dim))
+        points = as_points(points, self.dim)
+        with np.errstate(over="ignore", invalid="ignore"):
+            value = self._evaluate(points)
+        beyond = np.isinf(points).any(axis=-1)
+        if beyond.any():  # differences of infinities are no numbers
+            value = np.where(beyond & np.isnan(value), 0.0, value)
         return float(value) if value.ndim == 0 else value
 
     def negative_log(self, x: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.possibility.memberships.base import Membership, as_components, as_level, as_vector
+from fuzzykf.possibility.memberships.base import Membership, as_components, as_level, as_levels, as_vector
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -76,6 +76,7 @@ class TriangularMembership(Membership):
 
     def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Bounds of the points reaching each of many levels."""
+        levels = as_levels("levels", levels)
         lower = self.left + np.outer(levels, self._peak - self.left)
         return lower, self.right - np.outer(levels, self.right - self._peak)
 

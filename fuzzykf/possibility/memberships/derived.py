@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.possibility.memberships.base import Membership, as_components, as_level, as_numbers
+from fuzzykf.gaussian import brief
+from fuzzykf.possibility.memberships.base import (
+    Membership,
+    as_components,
+    as_level,
+    as_levels,
+    as_numbers,
+    as_points,
+)
 from fuzzykf.possibility.memberships.bounded import SingletonMembership
 from fuzzykf.possibility.memberships.sampled import GridMembership
+from fuzzykf.possibility.norms import as_t_norm
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -107,11 +116,13 @@ class CutMembership(Membership):
 
     def cost(self, x: FloatArray, t_norm: TNorm) -> FloatArray:
         """Costs of the base inside the cut, of impossibility outside."""
+        x, t_norm = as_points(x, self.dim), as_t_norm(t_norm)
         value = self.base._evaluate(x)
         return np.where(self._kept(x, value, self.level), self.base.cost(x, t_norm), t_norm.impossible)
 
     def negative_log(self, x: FloatArray) -> FloatArray:
         """Minus the logarithms of the memberships."""
+        x = as_points(x, self.dim)
         value = self.base._evaluate(x)
         return np.where(self._kept(x, value, self.level), self.base.negative_log(x), np.inf)
 
@@ -122,7 +133,7 @@ class CutMembership(Membership):
 
     def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Bounds of the points reaching each of many levels."""
-        lower, upper = self.base.reach(np.maximum(levels, self.level))
+        lower, upper = self.base.reach(np.maximum(as_levels("levels", levels), self.level))
         return np.maximum(lower, self.lower), np.minimum(upper, self.upper)
 
     def project(self, components: Sequence[int]) -> Membership:
@@ -152,14 +163,21 @@ class JointMembership(Membership):
     """
 
     def __init__(self, components: Sequence[Membership], t_norm: TNorm) -> None:
-        self.components = tuple(components)
-        self.t_norm = t_norm
+        try:
+            self.components = tuple(components)
+        except TypeError as error:
+            raise ParameterError(
+                f"components: got {brief(components)}, expected scalar memberships"
+            ) from error
+        self.t_norm = as_t_norm(t_norm)
         self.dim = len(self.components)
         if not self.components:
             raise ShapeError("components: got none, expected at least one scalar membership")
         for k, component in enumerate(self.components):
             if not isinstance(component, Membership):
-                raise ParameterError(f"components: number {k} is {component!r}, expected a scalar membership")
+                raise ParameterError(
+                    f"components: number {k} is {brief(component)}, expected a scalar membership"
+                )
             if component.dim != 1:
                 raise ShapeError(f"components: number {k} has {component.dim} dimensions, expected 1")
 
@@ -173,6 +191,7 @@ class JointMembership(Membership):
 
     def cost(self, x: FloatArray, t_norm: TNorm) -> FloatArray:
         """Costs; combined without a detour over memberships where the t-norm is the same."""
+        x, t_norm = as_points(x, self.dim), as_t_norm(t_norm)
         if t_norm != self.t_norm:
             return super().cost(x, t_norm)
         costs = (c.cost(x[..., k : k + 1], t_norm) for k, c in enumerate(self.components))
@@ -243,6 +262,8 @@ def sampled(membership: Membership, level: float = 1e-8) -> GridMembership:
     level : float
         Where the support is unbounded, memberships below this level are left out.
     """
+    if not isinstance(membership, Membership):
+        raise ParameterError(f"membership: got {brief(membership)}, expected a membership")
     lower, upper = membership.support(0.0 if membership.is_bounded else level)
     nodes = NODES.get(membership.dim, 41)
     axes = [

@@ -8,7 +8,15 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import check_covariance, whitening
-from fuzzykf.possibility.memberships.base import Membership, as_components, as_level, as_vector
+from fuzzykf.possibility.memberships.base import (
+    Membership,
+    as_components,
+    as_level,
+    as_levels,
+    as_points,
+    as_vector,
+)
+from fuzzykf.possibility.norms import as_t_norm
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,6 +62,7 @@ class EllipticalMembership(Membership):
 
     def quadratic(self, x: FloatArray) -> FloatArray:
         """Return q at points (..., dim), infinite off the range of a singular matrix."""
+        x = as_points(x, self.dim)
         if self.dim == 1 and self._whiten.size:
             scaled: FloatArray = (x[..., 0] - self.center[0]) * self._whiten[0, 0]
             return scaled * scaled
@@ -77,7 +86,7 @@ class EllipticalMembership(Membership):
 
     def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Bounds, component by component, of the points reaching each of many levels."""
-        half = np.sqrt(np.outer(self._quadratic_at(levels), np.diag(self.matrix)))
+        half = np.sqrt(np.outer(self._quadratic_at(as_levels("levels", levels)), np.diag(self.matrix)))
         return self.center - half, self.center + half
 
     def _quadratic_at(self, level: FloatArray) -> FloatArray:
@@ -147,7 +156,8 @@ class GaussianMembership(EllipticalMembership):
         return 0.5 * self.quadratic(x)
 
     def _quadratic_at(self, level: FloatArray) -> FloatArray:
-        return -2.0 * np.log(level)
+        with np.errstate(divide="ignore"):
+            return -2.0 * np.log(level)
 
 
 class _ScaledMembership(EllipticalMembership):
@@ -243,6 +253,7 @@ class ParabolicMembership(_ScaledMembership):
         There a cost above one means impossible as much as one does, but quadratic
         costs can be interpolated across the edge of the support without error.
         """
+        t_norm = as_t_norm(t_norm)
         own = t_norm.additive and t_norm.scale == "complement"
         return self.quadratic(x) if own else super().cost(x, t_norm)
 

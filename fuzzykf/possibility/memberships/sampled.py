@@ -8,8 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array
-from fuzzykf.possibility.memberships.base import Membership, as_components, as_level, as_numbers, as_vector
+from fuzzykf.gaussian import as_array, brief
+from fuzzykf.possibility.memberships.base import (
+    Membership,
+    as_components,
+    as_level,
+    as_levels,
+    as_numbers,
+    as_vector,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -62,7 +69,10 @@ class GridMembership(Membership):
     ) -> None:
         array = as_numbers("values", values)
         self.dim = array.ndim
-        single = array.ndim == 1 and not isinstance(axes, tuple) and np.ndim(axes[0]) == 0  # type: ignore[index]
+        given: Any = axes
+        if not hasattr(given, "__len__") or not hasattr(given, "__getitem__") or len(given) == 0:
+            raise ShapeError(f"axes: got {brief(axes)}, expected the coordinates of each dimension")
+        single = array.ndim == 1 and not isinstance(axes, tuple) and np.ndim(given[0]) == 0
         coordinates: list[ArrayLike] = [axes] if single else list(axes)  # type: ignore[list-item, arg-type]
         if array.ndim == 0 or len(coordinates) != array.ndim:
             raise ShapeError(
@@ -305,7 +315,7 @@ class FunctionMembership(Membership):
 
     def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Bounds of the whole support: nothing that a search on a grid may miss is left out."""
-        shape = (levels.size, self.dim)
+        shape = (as_levels("levels", levels).size, self.dim)
         return np.broadcast_to(self.lower, shape), np.broadcast_to(self.upper, shape)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_numbers
+from fuzzykf.gaussian import as_flag, as_numbers
 from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
 from fuzzykf.switching.inference.series import SHOWN, Trajectory, filter_one, result_of, smoothed_result
@@ -183,10 +183,12 @@ class KnownSwitchFilter(SwitchingFilter):
         if r is None:
             raise ParameterError("r: missing; expected the value of the switch at this observation")
         as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
-        with self._unchanged_on_error():
+        with self._as_it_was_on_error():
             self.predict(r)
             self.update(z)
         return self.x
+
+    _STATE = (*SwitchingFilter._STATE, "_r", "_r_next", "_tables", "_told_at_predict")
 
     def _checked(self, r: float) -> float:
         value = _as_switches(r)
@@ -214,6 +216,7 @@ class KnownSwitchFilter(SwitchingFilter):
         FilterResult
         """
         ys, path = self._read(zs, r)
+        keep_nodes = as_flag("keep_nodes", keep_nodes)
         trajectory = filter_one(self._method, path, ys, SHOWN, states=keep_nodes)
         self._adopt_path(trajectory, ys, path)
         result = result_of(path.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))
@@ -234,9 +237,10 @@ class KnownSwitchFilter(SwitchingFilter):
         FilterResult
         """
         ys, path = self._read(zs, r)
+        keep_nodes = as_flag("keep_nodes", keep_nodes)
         trajectory = filter_one(self._method, path, ys, ("log_likelihood",), states=True)
-        self._adopt_path(trajectory, ys, path)
         smoothed = self._method.smooth(path, trajectory, ys)
+        self._adopt_path(trajectory, ys, path)
         result = smoothed_result(path.chain, trajectory, smoothed, keep_nodes, index_of(zs))
         return replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
 

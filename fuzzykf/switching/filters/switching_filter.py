@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from fuzzykf.base import (
     index_of,
 )
 from fuzzykf.errors import ParameterError, SequenceError
-from fuzzykf.gaussian import as_count
+from fuzzykf.gaussian import as_count, as_flag
 from fuzzykf.switching.filters.stepper import STREAMS, Stepper
 from fuzzykf.switching.inference.exact import EXACT
 from fuzzykf.switching.inference.forecast import forecast
@@ -164,19 +164,30 @@ class SwitchingFilter(Stepper, Filter):
 
     def _step_by_verbs(self, y: FloatArray) -> FloatArray:
         """Predict and update; an error leaves the filter as it was."""
-        with self._unchanged_on_error():
+        with self._as_it_was_on_error():
             self.predict()
             self._take(y)
         return self.x
 
+    #: What a verb changes.  It stands in the stepper where that is compiled, and not in ``__dict__``.
+    _STATE: ClassVar[tuple[str, ...]] = (
+        "_n",
+        "_predicted",
+        "_mixture",
+        "_z",
+        "_log_likelihood",
+        "_before",
+        "_steady",
+    )
+
     @contextmanager
-    def _unchanged_on_error(self) -> Iterator[None]:
-        """Return to the state of before if the block raises: a predict may have taken a gap."""
-        before = SwitchingFilter.__getstate__(self)
+    def _as_it_was_on_error(self) -> Iterator[None]:
+        before = {name: getattr(self, name) for name in self._STATE}
         try:
             yield
-        except Exception:
-            SwitchingFilter.__setstate__(self, before)
+        except BaseException:
+            for name, value in before.items():
+                setattr(self, name, value)
             raise
 
     if not STREAMS:
@@ -235,6 +246,7 @@ class SwitchingFilter(Stepper, Filter):
             observation, so that `step` continues.
         """
         ys, index = as_observations(zs, self.dim_z), index_of(zs)
+        keep_nodes = as_flag("keep_nodes", keep_nodes)
         trajectory = filter_one(self._method, self._system, ys, SHOWN, states=keep_nodes)
         self._adopt(trajectory, ys)
         return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index)
@@ -264,9 +276,10 @@ class SwitchingFilter(Stepper, Filter):
             likely ``switch_path``, and the ``log_likelihood`` of the filter.
         """
         ys, index = as_observations(zs, self.dim_z), index_of(zs)
+        keep_nodes = as_flag("keep_nodes", keep_nodes)
         trajectory = filter_one(self._method, self._system, ys, ("log_likelihood",), states=True)
-        self._adopt(trajectory, ys)
         smoothed = self._method.smooth(self._system, trajectory, ys)
+        self._adopt(trajectory, ys)
         return smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index)
 
     @property

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_array
+from fuzzykf.gaussian import as_array, brief, check_broadcast, is_whole
 from fuzzykf.switching.laws.chain import SwitchChain
 from fuzzykf.switching.laws.integration import Lines
 from fuzzykf.switching.laws.law import FuzzyMarkovLaw, checked_switch
@@ -76,7 +76,9 @@ class CellLaw(FuzzyMarkovLaw):
 
     def joint_density(self, r1: ArrayLike, r2: ArrayLike) -> FloatArray:
         """Return p(r1, r2), in this order."""
-        a, b = np.broadcast_arrays(checked_switch("r1", r1), checked_switch("r2", r2))
+        first, second = checked_switch("r1", r1), checked_switch("r2", r2)
+        check_broadcast(r1=first, r2=second)
+        a, b = np.broadcast_arrays(first, second)
         if self._n_cells == 0:
             hard = ((a == 0.0) | (a == 1.0)) & ((b == 0.0) | (b == 1.0))
             return np.where(hard, self.masses[self._cell(a), self._cell(b)], 0.0)
@@ -105,10 +107,11 @@ class CellLaw(FuzzyMarkovLaw):
         ParameterError
             If another number of nodes or another rule is asked for.
         """
-        if n_nodes != self._n_cells or rule != "cell":
+        given: Any = rule
+        if not (is_whole(n_nodes) and n_nodes == self._n_cells and isinstance(given, str) and rule == "cell"):
             raise ParameterError(
-                f"n_nodes, rule: got {n_nodes} and {rule!r}, expected {self._n_cells} and 'cell', the "
-                "cells on which this law was learned"
+                f"n_nodes, rule: got {brief(n_nodes)} and {brief(rule)}, expected {self._n_cells} and "
+                "'cell', the cells on which this law was learned"
             )
         F = self._n_cells
         nodes = np.concatenate([[0.0], (np.arange(F) + 0.5) / max(F, 1), [1.0]])

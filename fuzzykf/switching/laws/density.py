@@ -41,7 +41,7 @@ class DensityLaw(FuzzyMarkovLaw):
                 f"corners: got {masses.tolist()}, expected four masses, not negative, with "
                 "corners[0, 1] = corners[1, 0]"
             )
-        shifts = as_array("kinks", list(kinks), (None,))
+        shifts = as_array("kinks", kinks, (None,))
         if (np.abs(shifts) > 1.0).any():
             raise ParameterError(f"kinks: got {shifts.tolist()}, expected differences r2 - r1 in [-1, 1]")
         self.corners = masses
@@ -107,7 +107,8 @@ def _edge_functions(edges: Edges) -> tuple[Density, Density]:
         if _n_arguments(both) == 1:
             return both, both
         return (lambda r: both(np.zeros_like(r), r)), (lambda r: both(np.ones_like(r), r))
-    if np.ndim(edges) == 0:  # type: ignore[arg-type]
+    given: Any = edges
+    if not isinstance(given, list | tuple) and np.ndim(given) == 0:
         constant = _as_function("edges", edges)  # type: ignore[arg-type]
         return constant, constant
     pair = list(edges)  # type: ignore[arg-type]

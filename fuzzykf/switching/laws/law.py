@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_count, as_numbers, check_generator
+from fuzzykf.gaussian import as_count, as_numbers, check_broadcast, check_generator
 from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.chain import MOST_DRAWS
 from fuzzykf.switching.laws.integration import Lines, cell_masses, integrate_line, invert_line
@@ -214,7 +214,9 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         ndarray
             Of the broadcast shape.
         """
-        a, b = np.broadcast_arrays(checked_switch("r1", r1), checked_switch("r2", r2))
+        first, second = checked_switch("r1", r1), checked_switch("r2", r2)
+        check_broadcast(r1=first, r2=second)
+        a, b = np.broadcast_arrays(first, second)
         hard_a, hard_b = (a == 0.0) | (a == 1.0), (b == 0.0) | (b == 1.0)
         density = np.empty(a.shape)
         both = hard_a & hard_b

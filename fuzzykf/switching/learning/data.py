@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -183,12 +184,12 @@ def _series(name: str, value: Any) -> list[FloatArray]:
     result = []
     for k, part in enumerate(parts):
         try:
-            array = np.asarray(part.to_numpy() if hasattr(part, "to_numpy") else part).astype(np.float64)
-        except (TypeError, ValueError) as error:
+            array = as_numbers(name, part.to_numpy() if hasattr(part, "to_numpy") else part).copy()
+        except ShapeError as error:
             raise ShapeError(f"{name}: expected numbers, (n, k) or (n,), or a list of such arrays") from error
         if array.ndim == 3 and array.shape[2] == 1:
             array = array[..., 0]
-        if array.ndim not in (1, 2):
+        if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
             raise ShapeError(f"{name}: got shape {array.shape}, expected (n, k) or (n,)")
         array = array[:, None] if array.ndim == 1 else array
         if np.isinf(array).any():

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_numbers, is_whole
+from fuzzykf.gaussian import as_choice, as_numbers, is_whole
 from fuzzykf.io import FILTERS, part_from_dict, part_to_dict
-from fuzzykf.registry import either
 from fuzzykf.switching.dynamics.forms import CovarianceForm, RegressionForm, TransitionForm
 from fuzzykf.switching.dynamics.registry import FORMS
 from fuzzykf.switching.laws.chain import SwitchChain
@@ -344,8 +343,7 @@ class CGOMSModel(SwitchingModel):
         """
         if n_nodes is not None and not (is_whole(n_nodes) and n_nodes >= 0):
             raise ParameterError(f"n_nodes: got {n_nodes!r}, expected a whole number of at least 0")
-        if rule not in RULES:
-            raise ParameterError(f"rule: got {rule!r}, expected {either(RULES)}")
+        as_choice("rule", rule, RULES)
         return self._system
 
     def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:

@@ -252,7 +252,7 @@ class CGLSSM(Document):
             ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,), regimes as 0, ..., K - 1.
         """
         r = self.chain.sample(n, rng)
-        j = r.astype(np.intp)
+        n, j = len(r), r.astype(np.intp)
         A, B, C, D = self.space
         x = (C[j] @ rng.standard_normal((n, C.shape[-1], 1)))[..., 0]
         if n:
