@@ -139,3 +139,17 @@ def test_a_measurement_that_contradicts_the_state_is_refused_likewise() -> None:
         f.step(50.0)
     np.testing.assert_array_equal(f.x, twin.x)
     np.testing.assert_array_equal(f.step(0.2), twin.step(0.2))
+
+
+def test_a_series_that_is_refused_half_way_leaves_a_filter_as_it_was():
+    one = IntervalMembership
+    f = FuzzyRelationEstimator(
+        1, 1, state=one(-2.0, 2.0), process_noise=one(-0.2, 0.2), measurement_noise=one(-1.0, 1.0)
+    )
+    f.step(0.5)
+    x, P = f.x.copy(), f.P.copy()
+    for verb in (f.filter, f.batch_filter):
+        with pytest.raises(EmptyIntersectionError):
+            verb([0.4, 0.3, 50.0, 0.2])
+        np.testing.assert_array_equal(f.x, x)
+        np.testing.assert_array_equal(f.P, P)
