@@ -65,7 +65,7 @@ def test_a_pandas_object_keeps_its_index_and_its_names() -> None:
         ([2.0, 2.0, 2.0], "column 0 is 2 in every row"),
         ([np.nan, np.nan], "column 0 holds no number"),
         ([1.0, np.inf], "row 1 is infinite"),
-        ([["a"], ["b"]], "expected numbers"),
+        ([["a"], ["b"]], "expected an array of numbers"),
         (np.zeros((2, 2, 2)), r"got shape \(2, 2, 2\)"),
     ],
 )

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.errors import ShapeError
-from fuzzykf.gaussian import as_array, as_numbers
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_array, as_numbers, brief, is_whole
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square
 from fuzzykf.kalman.updates import condition, distance, log_density, observed, zero_where_missing
 
@@ -34,6 +34,9 @@ def update_with_gain(
 
 def block_of(start: int, length: int, m: int) -> slice:
     """Which of m components a block of neighbours is."""
+    if not is_whole(start):
+        raise ParameterError(f"start, z_i: got {brief(start)}, expected the number of the first component")
+    start = int(start)
     stop = start + length
     if not 0 <= start < stop <= m:
         raise ShapeError(f"start, z_i: got components {start} to {stop - 1}, expected some of 0 to {m - 1}")

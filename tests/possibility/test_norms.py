@@ -195,7 +195,7 @@ def test_sums_are_refused_on_a_continuum(conorm):
 def test_unknown_names_are_refused():
     with pytest.raises(ParameterError, match=r"t_norm: got 'sum', expected one of 'product'"):
         as_t_norm("sum")
-    with pytest.raises(ParameterError, match=r"t_conorm: got 'min', expected one of 'max'"):
+    with pytest.raises(ParameterError, match=r"t_conorm: got 'min', expected 'max'"):
         as_t_conorm("min")
 
 
