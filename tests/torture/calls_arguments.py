@@ -212,12 +212,12 @@ class Thing:
 
 #: In place of anything.
 STRANGE: tuple[Any, ...] = (
-    None, NAN, INF, -INF, 1e150, -1e150, 1e-300, 0, 0.0, -0.0, -1, -1.0, 2.5, 1j, 10**400, "text", "", b"bytes",
-    Thing(), object, [], {}, (), [[]], [None], [None, None], [[1.0, 2.0], [3.0]], [1.0, "x"], {"a": 1.0}, {1.0},
-    np.array(1.0), np.empty(0), np.empty((0, 0)), np.empty((0, 1)), np.empty((1, 0)), np.zeros((1, 1, 1)),
-    np.zeros((2, 2, 2, 2)), np.array([[NAN]]), np.array(["x"]), np.array([None, 1.0], dtype=object),
-    np.array([1 + 1j]), np.array([True]), np.datetime64("2020-01-01"), np.array([1, 2], dtype=np.uint64),
-    range(3), slice(None), np.zeros, print, np.float64(3.0), np.zeros((3, 3)), np.ones(5),
+    None, NAN, INF, -INF, 1e150, -1e150, 1e-300, 0, 0.0, -0.0, -1, -1.0, 2.5, 1j, 10**400, "text", "",
+    b"bytes", Thing(), object, [], {}, (), [[]], [None], [None, None], [[1.0, 2.0], [3.0]], [1.0, "x"],
+    {"a": 1.0}, {1.0}, np.array(1.0), np.empty(0), np.empty((0, 0)), np.empty((0, 1)), np.empty((1, 0)),
+    np.zeros((1, 1, 1)), np.zeros((2, 2, 2, 2)), np.array([[NAN]]), np.array(["x"]), np.zeros((3, 3)),
+    np.array([None, 1.0], dtype=object), np.array([1 + 1j]), np.array([True]), np.datetime64("2020-01-01"),
+    np.array([1, 2], dtype=np.uint64), range(3), slice(None), np.zeros, print, np.float64(3.0), np.ones(5),
 )  # fmt: skip
 
 #: In place of a number that has no limit.

@@ -82,7 +82,7 @@ class Outcome:
     found : dict
         What was returned, and how the object was left.
     size : float
-        Of which the rounding errors are, at most: the square of the largest number there was, if that is huge.
+        Of which the rounding errors are, at most: the largest number squared, where that is huge.
     broken : bool
         Whether the user has assigned what is not finite to an attribute: what follows is his affair.
     """

@@ -175,8 +175,14 @@ def make(folder: Path, rounds: range) -> list[str]:
     return faults
 
 
-def load(folder: Path, tolerance: float) -> tuple[int, list[str]]:
-    """Load everything in this process's engine, and go on with it."""
+def load(folder: Path, tolerances: dict[str, float]) -> dict[str, tuple[int, list[str]]]:
+    """Load everything that engines made in this process's engine, and go on with it."""
+    there = [engine for engine in tolerances if (folder / engine / "made").exists()]
+    return {engine: loaded(folder / engine, tolerances[engine]) for engine in there}
+
+
+def loaded(folder: Path, tolerance: float) -> tuple[int, list[str]]:
+    """Load everything that one engine made; return how many, and what is wrong."""
     faults, loads = [], 0
     for number, name, stage, seed in pickle.loads((folder / "made").read_bytes()):
         content, expected = pickle.loads((folder / f"{number}.pickle").read_bytes())
@@ -235,12 +241,14 @@ def run(share: float, seed: int) -> Report:
                 report.figures[f"objects made on {engine}"] = objects
             except (EOFError, TimeoutError) as error:
                 report.faults.append(f"made on {engine}: the process ended: {error!r}")
+        for other in ENGINES:
+            tolerances = {engine: 0.0 if other == engine else TOLERANCE for engine in ENGINES}
+            try:
+                found = on(other, "load", Path(folder), tolerances)
+            except (EOFError, TimeoutError) as error:
+                report.faults.append(f"loaded on {other}: the process ended: {error!r}")
                 continue
-            for other in ENGINES:
-                try:
-                    loads, faults = on(other, "load", made, 0.0 if other == engine else TOLERANCE)
-                except (EOFError, TimeoutError) as error:
-                    loads, faults = 0, [f"the process ended: {error!r}"]
+            for engine, (loads, faults) in found.items():
                 report.figures[f"pickles from {engine} loaded on {other}"] = loads
                 report.faults += [f"from {engine} on {other}: {fault}" for fault in faults]
     return report

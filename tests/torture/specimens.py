@@ -153,9 +153,17 @@ def grid_estimator(on_empty: str = "reset") -> Any:
     """Return an estimator on a grid."""
     three = memberships.TriangularMembership
     return fuzzykf.FuzzyRelationEstimator(
-        1, 1, fx=bent, hx=identity, state=three(-3.0, 0.0, 3.0), process_noise=three(-0.5, 0.0, 0.5),
-        measurement_noise=three(-2.0, 0.0, 2.0), on_empty=on_empty, points=41, domain=[[-6.0, 6.0]],
-    )  # fmt: skip
+        1,
+        1,
+        fx=bent,
+        hx=identity,
+        state=three(-3.0, 0.0, 3.0),
+        process_noise=three(-0.5, 0.0, 0.5),
+        measurement_noise=three(-2.0, 0.0, 2.0),
+        on_empty=on_empty,
+        points=41,
+        domain=[[-6.0, 6.0]],
+    )
 
 
 #: Filters by name.  The number of components of an observation stands beside.
@@ -200,9 +208,14 @@ def comparison() -> Any:
     """Return a comparison."""
     s = sample(200)
     return fuzzykf.compare_models(
-        s.x[:, 0], s.y[:, 0], np.random.default_rng(0), candidates=["hard2", "regression"],
-        n_folds=2, max_iter=2, n_resamples=100,
-    )  # fmt: skip
+        s.x[:, 0],
+        s.y[:, 0],
+        np.random.default_rng(0),
+        candidates=["hard2", "regression"],
+        n_folds=2,
+        max_iter=2,
+        n_resamples=100,
+    )
 
 
 def times(n: int = 48) -> Any:
@@ -262,14 +275,15 @@ OTHERS: dict[str, Callable[[], Any]] = {
     "FunctionMembership": lambda: memberships.FunctionMembership(tent, [-1.0, 1.0]),
     "CutMembership": lambda: memberships.CauchyMembership(0.5, 2.0).cut(0.1),
     "JointMembership": lambda: memberships.JointMembership(
-        [memberships.TriangularMembership(-1.0, 0.0, 2.0), memberships.IntervalMembership(-1.0, 2.0)], norms.MIN
+        [memberships.TriangularMembership(-1.0, 0.0, 2.0), memberships.IntervalMembership(-1.0, 2.0)],
+        norms.MIN,
     ),
     "RuleBase": lambda: possibility.RuleBase.from_function(bent, np.linspace(-1.0, 1.0, 3)),
     **{f"TNorm, {name.name}": lambda name=name: name for name in (norms.PRODUCT, norms.HAMACHER, norms.MIN)},
     "TNorm, lukasiewicz": lambda: norms.LUKASIEWICZ,
     "TConorm": lambda: norms.BOUNDED_SUM,
     "TConorm, dual": lambda: norms.PROBABILISTIC_SUM,
-}  # fmt: skip
+}
 
 #: Everything, by name.
 SPECIMENS: dict[str, Callable[[], Any]] = {name: make for name, (_, make) in FILTERS.items()} | OTHERS
