@@ -75,10 +75,11 @@ def as_observation(z: ArrayLike | None, dim_z: int) -> FloatArray | None:
         return None
     if dim_z == 1 and isinstance(z, float) and isfinite(z):  # the usual case in real time
         return np.array([z])
-    if is_complex(z):
-        raise ParameterError(f"z: got complex numbers, expected {dim_z} real ones")
     try:
-        value = np.array(z, dtype=np.float64)
+        given = np.asarray(z)
+        if given.dtype.kind == "c":
+            raise TypeError
+        value = given.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(f"z: expected {dim_z} numbers, got {brief(z)}") from error
     shape = value.shape

@@ -87,11 +87,14 @@ def as_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Floa
         If an entry is NaN or infinite.
     """
     try:
-        array = np.array(value, dtype=None if is_complex(value) else np.float64)
+        given = np.asarray(value)
+        if given.dtype.kind == "c":
+            raise ParameterError(f"{name}: got complex numbers, expected real ones")
+        array = given.astype(np.float64)
+    except ParameterError:
+        raise
     except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(f"{name}: expected an array of numbers of shape {_show(shape)}") from error
-    if array.dtype.kind == "c":
-        raise ParameterError(f"{name}: got complex numbers, expected real ones")
     if array.ndim != len(shape) or any(
         want is not None and got != want for got, want in zip(array.shape, shape, strict=True)
     ):
@@ -117,10 +120,13 @@ def as_numbers(name: str, value: Any) -> FloatArray:
     ParameterError
         If its numbers are complex.
     """
-    if is_complex(value):
-        raise ParameterError(f"{name}: got complex numbers, expected real ones")
     try:
-        return np.asarray(value, dtype=np.float64)
+        given = np.asarray(value)
+        if given.dtype.kind == "c":
+            raise ParameterError(f"{name}: got complex numbers, expected real ones")
+        return given.astype(np.float64, copy=False)
+    except ParameterError:
+        raise
     except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(f"{name}: expected an array of numbers, got {brief(value)}") from error
 

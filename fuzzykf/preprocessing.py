@@ -41,9 +41,9 @@ def hour_of_day(time: NDArray[np.datetime64]) -> FloatArray:
     >>> hour_of_day(np.array(["2014-01-31T16:30"], dtype="datetime64[s]"))
     array([16.5])
     """
+    if getattr(getattr(time, "dtype", None), "kind", "") != "M":
+        raise ParameterError(f"time: got {type(time).__name__}, expected an array of times (datetime64)")
     time = np.asarray(time)
-    if time.dtype.kind != "M":
-        raise ParameterError(f"time: got an array of {time.dtype}, expected times (datetime64)")
     seconds = (time - time.astype("datetime64[D]")) / np.timedelta64(1, "s")
     return np.asarray(seconds / 3600.0, dtype=np.float64)
 

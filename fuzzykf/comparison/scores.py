@@ -232,5 +232,6 @@ def bootstrap_rmse(squared: FloatArray, n_resamples: int, rng: np.random.Generat
     if squared.shape[1] == 0 or (squared < 0.0).any():
         raise ParameterError(f"squared: got shape {squared.shape}, expected columns of numbers of at least 0")
     length = max(block_length(column) for column in squared.T)
-    resampled = np.sqrt(circular_block_means(squared, length, n_resamples, rng))
+    means = circular_block_means(squared, length, n_resamples, rng)
+    resampled = np.sqrt(np.maximum(means, 0.0))  # rounding
     return Bootstrap(np.sqrt(squared.mean(axis=0)), resampled, length)

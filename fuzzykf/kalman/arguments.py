@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
-from fuzzykf.gaussian import SYMMETRY_TOLERANCE, as_array, as_numbers, as_real, brief, check_covariance
+from fuzzykf.gaussian import SYMMETRY_TOLERANCE, as_array, as_numbers, brief, check_covariance
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -62,7 +62,13 @@ def dimension(name: str, value: Any, least: int) -> int:
     """Return ``value`` if it is an integer of at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise ParameterError(f"{name}: got {value!r}, expected an integer of at least {least}")
+    if value > MOST:
+        raise ParameterError(f"{name}: got {brief(value)}, expected at most {MOST:,}")
     return int(value)
+
+
+#: Components that a covariance of which still fits into the memory of large machines.
+MOST = 1 << 20
 
 
 def fits(n: int, m: int, x: Any, P: Any, A: Any, V: Any) -> bool:
@@ -90,11 +96,12 @@ def as_square(name: str, value: Any, n: int) -> FloatArray:
     """Return a covariance as an (n, n) array; a scalar means that multiple of the identity."""
     if type(value) is np.ndarray and value.shape == (n, n) and value.dtype == _FLOAT64:
         return value
-    if np.ndim(value) == 0 or (n == 1 and np.shape(value) == (1,)):
-        try:
-            return as_real(name, np.reshape(value, ())) * np.eye(n)
-        except (TypeError, ValueError) as error:
-            raise ShapeError(f"{name}: got {brief(value)}, expected a number or shape ({n}, {n})") from error
+    try:
+        given = as_numbers(name, value)
+    except ShapeError as error:
+        raise ShapeError(f"{name}: got {brief(value)}, expected a number or shape ({n}, {n})") from error
+    if given.ndim == 0 or (n == 1 and given.shape == (1,)):
+        return float(given.reshape(())) * np.eye(n)
     return as_array(name, value, (n, n))
 
 
@@ -125,9 +132,10 @@ def as_state(x: Any, n: int) -> FloatArray:
     """Return the state as a column (n, 1) or flat (n,) float array."""
     if type(x) is np.ndarray and (x.shape == (n, 1) or x.shape == (n,)) and x.dtype == _FLOAT64:
         return x
-    if np.shape(x) not in {(n, 1), (n,)}:
-        raise ShapeError(f"x: got shape {np.shape(x)}, expected ({n}, 1) or ({n},)")
-    return as_array("x", x, (n, 1) if np.ndim(x) == 2 else (n,))
+    array = as_numbers("x", x)
+    if array.shape not in {(n, 1), (n,)}:
+        raise ShapeError(f"x: got shape {array.shape}, expected ({n}, 1) or ({n},)")
+    return as_array("x", array, array.shape)
 
 
 def as_vector(name: str, value: Any, like: FloatArray) -> FloatArray:

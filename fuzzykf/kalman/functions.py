@@ -37,13 +37,15 @@ def _vector(x: ArrayLike) -> FloatArray:
 
 
 def _transition(F: Any, n: int) -> FloatArray:
-    return as_real("F", F) * np.eye(n) if np.ndim(F) == 0 else as_array("F", F, (n, n))
+    F = as_numbers("F", F)
+    return float(F) * np.eye(n) if F.ndim == 0 else as_array("F", F, (n, n))
 
 
 def _observation(H: Any, n: int) -> FloatArray:
     """Return H as a matrix; None, or a number, stands for a multiple of the identity."""
     if H is None:
         return np.eye(n)
+    H = as_numbers("H", H)
     if np.ndim(H) == 0:
         return as_real("H", H) * np.eye(n)
     if np.ndim(H) == 1 and n == 1:

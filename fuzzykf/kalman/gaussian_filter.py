@@ -10,6 +10,7 @@ import numpy as np
 
 from fuzzykf.base import Filter
 from fuzzykf.engine.selected import seen_components
+from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array
 from fuzzykf.kalman.arguments import as_covariance, as_square, as_state, dimension
 from fuzzykf.kalman.describe import describe
@@ -88,6 +89,8 @@ class GaussianFilter(Filter):
         self.dim_z = dimension("dim_z", dim_z, 1)
         self.dim_u = dimension("dim_u", dim_u, 0)
         self.x = np.zeros((dim_x, 1)) if x is None else as_state(x, dim_x).copy()
+        if not np.isfinite(self.x).all():
+            raise ParameterError(f"x: got {self.x.ravel().tolist()}, expected finite numbers")
         self.P = np.eye(dim_x) if P is None else as_covariance("P", P, dim_x).copy()
         self.F = np.eye(dim_x) if F is None else as_array("F", F, (dim_x, dim_x))
         self.Q = np.eye(dim_x) if Q is None else as_covariance("Q", Q, dim_x).copy()

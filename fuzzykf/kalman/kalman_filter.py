@@ -176,8 +176,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     @alpha.setter
     def alpha(self, value: float) -> None:
         given: Any = value
-        if not isinstance(given, (int, float, np.integer, np.floating)) or not 1.0 <= given < np.inf:
-            raise ParameterError(f"alpha: got {value!r}, expected a finite number of at least 1")
+        if not isinstance(given, (int, float, np.integer, np.floating)) or not 1.0 <= given < 1e150:
+            raise ParameterError(f"alpha: got {brief(value)}, expected a finite number of at least 1")
         self._alpha_sq = float(value) ** 2
 
     # ------------------------------------------------------------------ verbs

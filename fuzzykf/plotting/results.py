@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import brief, is_whole
 from fuzzykf.plotting.style import BLUE, STRIP, TRUTH, axes_or_new
 
 if TYPE_CHECKING:
@@ -76,8 +77,10 @@ def plot_result(
     if result.x.ndim != 2:
         raise ParameterError(f"result: holds many series (x has shape {result.x.shape}); select one")
     n, m = result.x.shape
-    if not -m <= component < m:
-        raise ParameterError(f"component: got {component}, expected one of {m} components, 0 to {m - 1}")
+    if not is_whole(component) or not -m <= component < m:
+        raise ParameterError(
+            f"component: got {brief(component)}, expected one of {m} components, 0 to {m - 1}"
+        )
     known = None if truth is None else np.asarray(truth, dtype=np.float64)
     if known is not None:
         if known.shape not in {(n,), (n, m)}:

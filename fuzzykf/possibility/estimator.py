@@ -225,7 +225,7 @@ class FuzzyRelationEstimator(Filter):
         self._universe = universe_of(choice, self.t_norm, points, domain, floor) if on_grid else None
         self._belief = believe("state", choice.state, choice.representation, self.t_norm, self._universe)
         self.possibility = 1.0
-        self.z: Any = np.full((dim_z, 1), None, dtype=object)
+        self.z: Any = np.full((self.dim_z, 1), None, dtype=object)
         self.x_prior, self.P_prior = self._estimate()
         self.x_post, self.P_post = self._estimate()
         if self.is_closed_form:

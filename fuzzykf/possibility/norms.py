@@ -294,7 +294,7 @@ class TConorm:
         (value,) = _memberships(self.name, (memberships,))
         try:
             value.sum(axis=axis)
-        except (TypeError, ValueError) as error:  # AxisError is the latter
+        except (TypeError, ValueError, OverflowError) as error:  # AxisError is the latter
             raise ParameterError(
                 f"axis: got {brief(axis)}, expected axes of an array of {value.ndim} dimensions"
             ) from error

@@ -79,13 +79,15 @@ def fuzzify(
     >>> fuzzify(1.0)(1.0), round(fuzzify(0.0, "gaussian", 1.0)(1.0), 4)
     (1.0, 0.6065)
     """
-    if kind == "singleton" and covariance is None:
+    given: Any = kind
+    named = isinstance(given, str)
+    if named and kind == "singleton" and covariance is None:
         return SingletonMembership(point)
-    if kind == "gaussian" and covariance is not None:
+    if named and kind == "gaussian" and covariance is not None:
         return GaussianMembership(point, covariance)
     raise ParameterError(
-        f"kind, covariance: got {kind!r} with covariance {covariance!r}, expected 'singleton' without one "
-        "or 'gaussian' with one"
+        f"kind, covariance: got {brief(kind)} with covariance {brief(covariance)}, expected 'singleton' "
+        "without one or 'gaussian' with one"
     )
 
 

@@ -246,7 +246,7 @@ def misshapen(rng: Generator, a: np.ndarray) -> Any:
         return a.astype(complex)
     if what == 7:
         ragged = a.tolist()
-        return ragged[:-1] + [[1.0] * 7]
+        return [*ragged[:-1], [1.0] * 7]
     return a[..., :0]
 
 

@@ -97,14 +97,14 @@ def sequel(thing: Any, name: str, seed: int) -> dict[str, Any]:
     rng = np.random.default_rng([seed, 1, len(name)])
     found = parts(thing, "before")
     if name in FILTERS:
-        zs = observations(name, 6, rng)
-        zs[2] = np.nan
-        for k in range(6):
+        zs = observations(name, 4, rng)
+        zs[1] = np.nan
+        for k in range(4):
             steps(thing, name, zs[k : k + 1])
             found |= parts(thing, f"step {k}")
         thing.reset()
         found |= parts(thing, "reset")
-        found |= parts(thing.filter(zs, **switch_of(name, 6)), "filter")
+        found |= parts(thing.filter(zs, **switch_of(name, 4)), "filter")
     if hasattr(thing, "simulate"):
         found |= parts(thing.simulate(5, rng), "simulate")
     if name.startswith("CGO"):

@@ -81,7 +81,12 @@ def chosen(candidates: Sequence[str | Candidate]) -> list[Candidate]:
     ParameterError
         If there is none, or a name is unknown or comes twice.
     """
-    found = [candidate(one) if isinstance(one, str) else one for one in candidates]
+    given: Any = candidates
+    if not hasattr(given, "__iter__"):
+        raise ParameterError(
+            f"candidates: got {brief(given)}, expected names of {', '.join(candidate_names())}"
+        )
+    found = [one if hasattr(one, "learn") else candidate(one) for one in given]
     names = [one.name for one in found]
     if not names or len(set(names)) < len(names):
         raise ParameterError(f"candidates: got {names}, expected one at least and each name once")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import check_covariance, whitening
+from fuzzykf.gaussian import as_numbers, check_covariance, whitening
 from fuzzykf.possibility.memberships.base import (
     Membership,
     as_components,
@@ -263,10 +263,7 @@ class ParabolicMembership(_ScaledMembership):
 
 def _scale_matrix(scale: ArrayLike, dim: int) -> FloatArray:
     """Turn a scale, scales or a scale matrix into the matrix of the quadratic form."""
-    try:
-        value = np.array(scale, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ShapeError(f"scale: expected numbers, got {scale!r}") from error
+    value = as_numbers("scale", scale).copy()
     if value.ndim == 2:
         return check_covariance("scale", value, (dim, dim))
     if value.ndim > 2 or value.shape not in {(), (dim,)}:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, brief
+from fuzzykf.gaussian import as_array, as_flag, brief
 from fuzzykf.possibility.memberships.base import (
     Membership,
     as_components,
@@ -84,7 +84,7 @@ class GridMembership(Membership):
         for k, axis in enumerate(self.axes):
             if axis.size == 0 or (np.diff(axis) <= 0.0).any():
                 raise ParameterError(f"axes[{k}]: expected increasing coordinates")
-        self.values = _checked_values(array, normalise)
+        self.values = _checked_values(array, as_flag("normalise", normalise))
 
     @property
     def peak(self) -> FloatArray:
@@ -216,7 +216,7 @@ class FunctionMembership(Membership):
         self._one_by_one = self.dim == 1 and _takes_single_numbers(function, self.lower, self.upper)
         self._factor = 1.0
         self._peak, largest = self._find_peak()
-        if normalise and largest > 0.0:
+        if as_flag("normalise", normalise) and largest > 0.0:
             self._factor = 1.0 / largest
         elif largest < 1.0 - PEAK_TOLERANCE:
             raise ParameterError(

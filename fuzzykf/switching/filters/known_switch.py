@@ -262,12 +262,11 @@ class KnownSwitchFilter(SwitchingFilter):
         """
         series = as_many(zs, self.dim_z)
         names = check_keep(keep, SHOWN)
-        if r is None or np.shape(r) != series.shape[:2]:
-            got = "nothing" if r is None else f"shape {np.shape(r)}"
+        switches = np.empty(0) if r is None else as_numbers("r", r)
+        if switches.shape != series.shape[:2]:
+            got = "nothing" if r is None else f"shape {switches.shape}"
             raise ShapeError(f"r: got {got}, expected the switches, shape {series.shape[:2]}")
-        results = [
-            self.copy().filter(one, path) for one, path in zip(series, as_numbers("r", r), strict=True)
-        ]
+        results = [self.copy().filter(one, path) for one, path in zip(series, switches, strict=True)]
         return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
 
     def forecast(self, steps: int) -> FilterResult:
