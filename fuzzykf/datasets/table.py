@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import FileFormatError, ParameterError
-from fuzzykf.files import read_bytes
+from fuzzykf.files import as_path, read_bytes
 from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
@@ -192,7 +192,7 @@ def read_table(path: str | os.PathLike[str], *, max_bytes: int | None = None) ->
         If it is no such table: no text, no rows, a column without a name or with the
         name of another, or a row with more or fewer cells than names.  Or if it is too large.
     """
-    path = Path(path)
+    path = Path(as_path(path))
     try:
         content = read_bytes(path, max_bytes, MAX_BYTES, unpack=path.suffix == ".gz")
         text = content.decode("utf-8-sig")

@@ -398,6 +398,8 @@ class IMMEstimator(BankStepper, Filter):
         """
         names = check_keep(keep, BANK_FIELDS)
         series = as_many(zs, self.dim_z)
+        if not len(series):
+            raise ShapeError("zs: got no series, expected at least one")
         model = bank_series.whole_model(self.filters)
         if model is None or self._log_cbar is not None:
             return filter_each(self, series, names)

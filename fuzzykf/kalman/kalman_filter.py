@@ -430,7 +430,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         self.remember_origin()
         (x, P), m = self._state(), self.dim_z
-        block = block_of(start, np.size(z_i), m)
+        block = block_of(start, as_numbers("z_i", z_i).size, m)
         H, R = block_matrices(block, H_i, R_i, self.H, self.R, (m, self.dim_x))
         whole = whole_observation(self.z, self.y, self.K, (m, 1)[: x.ndim], (self.dim_x, m))
         x, P, log_likelihood, mahalanobis = update_block(x, P, z_i, H, R, block, whole, self._I, self.inv)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import brief, is_whole
 from fuzzykf.plotting.style import BLUE, ORANGE, SURFACE, axes_or_new
 
 if TYPE_CHECKING:
@@ -119,8 +120,8 @@ def plot_model(
     ['demand (GW)', 'temperature (°C)']
     """
     m, q = model.dim_x, model.dim_z
-    if not 0 <= component < min(m, q):
-        raise ParameterError(f"component: got {component}, expected 0 to {min(m, q) - 1}")
+    if not is_whole(component) or not 0 <= component < min(m, q):
+        raise ParameterError(f"component: got {brief(component)}, expected 0 to {min(m, q) - 1}")
     axes = axes_or_new(ax, figsize=(6.0, 3.5))
     fuzzy = model.is_fuzzy
     r = np.linspace(0.0, 1.0, 101) if fuzzy else np.arange(model.n_classes, dtype=np.float64)

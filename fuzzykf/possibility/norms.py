@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import reduce
-from typing import TYPE_CHECKING, Literal, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 
@@ -148,7 +148,8 @@ class TNorm:
 
     def __post_init__(self) -> None:
         """Check that the scale is known, and that the family is that of the generator."""
-        if self.scale not in _GENERATED:
+        given: Any = self.scale
+        if not isinstance(given, str) or given not in _GENERATED:
             allowed = ", ".join(map(repr, _GENERATED))
             raise ParameterError(f"scale: got {self.scale!r}, expected one of {allowed}")
         family = _GENERATED[self.scale].family if self.additive else None

@@ -89,7 +89,7 @@ def judged(name: str, one: list[Outcome], other: list[Outcome]) -> list[tuple[st
         if kind in ("right", "named") and not a.broken:
             same = a.kind == b.kind and a.text.partition(":")[0] == b.text.partition(":")[0]
             apart = "" if same else f"{a.text or 'no error'}; {b.text or 'no error'}"
-            tolerance = LEARNED if a.call.partition("(")[0].endswith(".fit") else TOLERANCE
+            tolerance = LEARNED if a.call.partition("(")[0].endswith(("fit", "bootstrap")) else TOLERANCE
             apart = apart or differences(a.found, b.found, tolerance, max(a.size, b.size))
             if apart:
                 kind, text = "differs", apart
