@@ -130,7 +130,7 @@ def test_bad_scales(kind):
         kind([0.0, 0.0], [1.0, 1.0, 1.0])
     with pytest.raises(NotPositiveDefiniteError, match="scale"):
         kind([0.0, 0.0], [[1.0, 2.0], [2.0, 1.0]])
-    with pytest.raises(ShapeError, match="scale: expected numbers"):
+    with pytest.raises(ShapeError, match="scale: expected an array of numbers"):
         kind(0.0, "wide")
 
 
