@@ -120,6 +120,7 @@ FUNCTIONS: list[tuple[str, None, list[Verb]]] = [
     function(fuzzykf.DailyProfile, slot=maybe(choice(1.0, 0.5, 24, 2))),
     function(
         fuzzykf.compare_models,
+        gaps=True,  # no law of the observation, no likelihood
         **COMPARE,
         rng=generator(),
         candidates=choice(["hard1"], ["regression"], ("kalman",)),

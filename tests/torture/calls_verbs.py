@@ -43,9 +43,11 @@ def verb(name: str, *, infinite: bool = False, gaps: bool = False, **arguments: 
     return Verb(name, arguments, lambda target: getattr(target, name), infinite, gaps)
 
 
-def function(call: Any, *, infinite: bool = False, **arguments: Kind) -> tuple[str, None, list[Verb]]:
+def function(
+    call: Any, *, infinite: bool = False, gaps: bool = False, **arguments: Kind
+) -> tuple[str, None, list[Verb]]:
     """Describe a function or a constructor."""
-    return "", None, [Verb(call.__qualname__, arguments, lambda _: call, infinite)]
+    return "", None, [Verb(call.__qualname__, arguments, lambda _: call, infinite, gaps)]
 
 
 def assign(attribute: str, kind: Kind) -> Verb:

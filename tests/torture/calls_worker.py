@@ -56,7 +56,6 @@ UNKNOWN = {
     "difference_low",
     "difference_high",
     "log_likelihoods",
-    "ranked.log_likelihood",
 }
 BOUNDS = {"lower", "upper", "impossible", "support"}
 
