@@ -104,6 +104,14 @@ _GENERATED: dict[str, _Generated] = {
 }
 
 
+def _floats(name: str, value: ArrayLike) -> FloatArray:
+    """Return numbers as they are if they are such an array, as the grid asks at every step."""
+    given: Any = value
+    if isinstance(given, float):
+        return np.asarray(given, dtype=np.float64)
+    return given if type(given) is np.ndarray and given.dtype == np.float64 else as_numbers(name, given)
+
+
 @dataclass(frozen=True)
 class TNorm:
     """A triangular norm, n-ary, with its generator where it has one.
@@ -183,7 +191,7 @@ class TNorm:
     def cost(self, membership: ArrayLike) -> FloatArray:
         """Costs of memberships: 0 for 1, and infinite (Lukasiewicz: 1) for 0."""
         with np.errstate(invalid="ignore"):
-            cost = from_membership(as_numbers("membership", membership), self.scale)
+            cost = from_membership(_floats("membership", membership), self.scale)
         if np.isnan(cost).any():
             raise ParameterError(f"membership: got {brief(membership)}, expected values in [0, 1]")
         return cost
@@ -191,11 +199,11 @@ class TNorm:
     def membership(self, cost: ArrayLike) -> FloatArray:
         """Memberships of costs: the (pseudo-)inverse of `cost`."""
         with np.errstate(over="ignore"):
-            return to_membership(as_numbers("cost", cost), self.scale)
+            return to_membership(_floats("cost", cost), self.scale)
 
     def cost_of_log(self, negative_log: FloatArray) -> FloatArray:
         """Costs from minus the logarithms of memberships, which do not underflow."""
-        negative_log = as_numbers("negative_log", negative_log)
+        negative_log = _floats("negative_log", negative_log)
         if self.scale == "log":
             return negative_log
         if self.scale == "reciprocal":
@@ -214,7 +222,7 @@ class TNorm:
         For Hamacher and Lukasiewicz this is the factor 1/(1 + c) and 1/(1 - c) that
         widens or narrows the spread after a measurement of surprise c.
         """
-        cost, best = as_numbers("cost", cost), as_real("best", best)
+        cost, best = _floats("cost", cost), float(best)
         if self.scale == "log":
             return cost - best
         if self.scale == "reciprocal":

@@ -140,6 +140,9 @@ def judged(cases: list[Case], found: dict[str, list[dict[str, Outcome]]]) -> Jud
         for engine, all_ in found.items():
             for verb in VERBS:
                 outcome, where = all_[k][verb], f"{case}, {verb}, {engine}"
+                if case.is_beyond:
+                    judge.counts["banks beyond their limit"] += 1
+                    continue
                 judge.alone(outcome, where, case.far)
                 if engine != first:
                     judge.together(found[first][k][verb], outcome, f"{where} and {first}", case)
@@ -161,5 +164,6 @@ def run(share: float, seed: int) -> Report:
         "largest difference between engines": f"{judge.apart:.2g}",
         "negative variances": judge.counts["negative variances"],
         "named errors": judge.counts["named errors"],
+        "banks beyond their limit": judge.counts["banks beyond their limit"],
     }
     return Report("outliers of 1e3 to 1e300 standard deviations", figures, judge.faults)

@@ -41,6 +41,11 @@ if TYPE_CHECKING:
 
 __all__ = ["EXACT", "Exact"]
 
+TOO_COARSE = (
+    "the rule 'product', whose weights may be negative, is too coarse for this law and these observations: "
+    "its interpolant has"
+)
+
 #: Largest total of negative masses that a rule with negative weights may produce.
 NEGATIVE_MASS = 1e-2
 
@@ -99,6 +104,10 @@ class Exact(Method):
             raise
         if not log_likelihood > engine.FARTHEST:
             raise out_of_range(y)
+        if sign is not None:
+            check_masses(engine.probabilities(table, sign))
+            if not np.isfinite(table).all():
+                raise QuadratureError(f"{TOO_COARSE} moments that are no numbers; use the rule 'cell'")
         unknown = int(np.isnan(window).sum())
         return Mixture(table, window, sign, None, unknown, root if unknown else None), log_likelihood
 
@@ -166,7 +175,4 @@ def check_masses(p: FloatArray) -> None:
         worst = f"a negative mass of {np.max(negative):.3g} (at most {NEGATIVE_MASS} is tolerated)"
         if np.isnan(negative).any():
             worst = "no positive mass"
-        raise QuadratureError(
-            "the rule 'product' is too coarse for this law and these observations: its interpolant has "
-            f"{worst}; use more nodes or the rule 'cell', whose weights are never negative"
-        )
+        raise QuadratureError(f"{TOO_COARSE} {worst}; use more nodes or the rule 'cell'")

@@ -178,7 +178,7 @@ def _filter_block(
             priors.append((0, law.ahead(m)))
         steady = k > steady_from or (k == 0 and order == 1 and not chain.is_signed)
         known = stop > k and not (mixture is not None and mixture.unknown)
-        if tables is not None and known and (steady or (k > 0 and s > 1)):
+        if tables is not None and known and (steady or k > 0):
             end = stop if steady else k + 1
             begin = law.start(q) if k == 0 else (table, sign)
             old, table = method.series(system, tables, begin, ys, k, end, out)
