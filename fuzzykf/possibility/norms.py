@@ -29,7 +29,7 @@ import numpy as np
 
 from fuzzykf.engine.selected import from_membership, to_membership
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_choice, as_flag, as_numbers, as_real, brief, check_broadcast
+from fuzzykf.gaussian import as_choice, as_flag, as_numbers, brief, check_broadcast
 from fuzzykf.immutable import cached_property
 
 if TYPE_CHECKING:
@@ -222,12 +222,12 @@ class TNorm:
         For Hamacher and Lukasiewicz this is the factor 1/(1 + c) and 1/(1 - c) that
         widens or narrows the spread after a measurement of surprise c.
         """
-        cost, best = _floats("cost", cost), float(best)
+        cost, least = _floats("cost", cost), float(_floats("best", best))
         if self.scale == "log":
-            return cost - best
+            return cost - least
         if self.scale == "reciprocal":
-            return (cost - best) / (1.0 + best)
-        return (cost - best) / (1.0 - best)
+            return (cost - least) / (1.0 + least)
+        return (cost - least) / (1.0 - least)
 
     @cached_property
     def impossible(self) -> float:
