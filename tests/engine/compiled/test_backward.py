@@ -49,12 +49,21 @@ def test_smoothed_probabilities_are_those_of_numpy_and_of_bayes(size) -> None:
 @pytest.mark.parametrize("size", SIZES)
 def test_the_most_likely_path_is_that_of_numpy(size) -> None:
     arguments, log_p, U, _ = system(*size, seed=1)
+    U[[17, 40], -1] = 1e4, -1e7  # outliers
     kernel = tables.pack(*arguments)
     score, pointers = compiled.best_path(packed.pack(*arguments), log_p[0], U)
     expected, nodes = backward.best_path(kernel, log_p[0], U)
     np.testing.assert_array_equal(pointers, nodes)
     np.testing.assert_allclose(score, expected, rtol=1e-9, atol=1e-9)
     assert score.max() == 0.0
+
+
+def test_of_paths_that_are_as_likely_the_first_is_taken() -> None:
+    arguments, log_p, U, _ = system(9, 1, 1)
+    alike = [np.broadcast_to(part[:1, :1], part.shape) for part in arguments]  # pairs that do not differ
+    score = np.zeros(9)
+    for engine, pack in ((compiled, packed.pack), (backward, tables.pack)):
+        assert not engine.best_path(pack(*alike), score, U)[1].any()
 
 
 def test_no_step_at_all() -> None:

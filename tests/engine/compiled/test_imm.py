@@ -79,6 +79,22 @@ def test_modes_that_cannot_be_reached() -> None:
     assert not found[0]["mu"][:, 2].any()
 
 
+def test_a_mode_that_cannot_be_reached_keeps_to_itself_however_well_it_fits() -> None:
+    model, (xs, Ps, _) = model_of(3, 2, 1), start_of(3, 2)
+    model["R"][2] = 1e6  # what is a thousand standard deviations off for the others fits it well
+    with np.errstate(divide="ignore"):
+        log_mu, log_M = np.log([0.5, 0.5, 0.0]), np.log([[0.9, 0.1, 0.0], [0.2, 0.8, 0.0], [0.5, 0.4, 0.1]])
+    zs, found = np.array([[0.1], [1e3], [0.2]]), []
+    for engine in (core, imm):
+        out = outputs(3, 2, 3)
+        state = engine.filter_bank(xs, Ps, log_mu, log_M, zs, model, out)
+        found.append(out | state)
+    for name, value in found[1].items():
+        np.testing.assert_allclose(found[0][name], value, rtol=1e-11, atol=1e-11, err_msg=name)
+    np.testing.assert_allclose(found[0]["mu"].sum(axis=1), 1.0, rtol=1e-14)
+    assert not found[0]["mu"][:, 2].any()
+
+
 def test_what_is_refused_by_numpy_is_refused_here() -> None:
     model, (xs, Ps, log_mu) = model_of(2, 2, 1), start_of(2, 2)
     log_M = np.log(np.full((2, 2), 0.5))

@@ -10,7 +10,7 @@ from fuzzykf.engine.numpy import series, tables
 core = pytest.importorskip("fuzzykf.engine.compiled.series", reason="the compiled core has not been built")
 packed = pytest.importorskip("fuzzykf.engine.compiled.tables")
 
-SIZES = [(1, 1, 1), (3, 1, 1), (9, 1, 1), (20, 1, 1), (3, 2, 1), (7, 3, 2), (9, 1, 2)]  # M, m, q
+SIZES = [(1, 1, 1), (3, 1, 1), (9, 1, 1), (20, 1, 1), (3, 2, 1), (7, 3, 2), (9, 1, 2), (3, 5, 2)]  # M, m, q
 
 
 @pytest.fixture
