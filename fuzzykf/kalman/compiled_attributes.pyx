@@ -199,6 +199,15 @@ cdef int read_observation(dict d, Member *member) except -1:
     return f.H != NULL and f.R != NULL
 
 
+cdef inline int whole_number(object z, double *value) except -1:
+    """Read a whole number; 0 where it is too large for a float, of which the general way tells."""
+    try:
+        value[0] = PyLong_AsDouble(z)
+    except OverflowError:
+        return 0
+    return 1
+
+
 cdef int read_z(object z, int m, double *values) except -1:
     """Read an observation; 0 where it is incomplete or not usual."""
     cdef cnp.ndarray a
@@ -208,8 +217,7 @@ cdef int read_z(object z, int m, double *values) except -1:
         values[0] = PyFloat_AS_DOUBLE(z)
         return m == 1 and isfinite(values[0])
     if PyLong_CheckExact(z):
-        values[0] = PyLong_AsDouble(z)
-        return m == 1
+        return m == 1 and whole_number(z, values)
     if cnp.PyArray_CheckExact(z):
         a = <cnp.ndarray> z
         if cnp.PyArray_NDIM(a) == 1 and cnp.PyArray_DIM(a, 0) == m:
@@ -226,7 +234,8 @@ cdef int read_z(object z, int m, double *values) except -1:
             if PyFloat_Check(<object> item):
                 values[i] = PyFloat_AS_DOUBLE(<object> item)
             elif PyLong_CheckExact(<object> item):
-                values[i] = PyLong_AsDouble(<object> item)
+                if not whole_number(<object> item, values + i):
+                    return 0
             else:
                 return 0
     else:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fuzzykf.engine.numpy import kalman
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
-from fuzzykf.kalman import KalmanFilter
+from fuzzykf.kalman import IMMEstimator, KalmanFilter
 
 core = pytest.importorskip("fuzzykf.kalman.compiled_stepper", reason="the compiled core has not been built")
 pytestmark = pytest.mark.usefixtures("instructions")
@@ -399,3 +399,15 @@ def test_larger_systems_go_through_numpy() -> None:
     f.step(0.5)
     assert_state(f, expected)
     assert f.filter(np.ones(3)).x.shape == (3, n)
+
+
+@pytest.mark.parametrize("z", [10**400, [10**400]], ids=["number", "list"])
+def test_a_whole_number_too_large_for_a_float_is_named(z):
+    f = KalmanFilter(1, 1)
+    bank = IMMEstimator([KalmanFilter(1, 1), KalmanFilter(1, 1)], [0.5, 0.5], [[0.9, 0.1], [0.1, 0.9]])
+    for one in (f, bank):
+        one.step(0.1)
+        before = np.array(one.x)
+        with pytest.raises(ShapeError, match="z: expected 1 numbers"):
+            one.step(z)
+        np.testing.assert_array_equal(one.x, before)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError
+from fuzzykf.gaussian import check_definite
 from fuzzykf.switching.dynamics.forms import CovarianceForm
 from fuzzykf.switching.laws.law import FuzzyMarkovLaw
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
@@ -87,6 +88,13 @@ def shrink_covariances(
     >>> model = CGOFMSModel(law, means, repair.covariances, 1)
     """
     form = CovarianceForm(means, covariances, dim_x, "project")
+    m, d = form.dim_x, form.means.shape[1]
+    seen = np.r_[m:d, d + m : 2 * d]
+    check_definite(
+        form.covariances[..., seen[:, None], seen],
+        lambda k: f"covariances: Cov(Y_1, Y_2) of the pair {tuple(map(int, k))}",
+        strict=True,
+    )
     given, target = form.covariances, _independent(form)
 
     def mixed(s: float) -> FloatArray:

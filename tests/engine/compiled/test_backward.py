@@ -59,7 +59,7 @@ def test_the_most_likely_path_is_that_of_numpy(size) -> None:
 
 
 def test_of_paths_that_are_as_likely_the_first_is_taken() -> None:
-    arguments, log_p, U, _ = system(9, 1, 1)
+    arguments, _, U, _ = system(9, 1, 1)
     alike = [np.broadcast_to(part[:1, :1], part.shape) for part in arguments]  # pairs that do not differ
     score = np.zeros(9)
     for engine, pack in ((compiled, packed.pack), (backward, tables.pack)):

@@ -74,3 +74,10 @@ def test_what_no_shrinking_can_mend_is_refused():
     given[..., [1, 3], [3, 1]] = 1.2  # Cov(Y1, Y2) beyond the variances
     with pytest.raises(NotPositiveDefiniteError, match="eigenvalue"):
         shrink_covariances(LAW, MEANS, given, 1)
+
+
+def test_observations_without_spread_are_named():
+    pair = np.eye(4)
+    pair[[1, 3, 1, 3], [1, 3, 3, 1]] = 1.0  # Y_2 is Y_1
+    with pytest.raises(NotPositiveDefiniteError, match=r"covariances: Cov\(Y_1, Y_2\) of the pair \(0, 0\)"):
+        shrink_covariances([[1.0]], np.zeros((1, 2)), pair[None, None], 1)
