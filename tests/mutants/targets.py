@@ -39,7 +39,7 @@ class Target:
 
 RECURSION = (
     "engine/numpy/test_series.py",
-    "engine/numpy/test_pairs.py",
+    "engine/numpy/test_gaps.py",
     "switching/filters/test_fields.py",
     "exactness/test_switching_enumeration.py",
     "switching/inference/test_exact.py",
