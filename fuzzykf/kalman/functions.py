@@ -101,10 +101,10 @@ def predict(
     mean = _vector(x)
     n = mean.shape[0]
     covariance, noise = as_covariance("P", P, n), as_covariance("Q", Q, n)
-    alpha = as_real("alpha", alpha, "a finite number of at least 1")
-    if not 1.0 <= alpha < np.inf:
-        raise ParameterError(f"alpha: got {alpha!r}, expected a finite number of at least 1")
-    moved, covariance = predict_linear(mean, covariance, _transition(F, n), noise, float(alpha) ** 2)
+    alpha = as_real("alpha", alpha, "a number of at least 1 and less than 1e150")
+    if not 1.0 <= alpha < 1e150:
+        raise ParameterError(f"alpha: got {alpha!r}, expected a number of at least 1 and less than 1e150")
+    moved, covariance = predict_linear(mean, covariance, _transition(F, n), noise, alpha * alpha)
     return _like(moved + control_term(B, u, mean), x), _like(covariance, P)
 
 
@@ -206,7 +206,8 @@ def update_steadystate(x: ArrayLike, z: ArrayLike | None, K: ArrayLike, H: Array
     """
     mean = _vector(x)
     matrix = _observation(H, mean.shape[0])
-    gain = as_array("K", np.reshape(K, (1, 1)) if np.size(K) == 1 else K, (mean.shape[0], matrix.shape[0]))
+    given = as_numbers("K", K)
+    gain = as_array("K", given.reshape(1, 1) if given.size == 1 else given, (mean.shape[0], matrix.shape[0]))
     value = observed(z, matrix.shape[0], mean)
     return x if value is None else _like(update_with_gain(mean, value, matrix, gain)[0], x)
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from fuzzykf.base import Filter
 from fuzzykf.engine.selected import seen_components
-from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_array
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_array, brief
 from fuzzykf.kalman.arguments import as_covariance, as_square, as_state, dimension
 from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.updates import distance, log_density
@@ -38,8 +38,11 @@ class _StateAttribute:
     """
 
     def __set__(self, instance: GaussianFilter, value: Any) -> None:
+        try:
+            ndim = np.ndim(value)
+        except ValueError as error:
+            raise ShapeError(f"x: expected an array of numbers, got {brief(value)}") from error
         instance.__dict__["x"] = value
-        ndim = np.ndim(value)
         if ndim in (1, 2) and np.ndim(instance.__dict__.get("y", value)) != ndim:
             instance._turn(ndim)
 

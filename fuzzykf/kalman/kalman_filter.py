@@ -9,7 +9,7 @@ import numpy as np
 from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine.selected import predict_linear
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_numbers, brief
+from fuzzykf.gaussian import as_array, as_numbers, as_real, brief
 from fuzzykf.kalman.arguments import (
     as_covariance,
     as_matrix,
@@ -175,10 +175,11 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
     @alpha.setter
     def alpha(self, value: float) -> None:
-        given: Any = value
-        if not isinstance(given, (int, float, np.integer, np.floating)) or not 1.0 <= given < 1e150:
-            raise ParameterError(f"alpha: got {brief(value)}, expected a finite number of at least 1")
-        self._alpha_sq = float(value) ** 2
+        expected = "a number of at least 1 and less than 1e150"
+        alpha = as_real("alpha", value, expected)
+        if not 1.0 <= alpha < 1e150:
+            raise ParameterError(f"alpha: got {value!r}, expected {expected}")
+        self._alpha_sq = alpha**2
 
     # ------------------------------------------------------------------ verbs
 

@@ -29,7 +29,7 @@ import numpy as np
 
 from fuzzykf.engine.selected import from_membership, to_membership
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_choice, as_flag, as_numbers, brief, check_broadcast
+from fuzzykf.gaussian import as_choice, as_flag, as_numbers, as_real, brief, check_broadcast
 from fuzzykf.immutable import cached_property
 
 if TYPE_CHECKING:
@@ -112,6 +112,14 @@ def _floats(name: str, value: ArrayLike) -> FloatArray:
     return given if type(given) is np.ndarray and given.dtype == np.float64 else as_numbers(name, given)
 
 
+def _number(name: str, value: float) -> float:
+    """Return one number as it is, as the grid asks at every step."""
+    number = value if type(value) is float else as_real(name, value)
+    if not -np.inf < number < np.inf:
+        raise ParameterError(f"{name}: got {number}, expected a finite number")
+    return number
+
+
 @dataclass(frozen=True)
 class TNorm:
     """A triangular norm, n-ary, with its generator where it has one.
@@ -160,8 +168,9 @@ class TNorm:
         if not isinstance(given, str) or given not in _GENERATED:
             allowed = ", ".join(map(repr, _GENERATED))
             raise ParameterError(f"scale: got {self.scale!r}, expected one of {allowed}")
-        family = _GENERATED[self.scale].family if self.additive else None
-        if self.family not in (None, family):
+        family = _GENERATED[self.scale].family if as_flag("additive", self.additive) else None
+        said: Any = self.family
+        if said is not None and not (isinstance(said, str) and said == family):
             allowed = "None" if family is None else f"{family!r} or None"
             raise ParameterError(
                 f"family: got {self.family!r}, expected {allowed} with scale={self.scale!r} and "
@@ -199,17 +208,18 @@ class TNorm:
     def membership(self, cost: ArrayLike) -> FloatArray:
         """Memberships of costs: the (pseudo-)inverse of `cost`."""
         with np.errstate(over="ignore"):
-            return to_membership(_floats("cost", cost), self.scale)
+            membership = to_membership(_floats("cost", cost), self.scale)
+        if np.isposinf(membership).any():
+            raise ParameterError(f"cost: got {brief(cost)}, expected values of at least 0")
+        return membership
 
     def cost_of_log(self, negative_log: FloatArray) -> FloatArray:
         """Costs from minus the logarithms of memberships, which do not underflow."""
         negative_log = _floats("negative_log", negative_log)
         if self.scale == "log":
             return negative_log
-        if self.scale == "reciprocal":
-            with np.errstate(over="ignore"):
-                return np.expm1(negative_log)
-        return -np.expm1(-negative_log)
+        with np.errstate(over="ignore"):
+            return np.expm1(negative_log) if self.scale == "reciprocal" else -np.expm1(-negative_log)
 
     @cached_property
     def combine(self) -> np.ufunc:
@@ -222,7 +232,7 @@ class TNorm:
         For Hamacher and Lukasiewicz this is the factor 1/(1 + c) and 1/(1 - c) that
         widens or narrows the spread after a measurement of surprise c.
         """
-        cost, least = _floats("cost", cost), float(_floats("best", best))
+        cost, least = _floats("cost", cost), _number("best", best)
         if self.scale == "log":
             return cost - least
         if self.scale == "reciprocal":

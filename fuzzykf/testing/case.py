@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from fuzzykf.base import Filter
-from fuzzykf.errors import FuzzykfError
+from fuzzykf.errors import FuzzykfError, ShapeError
 from fuzzykf.results import FIELDS
 
 if TYPE_CHECKING:
@@ -64,6 +64,8 @@ class Case:
         self.dim_x, self.dim_z = int(first.dim_x), int(first.dim_z)
         if zs is None:
             zs = 0.5 * np.sin(1.3 * np.arange(10)[:, None] + 0.7 * np.arange(self.dim_z))
+        if zs.size != len(zs) * self.dim_z:
+            raise ShapeError(f"zs: got shape {zs.shape}, expected (n, {self.dim_z})")
         self._zs = zs.reshape(len(zs), self.dim_z)
         if len(zs) < 6:
             self.fail(f"zs has {len(zs)} observations, expected at least six")

@@ -271,7 +271,10 @@ def work(numbers: range, seed: int, results: Any, trace: str) -> None:
     faulthandler.enable(open(trace, "w"))  # noqa: SIM115  (open as long as the process lives)
     resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
     signal.signal(signal.SIGALRM, time_is_up)
-    with tempfile.TemporaryDirectory() as folder:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        contextlib.chdir(folder),
+    ):  # a word may be the name of a file
         for number in numbers:
             results.send((number, *case(number, seed, folder)))
     results.send(None)

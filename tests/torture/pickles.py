@@ -11,12 +11,15 @@ import os
 import pickle
 import tempfile
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from parts import differences, parts
 from report import Report
+
+from fuzzykf.errors import FuzzykfError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,9 +56,10 @@ def switch_of(name: str, n: int) -> dict[str, Any]:
 
 
 def steps(f: Any, name: str, zs: np.ndarray) -> None:
-    """Do one step after the other."""
+    """Do one step after the other; what a filter refuses is left out."""
     for k, z in enumerate(zs):
-        f.step(None if np.isnan(z).all() else z, **({"r": float(k % 2)} if switch_of(name, 1) else {}))
+        with suppress(FuzzykfError):
+            f.step(None if np.isnan(z).all() else z, **({"r": float(k % 2)} if switch_of(name, 1) else {}))
 
 
 def stages(name: str, seed: int) -> Iterator[tuple[str, Any]]:
@@ -86,7 +90,8 @@ def stages(name: str, seed: int) -> Iterator[tuple[str, Any]]:
                 steps(f, name, zs)
                 f.forecast(3)
             else:
-                getattr(f, verb)(zs, **switch_of(name, 5))
+                with suppress(FuzzykfError):
+                    getattr(f, verb)(zs, **switch_of(name, 5))
             yield f"after {verb}", f
 
 
@@ -104,7 +109,8 @@ def sequel(thing: Any, name: str, seed: int) -> dict[str, Any]:
             found |= parts(thing, f"step {k}")
         thing.reset()
         found |= parts(thing, "reset")
-        found |= parts(thing.filter(zs, **switch_of(name, 4)), "filter")
+        with suppress(FuzzykfError):
+            found |= parts(thing.filter(zs, **switch_of(name, 4)), "filter")
     if hasattr(thing, "simulate"):
         found |= parts(thing.simulate(5, rng), "simulate")
     if name.startswith("CGO"):

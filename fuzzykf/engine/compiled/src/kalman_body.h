@@ -121,7 +121,9 @@ FK_INLINE_HERE int FK_NAME(fk_update_sized)(const int n, const int m, const int 
     for (int j = 0; j < n; j++) f->P[i * n + j] = 0.5 * (P[i * n + j] + P[j * n + i]);
   for (int j = 0; j < n; j++) f->x[j] = f->x_prior[j];
   FK_NAME(fk_add_row)(m, n, f->y, KT, f->x);
-  return 1;
+  double spread = 0.0; /* beyond the range of numbers the general way tells what is wrong */
+  for (int i = 0; i < n; i++) spread += f->P[i * n + i];
+  return isfinite(spread);
 }
 
 /* Some components are missing: rare, so one function for all sizes. */
