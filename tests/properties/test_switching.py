@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, SwitchChain
@@ -156,6 +156,9 @@ def test_no_fuzziness_is_the_hard_filter(alpha, size, seed, n_nodes, rule):
 
 @few
 @given(laws().filter(lambda law: law.corners.sum() > 1e-3), seeds, st.sampled_from(RULES))
+@example(
+    FuzzyMarkovLaw.fmc2(0.25, 8 / 23, 0.25), 0, "midpoint"
+)  # no node is too far from one that is not there
 def test_no_nodes_between_is_the_chain_of_the_corners(law, seed, rule):
     model = CGOFMSModel(law, *covariances_of(2, 1, 1, seed), 1)
     y = observations(1, 8, seed)

@@ -34,7 +34,7 @@ LEAST = {"mu": 1.0, "log_likelihood": 1.0}
 TIES = 1e10
 
 #: A bank of unlike filters that finds a gap after an outlier subtracts covariances of its size squared.
-BANK_IN_GAP = 1e6
+BANK_IN_GAP = 1e5
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,8 @@ def regress(
     """
     m = dim_x
     if where is not None:
-        Q = np.where(where[..., None, None], Q, np.eye(Q.shape[-1]))
+        harmless = np.eye(Q.shape[-1]) * (1.0 if scale is None else scale[..., None] ** 2)
+        Q = np.where(where[..., None, None], Q, harmless)
     check_definite(Q, lambda k: f"noise covariance of the {describe(k)}", scale=scale)
     Qyy, Qxy = Q[..., m:, m:], Q[..., :m, m:]
     check_definite(

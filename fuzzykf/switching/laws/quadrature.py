@@ -67,7 +67,8 @@ def discretize(law: JointLaw, n_nodes: int, rule: str) -> SwitchChain:
         joint = cell_masses(law, np.linspace(0.0, 1.0, F + 1) if F else np.array([0.0]))
     else:
         joint = weights[:, None] * weights * law.joint_density(nodes[:, None], nodes)
-        _check_neighbours(law, nodes, joint, rule)
+        if F:  # without nodes between it is the chain of the hard values, whatever lies between them
+            _check_neighbours(law, nodes, joint, rule)
     return _chain_from_joint(nodes, weights, joint)
 
 
