@@ -21,6 +21,7 @@ import numpy as np
 from fuzzykf.arrays import FloatArray
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import brief, is_complex
+from fuzzykf.missing import as_floats
 from fuzzykf.results import FIELDS, FilterResult, field_shapes
 
 if TYPE_CHECKING:
@@ -76,10 +77,7 @@ def as_observation(z: ArrayLike | None, dim_z: int) -> FloatArray | None:
     if dim_z == 1 and isinstance(z, float) and isfinite(z):  # the usual case in real time
         return np.array([z])
     try:
-        given = np.asarray(z)
-        if given.dtype.kind == "c":
-            raise TypeError
-        value = given.astype(np.float64)
+        value = np.array(z if type(z) is np.ndarray and z.dtype == np.float64 else as_floats(z))
     except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(f"z: expected {dim_z} numbers, got {brief(z)}") from error
     shape = value.shape
@@ -126,21 +124,21 @@ def as_observations(zs: Iterable[ArrayLike | None] | ArrayLike, dim_z: int) -> F
            [nan],
            [ 3.]])
     """
+    if isinstance(zs, np.ndarray) and zs.ndim == 0:
+        raise ShapeError(f"zs: got shape (), expected a series of observations, not {brief(zs.item())}")
+    if is_complex(zs):
+        raise ParameterError("zs: got complex numbers, expected real ones")
     if not isinstance(zs, np.ndarray):
         try:
             zs = zs.to_numpy() if hasattr(zs, "to_numpy") else list(zs)  # type: ignore[arg-type]
         except TypeError as error:
             raise ShapeError(f"zs: got {brief(zs)}, expected a series of observations") from error
-    if isinstance(zs, np.ndarray) and zs.ndim == 0:
-        raise ShapeError(f"zs: got shape (), expected a series of observations, not {brief(zs.item())}")
     if isinstance(zs, list) or zs.dtype == object:
         rows = [as_observation(z, dim_z) for z in zs]
         missing = np.full(dim_z, np.nan)
         return np.array([missing if z is None else z for z in rows]).reshape(len(rows), dim_z)
-    if zs.dtype.kind == "c":
-        raise ParameterError("zs: got complex numbers, expected real ones")
     try:
-        series = np.array(zs, dtype=np.float64)
+        series = np.array(as_floats(zs))
     except (TypeError, ValueError) as error:
         raise ShapeError(f"zs: expected numbers, got an array of {zs.dtype}") from error
     n = series.shape[0] if series.ndim else -1
@@ -181,7 +179,7 @@ def as_many(zs: Any, dim_z: int) -> FloatArray:
     if is_complex(zs):
         raise ParameterError("zs: got complex numbers, expected real ones")
     try:
-        array = np.asarray(zs, dtype=np.float64).view()
+        array = as_floats(zs).view()
     except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(
             f"zs: expected numbers of shape (series, n, {dim_z}); pad series of unequal length with NaN"

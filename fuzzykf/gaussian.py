@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
+from fuzzykf.missing import as_floats
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -86,13 +87,10 @@ def as_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Floa
     ParameterError
         If an entry is NaN or infinite.
     """
+    if is_complex(value):
+        raise ParameterError(f"{name}: got complex numbers, expected real ones")
     try:
-        given = np.asarray(value)
-        if given.dtype.kind == "c":
-            raise ParameterError(f"{name}: got complex numbers, expected real ones")
-        array = given.astype(np.float64)
-    except ParameterError:
-        raise
+        array = np.array(as_floats(value))
     except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(f"{name}: expected an array of numbers of shape {_show(shape)}") from error
     if array.ndim != len(shape) or any(
@@ -106,8 +104,10 @@ def as_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Floa
 
 
 def is_complex(value: object) -> bool:
-    """Whether an array holds complex numbers, which NumPy would cut down to real ones."""
-    return getattr(getattr(value, "dtype", None), "kind", "") == "c"
+    """Whether an array, or a list, holds complex numbers, which NumPy would cut down to real ones."""
+    if isinstance(value, list | tuple):
+        return any(map(is_complex, value))
+    return isinstance(value, complex) or getattr(getattr(value, "dtype", None), "kind", "") == "c"
 
 
 def as_numbers(name: str, value: Any) -> FloatArray:
@@ -120,13 +120,12 @@ def as_numbers(name: str, value: Any) -> FloatArray:
     ParameterError
         If its numbers are complex.
     """
+    if type(value) is np.ndarray and value.dtype == np.float64:
+        return value
+    if is_complex(value):
+        raise ParameterError(f"{name}: got complex numbers, expected real ones")
     try:
-        given = np.asarray(value)
-        if given.dtype.kind == "c":
-            raise ParameterError(f"{name}: got complex numbers, expected real ones")
-        return given.astype(np.float64, copy=False)
-    except ParameterError:
-        raise
+        return as_floats(value)
     except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(f"{name}: expected an array of numbers, got {brief(value)}") from error
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
+from fuzzykf.missing import as_floats
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -209,6 +210,6 @@ def _are_several(value: Any) -> bool:
     if all(isinstance(v, np.ndarray) or hasattr(v, "to_numpy") for v in value):
         return any(np.size(v) > 1 for v in value)
     try:
-        return np.asarray(value, dtype=np.float64).ndim == 3
+        return as_floats(value).ndim == 3
     except (TypeError, ValueError):  # series of different lengths
         return True
