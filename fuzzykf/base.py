@@ -138,7 +138,7 @@ def as_observations(zs: Iterable[ArrayLike | None] | ArrayLike, dim_z: int) -> F
         missing = np.full(dim_z, np.nan)
         return np.array([missing if z is None else z for z in rows]).reshape(len(rows), dim_z)
     try:
-        series = np.array(as_floats(zs))
+        series = np.array(zs if type(zs) is np.ndarray and zs.dtype == np.float64 else as_floats(zs))
     except (TypeError, ValueError) as error:
         raise ShapeError(f"zs: expected numbers, got an array of {zs.dtype}") from error
     n = series.shape[0] if series.ndim else -1
