@@ -126,7 +126,8 @@ def as_observations(zs: Iterable[ArrayLike | None] | ArrayLike, dim_z: int) -> F
     """
     if isinstance(zs, np.ndarray) and zs.ndim == 0:
         raise ShapeError(f"zs: got shape (), expected a series of observations, not {brief(zs.item())}")
-    if is_complex(zs):
+    is_plain = type(zs) is np.ndarray and zs.dtype == np.float64
+    if not is_plain and is_complex(zs):
         raise ParameterError("zs: got complex numbers, expected real ones")
     if not isinstance(zs, np.ndarray):
         try:
@@ -138,7 +139,7 @@ def as_observations(zs: Iterable[ArrayLike | None] | ArrayLike, dim_z: int) -> F
         missing = np.full(dim_z, np.nan)
         return np.array([missing if z is None else z for z in rows]).reshape(len(rows), dim_z)
     try:
-        series = np.array(zs if type(zs) is np.ndarray and zs.dtype == np.float64 else as_floats(zs))
+        series = np.array(zs if is_plain else as_floats(zs))
     except (TypeError, ValueError) as error:
         raise ShapeError(f"zs: expected numbers, got an array of {zs.dtype}") from error
     n = series.shape[0] if series.ndim else -1
