@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError, SequenceError, ShapeError
 from fuzzykf.gaussian import as_numbers, as_real
 
@@ -208,6 +209,7 @@ class DailyProfile:
         ShapeError, ParameterError
             If lengths differ, a value is infinite, or there are no times.
         """
+        check_aligned(values=values, time=time, workday=workday)
         columns = as_columns("values", values)
         n, k = columns.shape
         moments = as_times(time, values, n)
@@ -292,6 +294,7 @@ class DailyProfile:
 
     def _shift(self, values: ArrayLike, time: Any, workday: ArrayLike | None, sign: float) -> Any:
         _check_fitted(self, "means_")
+        check_aligned(values=values, time=time, workday=workday)
         columns = as_columns("values", values)
         moments = as_times(time, values, len(columns))
         profile = self.at(moments, workday).reshape(len(columns), -1)

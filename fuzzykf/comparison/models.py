@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from fuzzykf.aligned import check_aligned
 from fuzzykf.comparison.candidates import LearningPart
 from fuzzykf.comparison.candidates.registry import chosen
 from fuzzykf.comparison.evaluation import Fold, HeldOut, restore, summarise
@@ -122,6 +123,7 @@ def compare_models(
     ('piecewise', True)
     """
     check_generator(rng)
+    check_aligned(x=x, y=y, workday=workday, time=time)
     states, observations = as_columns("x", x), as_columns("y", y)
     n = len(states)
     if len(observations) != n:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
 from fuzzykf.missing import as_floats
@@ -97,6 +98,9 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
             f"{missing}: missing; the parameters of the state are not identifiable from y alone, so a "
             "stretch of data is needed in which x was measured as well"
         )
+    for name, other in (("y", y), ("r", r)):
+        for one, another in zip(_parts(x), _parts(other), strict=False):
+            check_aligned(**{"x": one, name: another})
     xs, ys = _series("x", x), _series("y", y)
     rs: Sequence[Any] = [None] * len(xs) if r is None else _series("r", r)
     if not len(xs) == len(ys) == len(rs):
@@ -181,7 +185,7 @@ def _check_noise(now: FloatArray, then: FloatArray, m: int) -> None:
 
 def _series(name: str, value: Any) -> list[FloatArray]:
     """Return a list of arrays (n, k)."""
-    parts = list(value) if _are_several(value) else [value]
+    parts = _parts(value)
     result = []
     for k, part in enumerate(parts):
         try:
@@ -201,6 +205,10 @@ def _series(name: str, value: Any) -> list[FloatArray]:
             )
         result.append(array)
     return result
+
+
+def _parts(value: Any) -> list[Any]:
+    return list(value) if _are_several(value) else [value]
 
 
 def _are_several(value: Any) -> bool:

@@ -1,0 +1,65 @@
+"""Tables go together by their index, and are refused where it differs; arrays go together by position."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fuzzykf import CGOFMSModel, CGOMSModel, DailyProfile, compare_models
+from fuzzykf.aligned import check_aligned
+from fuzzykf.errors import ParameterError
+
+
+@pytest.fixture
+def pair(fuzzy_model):
+    """A state and an observation, one row per hour."""
+    trajectory = fuzzy_model.simulate(600, np.random.default_rng(0))
+    hours = pd.date_range("2026-01-01", periods=600, freq="h")
+    return pd.Series(trajectory.x[:, 0], hours), pd.Series(trajectory.y[:, 0], hours)
+
+
+WRONG = {
+    "reversed": lambda s: s[::-1],
+    "shifted": lambda s: s.set_axis(s.index + pd.Timedelta(hours=1)),
+    "numbered": lambda s: s.reset_index(drop=True),
+}
+
+
+@pytest.mark.parametrize("how", WRONG)
+def test_series_of_other_rows_are_refused(pair, how) -> None:
+    x, y = pair
+    other = WRONG[how](y)
+    said = r"x, y: rows of different indexes; x has 600 from 2026-01-01 00:00:00 to .* and y has 600 from "
+    with pytest.raises(ParameterError, match=said):
+        CGOFMSModel.fit(x, other)
+    with pytest.raises(ParameterError, match=said):
+        CGOMSModel.fit(x.to_frame(), other.to_frame())
+    with pytest.raises(ParameterError, match=said):
+        CGOMSModel.fit([x, x], [y, other])
+    with pytest.raises(ParameterError, match=said):
+        compare_models(x, other, np.random.default_rng(0))
+    with pytest.raises(ParameterError, match="x, r: rows of different indexes"):
+        CGOMSModel.fit(x, y, WRONG[how](pd.Series(0.0, x.index)))
+
+
+def test_workdays_of_other_rows_are_refused(pair) -> None:
+    x, _ = pair
+    workday = pd.Series(x.index.day_of_week < 5, x.index)
+    DailyProfile().fit(x, workday=workday)
+    for verb in (DailyProfile().fit, DailyProfile().fit(x).transform):
+        with pytest.raises(ParameterError, match="values, workday: rows of different indexes"):
+            verb(x, workday=workday[::-1])
+
+
+def test_what_has_one_index_or_none_goes_together(pair) -> None:
+    x, y = pair
+    options = {"law": "fmc1", "n_nodes": 1, "form": "regression", "max_iter": 2, "n_starts": 1}
+    expected = CGOFMSModel.fit(x.to_numpy(), y.to_numpy(), **options).log_likelihood
+    for one, other in ((x, y), (x, y.to_numpy()), (list(x), y), (x.to_frame(), y.to_frame())):
+        assert CGOFMSModel.fit(one, other, **options).log_likelihood == expected
+
+
+def test_an_empty_table() -> None:
+    with pytest.raises(ParameterError, match="a has no row and b has 1 from 0 to 0"):
+        check_aligned(a=pd.Series(dtype=float), b=pd.Series([1.0]), c=None)
