@@ -86,9 +86,11 @@ def fits(n: int, m: int, x: Any, P: Any, A: Any, V: Any) -> bool:
 
 
 def as_matrix(name: str, value: Any, shape: tuple[int, int]) -> FloatArray:
-    """Return ``value`` as a float array of the given shape."""
+    """Return ``value`` as a float array of the given shape; a number is a matrix of one row and column."""
     if type(value) is np.ndarray and value.shape == shape and value.dtype == _FLOAT64:
         return value
+    if shape == (1, 1) and np.ndim(value) == 0:
+        value = as_numbers(name, value).reshape(1, 1)
     return as_array(name, value, shape)
 
 
@@ -129,10 +131,12 @@ def _plainly_definite(P: FloatArray) -> bool:
 
 
 def as_state(x: Any, n: int) -> FloatArray:
-    """Return the state as a column (n, 1) or flat (n,) float array."""
+    """Return the state as a column (n, 1) or flat (n,) float array; a number is a column of one."""
     if type(x) is np.ndarray and (x.shape == (n, 1) or x.shape == (n,)) and x.dtype == _FLOAT64:
         return x
     array = as_numbers("x", x)
+    if n == 1 and array.ndim == 0:
+        array = array.reshape(1, 1)
     if array.shape not in {(n, 1), (n,)}:
         raise ShapeError(f"x: got shape {array.shape}, expected ({n}, 1) or ({n},)")
     return as_array("x", array, array.shape)

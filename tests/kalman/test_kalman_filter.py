@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
-from fuzzykf.kalman import KalmanFilter
+from fuzzykf.kalman import IMMEstimator, KalmanFilter
 
 
 def make(system, flat=False):
@@ -429,3 +429,35 @@ def test_a_failed_call_names_the_argument_and_changes_nothing(system, call, erro
 def test_the_constructor_checks_what_it_is_given(arguments, message):
     with pytest.raises(ParameterError, match=message):
         KalmanFilter(**({"dim_x": 2, "dim_z": 2} | arguments))
+
+
+# --------------------------------------------------------------------------- numbers for matrices
+
+
+def scalar_model(numbers: bool) -> KalmanFilter:
+    """A model of one state, written with numbers or with matrices."""
+    f = KalmanFilter(1, 1)
+    for name, value in {"x": 0.5, "F": 0.9, "H": 2.0, "P": 2.0, "Q": 0.1, "R": 0.5}.items():
+        setattr(f, name, value if numbers else np.array([[value]]))
+    return f
+
+
+def test_a_scalar_model_may_be_written_with_numbers():
+    zs = [1.0, np.nan, 0.3, np.nan, -0.2]
+    f, g = scalar_model(True), scalar_model(False)
+    for z in zs:
+        np.testing.assert_allclose(f.step(z), g.step(z), rtol=1e-14)
+        assert f.x.shape == (1, 1)
+    for verb, given in (("filter", zs), ("smooth", zs), ("filter_many", [zs, zs])):
+        given = (
+            [[np.nan if z is None else z for z in row] for row in given] if verb == "filter_many" else given
+        )
+        f, g = scalar_model(True), scalar_model(False)
+        np.testing.assert_allclose(getattr(f, verb)(given).x, getattr(g, verb)(given).x, rtol=1e-14)
+    f, g = scalar_model(True), scalar_model(False)
+    assert f.log_likelihood_of(0.3) == pytest.approx(g.log_likelihood_of(0.3))
+    np.testing.assert_allclose(f.residual_of(0.3), g.residual_of(0.3))
+    bank = IMMEstimator([scalar_model(True), scalar_model(True)], [0.5, 0.5], [[0.9, 0.1], [0.1, 0.9]])
+    same = IMMEstimator([scalar_model(False), scalar_model(False)], [0.5, 0.5], [[0.9, 0.1], [0.1, 0.9]])
+    for z in zs:
+        np.testing.assert_allclose(bank.step(z), same.step(z), rtol=1e-13)
