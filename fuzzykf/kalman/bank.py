@@ -87,7 +87,7 @@ def predict_members(
     An error leaves the members as they were; so do all functions of this module.
     """
     model = linear_model(filters, ("F", "Q"))
-    like = filters[0].x
+    like = filters[0].x if np.ndim(filters[0].x) else np.reshape(filters[0].x, (1, 1))
     if model is None:
         with unchanged_on_error(*filters):
             for f, x, P in zip(filters, xs, Ps, strict=True):
@@ -126,7 +126,7 @@ def update_members(
     except np.linalg.LinAlgError as error:
         raise SingularInnovationError(SINGULAR) from error
     check_possible(z, log_likelihood, log_prior)
-    column = filters[0].x.ndim == 2
+    column = np.ndim(filters[0].x) != 1
     states, residuals, value = (xs[..., None], y[..., None], z[:, None]) if column else (xs, y, z)
     members = zip(filters, states, Ps, residuals, S, SI, K, log_likelihood.tolist(), strict=True)
     for f, state, P, residual, S_f, SI_f, K_f, log_likelihood_f in members:

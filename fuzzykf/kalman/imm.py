@@ -200,7 +200,12 @@ class IMMEstimator(BankStepper, Filter):
 
     def _merged(self, weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
         x, P = merge_modes(weights, xs, Ps)
-        return x.reshape(self.filters[0].x.shape), P
+        return x.reshape(self._form), P
+
+    @property
+    def _form(self) -> tuple[int, ...]:
+        """The shape of x: that of the filters, of which a number is a column of one."""
+        return np.shape(self.filters[0].x) or (1, 1)
 
     # ------------------------------------------------------------------ verbs
 
@@ -349,7 +354,7 @@ class IMMEstimator(BankStepper, Filter):
         self.remember_origin()
         bank.put_state(self.filters, state, series[-1])
         x, P, x_prior, P_prior = (stored[name][-1].copy() for name in ("x", "P", "x_prior", "P_prior"))
-        form = self.filters[0].x.shape
+        form = self._form
         self.x, self.P, self.x_prior, self.P_prior = x.reshape(form), P, x_prior.reshape(form), P_prior
         self.x_post, self.P_post = self.x.copy(), P.copy()
         self._set_weights(state["log_mu"], np.exp(state["log_mu"]))
