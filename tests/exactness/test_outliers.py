@@ -123,7 +123,7 @@ def exact_step(rows, small, u):
 
 
 @pytest.mark.parametrize("kind", ["ties", "near means", "by column", "random", "impossible"])
-@pytest.mark.parametrize("deviations", [1.0, 1e2, 1e4, 1e6, 1e8, 1e12])
+@pytest.mark.parametrize("deviations", [1.0, 1e2, 1e4, 1e6, 1e8, 1e12, 1e30, 1e75])
 @pytest.mark.parametrize("q", [1, 2])
 def test_weights_are_those_of_decimal_numbers(kind, deviations, q) -> None:
     rng = np.random.default_rng(5)
@@ -274,3 +274,23 @@ def test_probabilities_sum_to_one_when_what_comes_back_is_an_outlier_too(far) ->
         f.step(y)
         np.testing.assert_allclose(f.mu, mu, rtol=1e-9, atol=1e-14)
         assert f.mu.sum() == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("far", [1e4, 1e8, 1e30, 1e75, 1e100, 1e140])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_outlier_lies_in_the_class_whose_mean_is_on_its_side(far, sign) -> None:
+    # with one covariance the log-odds of two nodes are linear in the observation, and decide all
+    z = np.array([[0.9892193771354016, -0.4802364872223138], [-0.4802364872223138, 1.0878295947818732]])
+    pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
+    law, means = (
+        FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
+        [[0.12, -0.6039222943470477], [-1.06, -1.2445053813092128]],
+    )
+    f = OFSRFilter(CGOFMSModel(law, means, np.broadcast_to(pair, (2, 2, 4, 4)), 1))
+    expected = np.zeros(len(f.nodes))
+    expected[0 if sign > 0.0 else -1] = 1.0
+    np.testing.assert_allclose(f.filter([-0.1, sign * far]).mu[1], expected, atol=1e-12)
+    f.reset()
+    f.step(-0.1)
+    f.step(sign * far)
+    np.testing.assert_allclose(f.mu, expected, atol=1e-12)

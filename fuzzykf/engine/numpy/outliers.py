@@ -39,7 +39,7 @@ __all__ = [
 #: Below this a log-density comes near the end of the range of numbers; weights are NaN then.
 FARTHEST = -1e303
 
-#: Factors of covariances that differ by less, relatively, are one.
+#: Factors of covariances, and coefficients, that differ by less, relatively, are one.
 _ALIKE = 1e-14
 
 #: How often a better reference is looked for.
@@ -75,8 +75,9 @@ def far_weights(rows: FloatArray, small: FloatArray, u: FloatArray) -> tuple[Flo
     """
 
     def minus(i: IntArray, j: IntArray) -> FloatArray:
-        """Z - z[:, i, j]."""
-        residual: FloatArray = (rows - rows[:, i, j][:, None]) @ u
+        """Z - z[:, i, j]; coefficients that differ by their rounding alone do not differ."""
+        apart = rows - rows[:, i, j][:, None]
+        residual: FloatArray = np.where(np.abs(apart) <= _ALIKE * np.abs(rows), 0.0, apart) @ u
         return residual
 
     return relative_weights(rows @ u, small, minus)
@@ -96,12 +97,15 @@ def relative_weights(
     best = float(total.max())
     if not best > FARTHEST:
         return np.full_like(small, np.nan), np.zeros(columns.size), np.nan
+    better = i
     for _ in range(_ROUNDS):  # the best by its digits is found among those that seemed to be
+        i = better
         less = (minus(i, columns) * (z + z[:, i, columns][:, None])).sum(axis=0)
         log_w = np.where(possible, small - small[i, columns] - less, LOG_ZERO)
-        if not (log_w.max(axis=0) > 0.0).any():
+        ahead = log_w.max(axis=0) > 0.0
+        if not ahead.any():
             break
-        i = log_w.argmax(axis=0)
+        better = np.where(ahead, log_w.argmax(axis=0), i)
     j = np.array([np.where(is_there, total[i, columns], -np.inf).argmax()])
     for _ in range(_ROUNDS):
         off = minus(i[j], j)[:, i, columns]

@@ -7,6 +7,7 @@
 
 #define FK_LOG_ZERO (-1e307)
 #define FK_DEAD (0.5 * FK_LOG_ZERO)
+#define FK_ALIKE 1e-14 /* coefficients that differ by less, relatively, differ by their rounding alone */
 #define FK_ROUNDS 4 /* how often a better reference is looked for */
 #define FK_NEAR (-500.0) /* logarithms of weights above this keep their digits beside one another */
 #define FK_FARTHEST (-1e303) /* below this a log-density comes near the end of the range; weights are NaN */
@@ -113,7 +114,7 @@ FK_STATIC double fk_density_less(const fk_kernel *k, const double *a, const doub
     double less = 0.0, both = 0.0;
     for (int t = 0; t < n; t++) {
       const double of_a = a[(size_t)(2 + r * n + t) * FK_LANES], of_b = b[(size_t)(2 + r * n + t) * FK_LANES];
-      less += (of_a - of_b) * u[t];
+      if (fabs(of_a - of_b) > FK_ALIKE * fabs(of_a)) less += (of_a - of_b) * u[t];
       both += (of_a + of_b) * u[t];
     }
     l -= less * both;
