@@ -74,7 +74,9 @@ def _number(value: Any) -> float:
     """One number of an array of objects; NaN if it is missing."""
     if value is None or value is np.ma.masked or type(value).__name__ == "NAType":
         return np.nan
-    if isinstance(value, str | bytes) or not hasattr(value, "__float__"):
+    if isinstance(value, np.generic):
+        _check(value.dtype)
+    if not hasattr(value, "__float__"):
         raise TypeError(f"{value!r} is no number")
     if getattr(value, "ndim", 0):
         raise ValueError("the lists are of unequal length")

@@ -9,6 +9,7 @@ import pytest
 
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
 from fuzzykf.kalman import IMMEstimator, KalmanFilter
+from fuzzykf.kalman.arguments import SingularInnovationError
 
 
 def make(system, flat=False):
@@ -461,3 +462,14 @@ def test_a_scalar_model_may_be_written_with_numbers():
     same = IMMEstimator([scalar_model(False), scalar_model(False)], [0.5, 0.5], [[0.9, 0.1], [0.1, 0.9]])
     for z in zs:
         np.testing.assert_allclose(bank.step(z), same.step(z), rtol=1e-13)
+
+
+def test_a_covariance_that_overflows_is_refused_and_leaves_the_filter_as_it_was():
+    f = KalmanFilter(2, 1)
+    f.P, f.F, f.Q = np.array([[1.0, -1e155], [-1e155, 1.0]]), np.eye(2), np.zeros((2, 2))  # no covariance
+    f.H, f.R = np.array([[1.0, 0.0]]), np.eye(1)
+    before = snapshot(f)
+    for verb, given in (("step", 0.1), ("filter", [0.1, 0.2]), ("filter_many", [[0.1, 0.2]])):
+        with np.errstate(over="ignore", invalid="ignore"), pytest.raises(SingularInnovationError):
+            getattr(f, verb)(given)
+        assert snapshot(f) == before

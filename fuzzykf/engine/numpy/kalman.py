@@ -9,7 +9,7 @@ dimension of the state, ``m`` that of an observation.
 from __future__ import annotations
 
 from functools import cache
-from math import inf, isnan, log
+from math import inf, isfinite, isnan, log
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,6 +74,11 @@ def update_residual(
     Returns
     -------
     x, P, S, S^-1, K
+
+    Raises
+    ------
+    LinAlgError
+        If S cannot be inverted, or P overflows.
     """
     PHT = P.dot(H.T)
     S = H.dot(PHT)
@@ -86,6 +91,8 @@ def update_residual(
     symmetric = P.T.copy()  # numpy adds arrays of one order much faster than P and P.T
     symmetric += P
     symmetric *= _HALF
+    if not isfinite(symmetric.trace()):
+        raise np.linalg.LinAlgError("the covariance has left the range of numbers")
     return x + K.dot(y), symmetric, S, SI, K
 
 

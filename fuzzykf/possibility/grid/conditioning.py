@@ -87,12 +87,13 @@ def condition(
     notes: list[str] = []
     if universe.domain is None:
         prior = _fitted(prior, measure, noise, z, universe, notes)
+    is_prolonged = bool(notes)
     t_norm = prior.t_norm
     residual = _residual(prior, measure, z)
     surprise = noise.cost(residual, t_norm)
     cost = t_norm.combine(prior.cost, surprise)
     if not _resolves(prior, residual, cost, noise):
-        if notes:  # prolonged, and nevertheless too coarse
+        if is_prolonged:  # and nevertheless too coarse
             raise _too_far(z, "no grid of these points reaches it")
         notes.append(
             "the measurement is finer than the cells of the grid; every node was judged by the best of its "
@@ -108,7 +109,7 @@ def condition(
     best = subgrid_minimum(cost)[0] if t_norm.additive else _meeting(prior.cost, surprise)
     best = max(0.0, best)
     posterior = Lattice(prior.axes, t_norm.renormalise(cost, best), t_norm)
-    if notes:
+    if is_prolonged:
         notes += posterior.notes(follows=universe.domain is None)
     return Conditioned(posterior, float(t_norm.membership(best)), True, notes)
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_real, is_whole
-from fuzzykf.gaussian import as_numbers as numbers
+from fuzzykf.gaussian import as_array, as_numbers, as_real, is_whole
 from fuzzykf.possibility.norms import as_t_norm
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from fuzzykf.possibility.memberships.derived import CutMembership
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["Membership", "as_components", "as_level", "as_levels", "as_numbers", "as_points", "as_vector"]
+__all__ = ["Membership", "as_components", "as_level", "as_levels", "as_points", "as_vector"]
 
 
 class Membership(ABC):
@@ -88,7 +87,7 @@ class Membership(ABC):
         ShapeError
             If the last axis does not have length ``dim``.
         """
-        points = numbers("x", x)
+        points = as_numbers("x", x)
         if self.dim == 1 and (points.ndim < 2 or points.shape[-1] != 1):
             points = points[..., None]
         points = as_points(points, self.dim)
@@ -217,7 +216,7 @@ def as_level(name: str, level: float, *, or_zero: bool = False) -> float:
 
 def as_levels(name: str, levels: ArrayLike) -> FloatArray:
     """Check several levels of membership, in [0, 1]."""
-    values = numbers(name, levels)
+    values = as_numbers(name, levels)
     if values.ndim != 1 or not ((values >= 0.0) & (values <= 1.0)).all():
         raise ParameterError(f"{name}: got {values.tolist()}, expected a flat array of numbers in [0, 1]")
     return values
@@ -225,7 +224,7 @@ def as_levels(name: str, levels: ArrayLike) -> FloatArray:
 
 def as_points(x: ArrayLike, dim: int) -> FloatArray:
     """Check points (..., dim)."""
-    points = numbers("x", x)
+    points = as_numbers("x", x)
     if points.ndim == 0 or points.shape[-1] != dim:
         raise ShapeError(f"x: got shape {points.shape}, expected (..., {dim})")
     return points
@@ -253,17 +252,6 @@ def as_components(components: Sequence[int], dim: int) -> list[int]:
     return [int(k) for k in asked]
 
 
-def as_numbers(name: str, value: ArrayLike) -> FloatArray:
-    """Copy numbers into an array of whatever shape they have.
-
-    Raises
-    ------
-    ShapeError
-        If they are no numbers, or have no shape.
-    """
-    return numbers(name, value).copy()
-
-
 def as_vector(name: str, value: ArrayLike, dim: int | None = None) -> FloatArray:
     """Copy a number or a flat, row or column vector into a finite vector (dim,).
 
@@ -272,7 +260,7 @@ def as_vector(name: str, value: ArrayLike, dim: int | None = None) -> FloatArray
     ShapeError, ParameterError
         Wrong shape; not finite.
     """
-    array = numbers(name, value)
+    array = as_numbers(name, value)
     if array.ndim == 2 and 1 in array.shape:
         array = array.ravel()
     return as_array(name, np.atleast_1d(array), (dim,))

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import brief
+from fuzzykf.gaussian import as_numbers, brief
 from fuzzykf.possibility.memberships.base import (
     Membership,
     as_components,
     as_level,
     as_levels,
-    as_numbers,
     as_points,
 )
 from fuzzykf.possibility.memberships.bounded import SingletonMembership
@@ -78,7 +77,7 @@ class CutMembership(Membership):
         self.dim = base.dim
         given: Any = level_or_bounds
         single = isinstance(given, str) or not hasattr(given, "__len__")
-        bounds = np.empty(0) if single else as_numbers("bounds", given)
+        bounds = np.empty(0) if single else as_numbers("bounds", given).copy()
         if single or bounds.ndim == 0:
             self.level = as_level("level", given)
             self.lower, self.upper = base.support(self.level)

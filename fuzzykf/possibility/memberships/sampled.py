@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_flag, brief
+from fuzzykf.gaussian import as_array, as_flag, as_numbers, brief
 from fuzzykf.possibility.memberships.base import (
     Membership,
     as_components,
     as_level,
     as_levels,
-    as_numbers,
     as_vector,
 )
 
@@ -67,7 +66,7 @@ class GridMembership(Membership):
     def __init__(
         self, axes: Sequence[ArrayLike] | ArrayLike, values: ArrayLike, *, normalise: bool = False
     ) -> None:
-        array = as_numbers("values", values)
+        array = as_numbers("values", values).copy()
         self.dim = array.ndim
         given: Any = axes
         if not hasattr(given, "__len__") or not hasattr(given, "__getitem__") or len(given) == 0:
@@ -202,7 +201,7 @@ class FunctionMembership(Membership):
     ) -> None:
         if not callable(function):
             raise ParameterError(f"function: got {type(function).__name__}, expected a function of points")
-        bounds = as_numbers("support", support)
+        bounds = as_numbers("support", support).copy()
         if bounds.shape == (2,):
             bounds = bounds[None]
         if bounds.ndim != 2 or bounds.shape[1] != 2:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_array, brief, check_broadcast, is_whole
+from fuzzykf.gaussian import as_array, brief, is_whole
 from fuzzykf.switching.laws.chain import SwitchChain
 from fuzzykf.switching.laws.integration import Lines
-from fuzzykf.switching.laws.law import FuzzyMarkovLaw, checked_switch
+from fuzzykf.switching.laws.law import FuzzyMarkovLaw, checked_pair
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -76,9 +76,7 @@ class CellLaw(FuzzyMarkovLaw):
 
     def joint_density(self, r1: ArrayLike, r2: ArrayLike) -> FloatArray:
         """Return p(r1, r2), in this order."""
-        first, second = checked_switch("r1", r1), checked_switch("r2", r2)
-        check_broadcast(r1=first, r2=second)
-        a, b = np.broadcast_arrays(first, second)
+        a, b = checked_pair(r1, r2)
         if self._n_cells == 0:
             hard = ((a == 0.0) | (a == 1.0)) & ((b == 0.0) | (b == 1.0))
             return np.where(hard, self.masses[self._cell(a), self._cell(b)], 0.0)

@@ -214,9 +214,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         ndarray
             Of the broadcast shape.
         """
-        first, second = checked_switch("r1", r1), checked_switch("r2", r2)
-        check_broadcast(r1=first, r2=second)
-        a, b = np.broadcast_arrays(first, second)
+        a, b = checked_pair(r1, r2)
         hard_a, hard_b = (a == 0.0) | (a == 1.0), (b == 0.0) | (b == 1.0)
         density = np.empty(a.shape)
         both = hard_a & hard_b
@@ -399,3 +397,11 @@ def checked_switch(name: str, r: ArrayLike) -> FloatArray:
         bad = value[~((value >= 0.0) & (value <= 1.0))].reshape(-1)[0]
         raise ParameterError(f"{name}: got {bad}, expected values of the switch in [0, 1]")
     return value
+
+
+def checked_pair(r1: ArrayLike, r2: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return two switches that have been checked, broadcast against one another."""
+    a, b = checked_switch("r1", r1), checked_switch("r2", r2)
+    check_broadcast(r1=a, r2=b)
+    first, second = np.broadcast_arrays(a, b)
+    return first, second

@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, engine
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, engine
 
 pytestmark = [
     pytest.mark.usefixtures("instructions"),
@@ -118,6 +118,19 @@ def test_a_summarised_series_is_that_of_the_states(hard_model) -> None:
     short, long = CGOMSMFilter(hard_model).filter(y), CGOMSMFilter(hard_model).filter(y, keep_nodes=True)
     for name in ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood"):
         np.testing.assert_allclose(getattr(short, name), getattr(long, name), rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("mode", [{"order": 2}, {"mode": "time_varying", "initial_probability": [1.0, 0.0]}])
+def test_a_series_alone_goes_the_way_of_many(mode) -> None:
+    # while tables still change, a thread with one series must not step where one with several filters
+    one = [[[0.8]], [[0.5]]]
+    model = CGOMSModel.from_cglssm(
+        [[0.9, 0.1], [0.25, 0.75]], A=one, B=[[[1.0]], [[1.0]]], C=one, D=one, **mode
+    )
+    f, ys = CGOMSMFilter(model), np.random.default_rng(0).normal(size=(5, 20))
+    many, exact = f.filter_many(ys).P, engine.info().name == "compiled"
+    for k, alone in enumerate((f.filter_many(ys, threads=5).P, [f.filter_many(y[None]).P[0] for y in ys])):
+        np.testing.assert_allclose(alone, many, rtol=0.0 if exact else 1e-13, err_msg=str(k))
 
 
 def test_one_model_serves_many_threads(fuzzy_model) -> None:
