@@ -62,17 +62,19 @@ def refused(error: Exception, f: Any, before: dict[str, np.ndarray]) -> Outcome:
 
 def stepped(system: System, zs: np.ndarray) -> Outcome:
     """Step along a series; what is refused is left out."""
-    f, rows, outcome = system.make(), [], Outcome()
+    f, rows, outcome, is_begun = system.make(), [], Outcome(), False
     told = system.switches(len(zs))
     for k, z in enumerate(zs):
         before = read(f)
         try:
             f.step(z, *(value[k] for value in told.values()))
+            is_begun = True
         except Exception as error:
             found = refused(error, f, before)
             outcome.error = found.error
             outcome.faults += [fault for fault in found.faults if fault not in outcome.faults]
-        rows.append(read(f))
+        # of a known switch nothing is known before the first observation that is taken
+        rows.append(read(f) if is_begun else {name: np.nan_to_num(value) for name, value in read(f).items()})
     outcome.fields = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     outcome.fields["x"] = outcome.fields["x"][..., 0]
     return outcome

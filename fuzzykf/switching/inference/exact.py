@@ -102,12 +102,12 @@ class Exact(Method):
             S = engine.pair_mixture(*before).covariance[..., at[:, None], at]
             check_definite(S, lambda k: f"covariance of the predicted observation, pair {k}", strict=True)
             raise
-        if not log_likelihood > engine.FARTHEST:
-            raise out_of_range(y)
         if sign is not None:
             check_masses(engine.probabilities(table, sign))
             if not np.isfinite(table).all():
                 raise QuadratureError(f"{TOO_COARSE} moments that are no numbers; use the rule 'cell'")
+        if not (log_likelihood > engine.FARTHEST and np.isfinite(table).all()):
+            raise out_of_range(y)
         unknown = int(np.isnan(window).sum())
         return Mixture(table, window, sign, None, unknown, root if unknown else None), log_likelihood
 
