@@ -22,6 +22,7 @@ classes an observation after a gap makes it an approximation.
 
 from __future__ import annotations
 
+from math import isqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,6 +49,9 @@ TOO_COARSE = (
 
 #: Largest total of negative masses that a rule with negative weights may produce.
 NEGATIVE_MASS = 1e-2
+
+#: How far below zero rounding may take a variance, as a part of what it is the difference of.
+ROUNDING = 1e-10
 
 
 class Exact(Method):
@@ -89,7 +93,7 @@ class Exact(Method):
             state = mixture.table, mixture.sign, mixture.window
             table, sign, log_likelihood = engine.step(tables.kernel, *state, y)
             if sign is not None:
-                check_masses(engine.probabilities(table, sign))
+                check_signed(table, sign)
             if not log_likelihood > engine.FARTHEST:
                 raise out_of_range(y)
             return Mixture(table, window, sign), log_likelihood
@@ -103,9 +107,7 @@ class Exact(Method):
             check_definite(S, lambda k: f"covariance of the predicted observation, pair {k}", strict=True)
             raise
         if sign is not None:
-            check_masses(engine.probabilities(table, sign))
-            if not np.isfinite(table).all():
-                raise QuadratureError(f"{TOO_COARSE} moments that are no numbers; use the rule 'cell'")
+            check_signed(table, sign)
         if not (log_likelihood > engine.FARTHEST and np.isfinite(table).all()):
             raise out_of_range(y)
         unknown = int(np.isnan(window).sum())
@@ -137,7 +139,7 @@ class Exact(Method):
         found = engine.filter_series(tables.kernel, summary, begin, ys, start, stop, out)
         if "sign" in out:
             part = slice(start, stop)
-            check_masses(engine.probabilities(out["table"][:, part], out["sign"][:, part]))
+            check_signed(out["table"][:, part], out["sign"][:, part])
         lost = np.isnan(found[1][:, 0]).any(axis=1)
         if lost.any():
             seen = ys[int(lost.argmax()), start:stop]
@@ -168,11 +170,28 @@ def is_complete(y: FloatArray) -> bool:
     return not np.isnan(y).any()
 
 
-def check_masses(p: FloatArray) -> None:
-    """Refuse probabilities (..., M) of which more than rounding is negative."""
+def check_signed(table: FloatArray, sign: FloatArray) -> None:
+    """Refuse a state (..., 1 + e + e*e, M) that weights of both signs have made no law.
+
+    Its probabilities may be negative by a little; its moments must be numbers, and no variance negative by
+    more than rounding.
+    """
+    p = engine.probabilities(table, sign)
     negative = np.maximum(-p, 0.0).sum(axis=-1)
     if not (negative <= NEGATIVE_MASS).all():  # NaN where the total is not positive
         worst = f"a negative mass of {np.max(negative):.3g} (at most {NEGATIVE_MASS} is tolerated)"
         if np.isnan(negative).any():
             worst = "no positive mass"
+        raise QuadratureError(f"{TOO_COARSE} {worst}; use more nodes or the rule 'cell'")
+    e = (isqrt(4 * table.shape[-2] - 3) - 1) // 2
+    mean, covariance = engine.node_moments(table, e)
+    with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is looked at
+        within = np.diagonal(covariance, axis1=-2, axis2=-1)
+        # from the likeliest on, as the moments of the mixture are taken
+        off = mean - np.take_along_axis(mean, p.argmax(axis=-1)[..., None, None], axis=-2)
+        between = (off - p[..., None, :] @ off) ** 2
+        variance = (p[..., None] * (within + between)).sum(axis=-2)
+        size = (np.abs(p)[..., None] * (np.abs(within) + between)).sum(axis=-2)
+    if not (variance >= -ROUNDING * size).all():
+        worst = f"a variance of {variance.min():.3g}"
         raise QuadratureError(f"{TOO_COARSE} {worst}; use more nodes or the rule 'cell'")

@@ -1,5 +1,7 @@
 """Missing observations: all spellings agree, and nothing is learned from what is not there.
 
+What weights of both signs may leave, and what not.
+
 That the results are right is shown in tests/exactness/test_gaps.py.
 """
 
@@ -9,7 +11,8 @@ import numpy as np
 import pytest
 
 from fuzzykf import CGOMSMFilter, CGOMSModel, KnownSwitchFilter, OFSRFilter
-from fuzzykf.errors import ParameterError, SequenceError, ShapeError
+from fuzzykf.errors import ParameterError, QuadratureError, SequenceError, ShapeError
+from fuzzykf.switching.inference.exact import check_signed
 
 NONE = np.nan
 RESULTS = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood")
@@ -266,3 +269,24 @@ def test_known_switch_first_observation_missing(fuzzy_model):
     mean, covariance = fuzzy_model.form.marginal(np.array([[0.75, 0.25]]))
     np.testing.assert_allclose(f.x[:, 0], mean[0, :1], rtol=1e-12)
     np.testing.assert_allclose(f.P, covariance[0, :1, :1], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("masses", "means", "message"),
+    [
+        # 1.005 (1 + .55^2) - .005 (1 + 110.55^2) = -59.8
+        ([1.005, -0.005], [0.0, 100.0], r"a variance of -49\.2; use more nodes or the rule 'cell'"),
+        ([1.02, -0.02], [0.0, 1.0], r"a negative mass of 0\.02 \(at most"),
+        ([1.0, 0.0], [0.0, np.nan], "a variance of nan"),
+        ([1.005, -0.005], [0.0, 10.0], None),
+    ],
+)
+def test_weights_of_both_signs_must_leave_a_law(masses, means, message):
+    masses = np.array(masses)
+    with np.errstate(divide="ignore"):
+        table = np.array([np.log(np.abs(masses)), means, [1.0, 1.0]])
+    if message is None:
+        check_signed(table, np.sign(masses))
+    else:
+        with pytest.raises(QuadratureError, match=message):
+            check_signed(table, np.sign(masses))
