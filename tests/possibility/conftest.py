@@ -37,12 +37,10 @@ def brute_force():
     def run(f, h, state, process, measurement, t_norm, zs, low, high, n=4001):
         T = T_NORMS[t_norm]
         x = np.linspace(low, high, n)
+        blocks = [process(part[:, None] - f(x)) for part in np.array_split(x, 8)]
         mu, rows = state(x), []
         for z in zs:
-            images, predicted = f(x), np.empty(n)
-            for start in range(0, n, 500):
-                part = x[start : start + 500, None]
-                predicted[start : start + 500] = T(mu, process(part - images)).max(axis=1)
+            predicted = np.concatenate([T(mu, block).max(axis=1) for block in blocks])
             mu, possibility = predicted, 1.0
             if z is not None:
                 mu = T(mu, measurement(z - h(x)))

@@ -37,6 +37,8 @@ def main() -> int:
     parser.add_argument("--only", choices=PARTS, action="append", help="this part; may be given repeatedly")
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
+    if args.share is not None and not 0.0 < args.share <= 1.0:
+        parser.error(f"--share: got {args.share:g}, expected above 0 and at most 1")
     share = args.share if args.share is not None else SHORT if args.short else 1.0
     faults = 0
     for part in args.only or PARTS:

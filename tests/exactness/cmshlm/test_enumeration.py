@@ -32,7 +32,7 @@ KINDS = [
     outlier=st.sampled_from([1.0, 1e3]),
     seed=st.integers(0, 10**6),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_filter_sums_over_all_sequences_of_regimes(
     K, m, q, kind, zeros, outlier, seed, make_oracle, convert, random_parameters
 ):
