@@ -243,7 +243,7 @@ class DailyProfile:
             If the training part had no row of that time and kind of day.
         """
         _check_fitted(self, "means_")
-        moments = as_times(time, None, np.size(time))
+        moments = as_times(time, None)
         days = _workdays(workday, moments)
         table = self.means_.reshape(-1, *self.means_.shape[2:])
         found: FloatArray = table[self._cell(moments, days, self.slot_)]
@@ -338,8 +338,8 @@ def _like(values: Any, columns: FloatArray) -> Any:
     return result
 
 
-def as_times(time: Any, values: Any, n: int) -> NDArray[np.datetime64]:
-    """Return local times, from the index of ``values`` if none are given."""
+def as_times(time: Any, values: Any, n: int | None = None) -> NDArray[np.datetime64]:
+    """Return ``n`` local times, from the index of ``values`` if none are given."""
     if time is None:
         time = getattr(values, "index", None)
         if not hasattr(time, "tz_localize"):
@@ -356,8 +356,8 @@ def as_times(time: Any, values: Any, n: int) -> NDArray[np.datetime64]:
         moments: NDArray[np.datetime64] = given.astype("datetime64[s]")
     except (TypeError, ValueError, OverflowError) as error:
         raise ParameterError(f"time: expected times, got {given.ravel()[:1]} ({error})") from error
-    if moments.shape != (n,):
-        raise ShapeError(f"time: got shape {moments.shape}, expected ({n},)")
+    if moments.ndim != 1 or len(moments) != (len(moments) if n is None else n):
+        raise ShapeError(f"time: got shape {moments.shape}, expected ({'n' if n is None else n},)")
     if np.isnat(moments).any():
         raise ParameterError(f"time: row {int(np.flatnonzero(np.isnat(moments))[0])} is not a time")
     return moments

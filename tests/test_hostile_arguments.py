@@ -7,6 +7,7 @@ import pytest
 
 from fuzzykf import (
     CGOMSMFilter,
+    DailyProfile,
     FuzzyMarkovLaw,
     GaussianMembership,
     GridMembership,
@@ -182,3 +183,26 @@ def test_a_number_is_no_file_even_if_one_is_open(tmp_path, capsys):
     with pytest.raises(ParameterError, match="path: got int"):
         cglssm().save(1)
     assert capsys.readouterr().out == ""
+
+
+RAGGED = [[1.0, 2.0], [1.0]]
+HOURS = np.datetime64("2014-01-06T00:00", "s") + np.arange(4) * np.timedelta64(3600, "s")
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda: GaussianMembership(0.0, RAGGED), "covariance"),
+        (lambda: GaussianMembership(RAGGED, 1.0), "mean"),
+        (lambda: GridMembership(RAGGED, [1.0, 1.0]), "axes"),
+        (lambda: GridMembership([[1.0, [2.0]], 3.0], [1.0, 1.0]), "axes"),
+        (lambda: GridMembership([1.0, 2.0], RAGGED), "values"),
+        (lambda: DailyProfile().fit(np.arange(4.0), HOURS).at([["2014-01-06"], []]), "time"),
+        (lambda: DailyProfile().fit(np.arange(4.0), HOURS).at("2014-01-06"), "time"),
+        (lambda: DailyProfile().fit(np.arange(4.0), HOURS, RAGGED), "workday"),
+        (lambda: KalmanFilter(2, 1).update(RAGGED), "z"),
+    ],
+)
+def test_ragged_lists_are_named(call, name):
+    with pytest.raises(FuzzykfError, match=rf"^{name}: "):
+        call()

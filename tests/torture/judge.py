@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from systems import System, system
 
-from fuzzykf.errors import NumericalRangeError, ParameterError
+from fuzzykf.errors import NumericalRangeError, ParameterError, QuadratureError
 
 __all__ = ["LENGTH", "Case", "Judge", "Outcome"]
 
@@ -76,10 +76,11 @@ class Case:
 
 @dataclass
 class Outcome:
-    """What one verb did: the arrays along the series, or a named error."""
+    """What one verb did: the arrays along the series, or a named error, and which step it met first."""
 
     fields: dict[str, np.ndarray] = field(default_factory=dict)
     error: str = ""
+    refused: int | None = None
     faults: list[str] = field(default_factory=list)
 
 
@@ -96,13 +97,18 @@ def scales(fields: dict[str, np.ndarray], zs: np.ndarray, *, cancels: bool) -> d
     return found
 
 
-def distance(one: dict[str, np.ndarray], other: dict[str, np.ndarray], scale: dict[str, np.ndarray]) -> float:
-    """Return the largest difference of two outcomes, relative to these scales."""
+def distance(
+    one: dict[str, np.ndarray],
+    other: dict[str, np.ndarray],
+    scale: dict[str, np.ndarray],
+    steps: slice = slice(None),
+) -> float:
+    """Return the largest difference of two outcomes at these steps, relative to these scales."""
     largest = 0.0
     for name in one.keys() & other.keys() & scale.keys():
         with np.errstate(invalid="ignore"):  # both are infinite: a fault of its own
             apart = np.abs(one[name] - other[name]).reshape(LENGTH, -1).max(axis=1) / scale[name]
-        largest = max(largest, float(np.nan_to_num(apart, nan=0.0).max()))
+        largest = max(largest, float(np.nan_to_num(apart[steps], nan=0.0).max(initial=0.0)))
     return largest
 
 
@@ -145,7 +151,10 @@ class Judge:
         scale = scales(one.fields, case.series(), cancels=case.system.cancels)
         if case.system.twin is not None and not case.knows_ties(where):
             scale.pop("P", None)
-        apart = distance(one.fields, other.fields, scale)
+        steps = slice(None)
+        if one.error == QuadratureError.__name__:  # rounding decides when the first is refused, if it is late
+            steps = slice(min(one.refused or 0, other.refused or 0))
+        apart = distance(one.fields, other.fields, scale, steps)
         self.apart = max(self.apart, apart)
         if not apart <= AGREE:
             self.faults.append(f"{where}: {apart:.3g} apart")

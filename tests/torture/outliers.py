@@ -72,6 +72,7 @@ def stepped(system: System, zs: np.ndarray) -> Outcome:
         except Exception as error:
             found = refused(error, f, before)
             outcome.error = found.error
+            outcome.refused = k if outcome.refused is None else outcome.refused
             outcome.faults += [fault for fault in found.faults if fault not in outcome.faults]
         # of a known switch nothing is known before the first observation that is taken
         rows.append(read(f) if is_begun else {name: np.nan_to_num(value) for name, value in read(f).items()})

@@ -137,9 +137,9 @@ class GaussianMembership(EllipticalMembership):
 
     def __init__(self, mean: ArrayLike, covariance: ArrayLike) -> None:
         center = as_vector("mean", mean)
-        if np.ndim(covariance) == 0:
-            covariance = np.reshape(covariance, (1, 1))
-        super().__init__(center, check_covariance("covariance", covariance, (center.size, center.size)))
+        given = as_numbers("covariance", covariance)
+        matrix = given.reshape(1, 1) if given.ndim == 0 else given
+        super().__init__(center, check_covariance("covariance", matrix, (center.size, center.size)))
 
     @property
     def mean(self) -> FloatArray:

@@ -71,7 +71,11 @@ class GridMembership(Membership):
         given: Any = axes
         if not hasattr(given, "__len__") or not hasattr(given, "__getitem__") or len(given) == 0:
             raise ShapeError(f"axes: got {brief(axes)}, expected the coordinates of each dimension")
-        single = array.ndim == 1 and not isinstance(axes, tuple) and np.ndim(given[0]) == 0
+        single = (
+            array.ndim == 1
+            and not isinstance(axes, tuple)
+            and (np.isscalar(given[0]) or getattr(given[0], "shape", None) == ())
+        )
         coordinates: list[ArrayLike] = [axes] if single else list(axes)  # type: ignore[list-item, arg-type]
         if array.ndim == 0 or len(coordinates) != array.ndim:
             raise ShapeError(

@@ -275,7 +275,7 @@ def test_known_switch_first_observation_missing(fuzzy_model):
     ("masses", "means", "message"),
     [
         # 1.005 (1 + .55^2) - .005 (1 + 110.55^2) = -59.8
-        ([1.005, -0.005], [0.0, 100.0], r"a variance of -49\.2; use more nodes or the rule 'cell'"),
+        ([1.005, -0.005], [0.0, 110.0], r"a variance of -59\.8; use more nodes or the rule 'cell'"),
         ([1.02, -0.02], [0.0, 1.0], r"a negative mass of 0\.02 \(at most"),
         ([1.0, 0.0], [0.0, np.nan], "a variance of nan"),
         ([1.005, -0.005], [0.0, 10.0], None),
