@@ -124,6 +124,7 @@ def kalman():
         (lambda: FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16).discretize(3, np.empty(0)), "rule"),
         (lambda: FuzzyMarkovLaw.from_density(np.eye(2) / 2, 0.1, 0.1, kinks=3.0), "kinks"),
         (lambda: GaussianMembership(0.0, 1.0).cost(np.zeros((1, 1)), 3), "t_norm"),
+        (lambda: PRODUCT.renormalise(np.zeros(1), "1"), "best"),
         (lambda: GaussianMembership(0.0, 1.0).reach(np.array([-1.0])), "levels"),
         (lambda: GaussianMembership(HUGE, 1.0), "mean"),
         (lambda: TriangularMembership(-1.0, 0.0, 1.0).alpha_cut(np.array([0.5])), "level"),

@@ -142,7 +142,9 @@ def test_weights_are_those_of_decimal_numbers(kind, deviations, q) -> None:
         rows[:, 0, 1] *= 0.1
         small[0, 1] = tables.LOG_ZERO
     u = np.concatenate([[1.0], rng.normal(size=q), deviations * rng.normal(size=q)])
-    if kind == "hidden":  # the first column is further off by less than a square can show, two others are alike
+    if (
+        kind == "hidden"
+    ):  # the first column is further off by less than a square can show, two others are alike
         rows[..., 0] += 1e-3 * rng.normal(size=(q, M, M)) / deviations
         rows[:, :, 0, 0] = (1e-17 * u[1 + q :])[:, None]
     p, o, total = exact_step(rows, small, u)

@@ -279,3 +279,11 @@ def test_an_absurd_observation_has_a_density_of_zero_among_many_series_too(far):
     np.testing.assert_array_equal(one.log_likelihood[1:], -np.inf)
     np.testing.assert_allclose(many.log_likelihood[0], one.log_likelihood, rtol=1e-12)
     np.testing.assert_allclose(many.x[0], one.x, rtol=1e-12)
+
+
+@pytest.mark.parametrize("make", [iter, lambda zs: (z for z in zs)])
+def test_batch_filter_takes_what_can_be_gone_through_once(make):
+    zs = [1.0, None, 2.0]
+    expected = KalmanFilter(1, 1, H=[[1.0]]).batch_filter(zs)
+    for one, other in zip(KalmanFilter(1, 1, H=[[1.0]]).batch_filter(make(zs)), expected, strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -192,13 +192,16 @@ class PairTables:
     @cached_property
     def kernel(self) -> Kernel:
         """The tables in the layout of the engine, made once."""
-        factor = cholesky(self.pairs.Qyy, lambda k: f"noise covariance of the observation for the pair {k}")
-        return pack(self.transition, factor, *self.pairs[:5], *self.pairs[5:7])
+        return pack(self.transition, self._noise_factor(), *self.pairs[:5], *self.pairs[5:7])
 
     @cached_property
     def noise_root(self) -> FloatArray:
         """Root of the covariance of the noise of (X', Y'), made once; what gaps need."""
+        self._noise_factor()  # the error that names the pair
         return noise_root(self.pairs)
+
+    def _noise_factor(self) -> FloatArray:
+        return cholesky(self.pairs.Qyy, lambda k: f"noise covariance of the observation for the pair {k}")
 
     @cached_property
     def _summaries(self) -> WeakKeyDictionary[SwitchChain, Summary]:

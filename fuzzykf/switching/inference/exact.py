@@ -29,7 +29,6 @@ import numpy as np
 
 from fuzzykf.engine import selected as engine
 from fuzzykf.errors import QuadratureError
-from fuzzykf.gaussian import check_definite
 from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.inference.method import Method, out_of_range
 from fuzzykf.switching.inference.mixture import Mixture
@@ -99,13 +98,7 @@ class Exact(Method):
             return Mixture(table, window, sign), log_likelihood
         known = mixture.table, mixture.sign, mixture.window, mixture.root
         before = tables.transition, tables.pairs, tables.noise_root, *known
-        try:
-            table, sign, root, log_likelihood = engine.step_in_part(*before, y, window)
-        except np.linalg.LinAlgError:
-            at = tables.pairs.Axx.shape[-1] + np.flatnonzero(~np.isnan(y))
-            S = engine.pair_mixture(*before).covariance[..., at[:, None], at]
-            check_definite(S, lambda k: f"covariance of the predicted observation, pair {k}", strict=True)
-            raise
+        table, sign, root, log_likelihood = engine.step_in_part(*before, y, window)
         if sign is not None:
             check_signed(table, sign)
         if not (log_likelihood > engine.FARTHEST and np.isfinite(table).all()):

@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 
 from fuzzykf import CGOMSMFilter, CGOMSModel, KnownSwitchFilter, OFSRFilter
-from fuzzykf.errors import ParameterError, QuadratureError, SequenceError, ShapeError
+from fuzzykf.errors import (
+    NotPositiveDefiniteError,
+    ParameterError,
+    QuadratureError,
+    SequenceError,
+    ShapeError,
+)
+from fuzzykf.switching import SwitchingFilter
+from fuzzykf.switching.dynamics.pairs import PairCoefficients, PairTables
 from fuzzykf.switching.inference.exact import check_signed
 
 NONE = np.nan
@@ -290,3 +298,38 @@ def test_weights_of_both_signs_must_leave_a_law(masses, means, message):
     else:
         with pytest.raises(QuadratureError, match=message):
             check_signed(table, np.sign(masses))
+
+
+def certain_observations(f, certain):
+    """A system like that of a filter, in which some components of an observation have no noise."""
+    system = f._system
+
+    class Certain:
+        dim_x, dim_z, order, steady_from, chain = f.dim_x, f.dim_z, 1, None, system.chain
+        initial = staticmethod(system.initial)
+
+        @staticmethod
+        def pair_tables(n):
+            tables = system.pair_tables(n)
+            pairs = tables.pairs._asdict()
+            Qyy = pairs["Qyy"].copy()
+            Qyy[..., certain, :] = Qyy[..., :, certain] = 0.0
+            return PairTables(tables.transition, PairCoefficients(**pairs | {"Qyy": Qyy}))
+
+    return SwitchingFilter(Certain())
+
+
+@pytest.mark.parametrize("y", [[0.5, -0.5], [0.5, np.nan], [np.nan, 0.5], [np.nan, np.nan]])
+@pytest.mark.parametrize("certain", [0, 1])
+def test_observations_need_noise_whatever_is_seen_of_them(certain, y, make_transitions):
+    A, Q, means, Sigma = make_transitions(1, 1, 2, seed=3)
+    model = CGOMSModel.from_transitions([[1.0]], A, Q, means, Sigma, 1)
+    f = certain_observations(CGOMSMFilter(model), certain)
+    f.step([0.3, -0.2])
+    x = f.x
+    message = (
+        r"noise covariance of the observation for the pair \(0, 0\): expected a positive definite matrix"
+    )
+    with pytest.raises(NotPositiveDefiniteError, match=message):
+        f.step(y)
+    np.testing.assert_array_equal(f.x, x)
