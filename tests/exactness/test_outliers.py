@@ -187,6 +187,33 @@ def test_an_observation_beyond_all_numbers_is_an_error_that_changes_nothing(absu
 # --------------------------------------------------------------------------- regimes that differ
 
 
+@pytest.mark.parametrize(("unit", "far"), [(1e5, 9e149), (1e12, 1e145), (6e29, 1e148)])
+@pytest.mark.parametrize("law", [FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16), FuzzyMarkovLaw.fmc2(0.15, 0.6, 0.2)])
+def test_moments_beyond_all_numbers_are_refused_in_whatever_unit(law, unit, far) -> None:
+    # so few standard deviations that the density is a number, but the square of the mean is none
+    z = np.array([[1.0, 0.5], [0.5, 1.0]])
+    pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
+    means, pairs = np.array([[0.0, 3.0], [0.0, 0.0]]) * unit, np.broadcast_to(pair, (2, 2, 4, 4)) * unit**2
+    f = OFSRFilter(CGOFMSModel(law, means, pairs, 1), 3)
+    series = unit * np.array([0.1, 0.2, far, 0.3, -0.2])
+    with pytest.raises(NumericalRangeError, match=r"means below 1e\+153"):
+        f.filter(series)
+    with pytest.raises(NumericalRangeError, match=r"means below 1e\+153"):
+        f.filter_many([series, series])
+    expected = f.copy().filter(np.delete(series, 2))
+    for z in series:
+        before = shown(f)
+        if z != series[2]:
+            f.step(z)
+            continue
+        with pytest.raises(NumericalRangeError, match=r"means below 1e\+153"):
+            f.step(z)
+        for one, other in zip(before, shown(f), strict=True):
+            np.testing.assert_array_equal(one, other)
+    np.testing.assert_allclose(f.x.ravel(), expected.x[-1], rtol=1e-12)
+    np.testing.assert_allclose(f.P, expected.P[-1], rtol=1e-12)
+
+
 @pytest.fixture(scope="module")
 def two_regimes() -> CGOMSMFilter:
     """Regimes of other means and other noise, so that an outlier prefers the wider one by far."""

@@ -74,6 +74,7 @@ cdef extern from "src/series.h" nogil:
     double fk_log_likelihood(const fk_state *) noexcept
     void fk_to_logs(fk_state *, int) noexcept
     const double *fk_probabilities(const fk_engine *, const fk_state *, int, double *) noexcept
+    int fk_in_range(const fk_state *, int, int) noexcept
     void fk_advance(const fk_engine *, const fk_kernel *, fk_state *, fk_state *, const double *, double *) noexcept
     void fk_fill_ahead(int, int, int, const double *, double *, double *) noexcept
     size_t fk_chunk_tables(int) noexcept

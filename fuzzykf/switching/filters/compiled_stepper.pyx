@@ -8,7 +8,7 @@ from libc.string cimport memcpy, memmove, memset
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, doubles
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
-    Kernel, Workspace, fk_advance, fk_engine, fk_kernel, fk_log_likelihood, fk_padded, fk_probabilities, fk_state,
+    Kernel, Workspace, fk_advance, fk_engine, fk_in_range, fk_kernel, fk_log_likelihood, fk_padded, fk_probabilities, fk_state,
     fk_to_logs, start, store, versions,
 )
 
@@ -122,7 +122,8 @@ cdef class Stepper:
             memmove(window + q, window, (k.w - q) * sizeof(double))
             memcpy(window, y, q * sizeof(double))
         fk_advance(engine(), k, self.now, self.spare, u, self.work.scratch)
-        if self.spare.total != self.spare.total:  # the verbs say what is wrong, from the state before
+        if self.spare.total != self.spare.total or not fk_in_range(self.spare, k.M2, k.m):
+            # the verbs say what is wrong, from the state before
             memcpy(window, u + 1, k.w * sizeof(double))
             memcpy(u, self.kept, (1 + k.w + q) * sizeof(double))
             return self._step_by_verbs(np.array([y[t] for t in range(q)]))

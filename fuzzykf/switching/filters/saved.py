@@ -71,7 +71,11 @@ class SavedFilter(SwitchingFilter, Document):
             *(None if values[k] is None else Mixture.from_dict(values[k]) for k in ("belief", "before")),
         )
         sizes = self.dim_x, self.dim_z, len(self._system.chain), self._system.order
-        sound = all(one.is_sound(*sizes) for one in (belief, before) if one is not None)
+        sound = all(
+            one.is_sound(*sizes) and one.window.size == min(seen, sizes[-1]) * self.dim_z
+            for one, seen in ((belief, n), (before, n - 1))
+            if one is not None
+        )
         z, log_likelihood = decode(values["z"], 1), number(values["log_likelihood"])
         if not sound or (belief is None) != (n == 0) or (before is None) != (n < 2):
             raise FileFormatError(f"the state after {n} observations does not fit the model")

@@ -61,11 +61,11 @@ class Exact(Method):
         start = law.start(y.size)
         if is_complete(y):
             table, log_likelihood = engine.first_step(*start, y[None])
-            if not log_likelihood[0] > engine.FARTHEST:
+            if not (log_likelihood[0] > engine.FARTHEST and engine.is_in_range(table[0])):
                 raise out_of_range(y)
             return Mixture(table[0], y), float(log_likelihood[0])
         table, root, value = engine.first_step_in_part(*start[:3], y)
-        if not value > engine.FARTHEST:
+        if not (value > engine.FARTHEST and engine.is_in_range(table)):
             raise out_of_range(y)
         return Mixture(table, y, unknown=int(np.isnan(y).sum()), root=root), value
 
@@ -93,7 +93,7 @@ class Exact(Method):
             table, sign, log_likelihood = engine.step(tables.kernel, *state, y)
             if sign is not None:
                 check_signed(table, sign)
-            if not log_likelihood > engine.FARTHEST:
+            if not (log_likelihood > engine.FARTHEST and engine.is_in_range(table)):
                 raise out_of_range(y)
             return Mixture(table, window, sign), log_likelihood
         known = mixture.table, mixture.sign, mixture.window, mixture.root
@@ -101,7 +101,7 @@ class Exact(Method):
         table, sign, root, log_likelihood = engine.step_in_part(*before, y, window)
         if sign is not None:
             check_signed(table, sign)
-        if not (log_likelihood > engine.FARTHEST and np.isfinite(table).all()):
+        if not (log_likelihood > engine.FARTHEST and engine.is_in_range(table)):
             raise out_of_range(y)
         unknown = int(np.isnan(window).sum())
         return Mixture(table, window, sign, None, unknown, root if unknown else None), log_likelihood
@@ -133,9 +133,12 @@ class Exact(Method):
         if "sign" in out:
             part = slice(start, stop)
             check_signed(out["table"][:, part], out["sign"][:, part])
-        lost = np.isnan(found[1][:, 0]).any(axis=1)
-        if lost.any():
-            seen = ys[int(lost.argmax()), start:stop]
+        fits = engine.is_in_range(found[1])
+        for name, limit in {"x": engine.LARGEST_MEAN, "P": np.finfo(np.float64).max}.items():
+            if name in out:
+                fits &= (np.abs(out[name][:, start:stop]) <= limit).reshape(len(fits), -1).all(axis=1)
+        if not fits.all():
+            seen = ys[int(fits.argmin()), start:stop]
             raise out_of_range(seen[np.abs(seen).max(axis=1).argmax()])
         return found
 

@@ -133,6 +133,7 @@ class Method(Protocol):
 def out_of_range(y: FloatArray, limit: float = 1e150) -> NumericalRangeError:
     """Return what is said of an observation (q,) from which what follows leaves the range of numbers."""
     return NumericalRangeError(
-        f"observation: got {y.tolist()}, so many standard deviations off that double precision cannot "
-        f"hold what follows from it; expected a value within {limit:g} of them, or NaN if it is missing"
+        f"observation: got {y.tolist()}, and double precision cannot hold what follows from it; expected a "
+        f"value within {limit:g} standard deviations and means below {engine.LARGEST_MEAN:g}, or NaN if it "
+        "is missing"
     )

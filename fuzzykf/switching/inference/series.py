@@ -183,7 +183,7 @@ def _filter_block(
             begin = law.start(q) if k == 0 else (table, sign)
             old, table = method.series(system, tables, begin, ys, k, end, out)
             old_sign, sign = _sign(out, end - 2) if end - 2 >= k else sign, _sign(out, end - 1)
-            before = Source(_mixture(ys, old, old_sign, end - 2, order), tables)
+            before = None if end == 1 else Source(_mixture(ys, old, old_sign, end - 2, order), tables)
             mixture = _mixture(ys, table, sign, end - 1, order)
             k = end
             continue

@@ -609,3 +609,26 @@ def test_many_series_through_a_chain_with_negative_weights(fuzzy_model):
     for k, one in enumerate(ys):
         np.testing.assert_allclose(many.x[k], f.filter(one).x, rtol=1e-12)
         np.testing.assert_allclose(many.mu[k], f.filter(one).mu, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("verb", ["filter", "smooth"])
+def test_a_series_of_one_observation_leaves_what_a_step_leaves(verb, fuzzy_model, hard_model):
+    for make in (lambda: OFSRFilter(fuzzy_model, 3), lambda: CGOMSMFilter(hard_model)):
+        for series in ([0.4], [np.nan]):
+            stepped, filtered = make(), make()
+            stepped.step(series[0])
+            getattr(filtered, verb)(series)
+            for name in (
+                "x",
+                "P",
+                "x_prior",
+                "P_prior",
+                "mu",
+                "y",
+                "S",
+                "nis",
+                "mahalanobis",
+                "log_likelihood",
+            ):
+                one, other = getattr(filtered, name), getattr(stepped, name)
+                np.testing.assert_allclose(one, other, rtol=1e-12, err_msg=name)

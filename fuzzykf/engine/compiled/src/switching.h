@@ -10,6 +10,8 @@
 #define FK_ALIKE 1e-14 /* coefficients that differ by less, relatively, differ by their rounding alone */
 #define FK_ROUNDS 4 /* how often a better reference is looked for */
 #define FK_NEAR (-500.0) /* logarithms of weights above this keep their digits beside one another */
+#define FK_LARGEST_MEAN 1e153 /* of a node: its square, and that of differences, has to be a number */
+#define FK_LARGEST_COVARIANCE 1e306
 #define FK_FARTHEST (-1e303) /* below this a log-density comes near the end of the range; weights are NaN */
 #define FK_TINY 1e-250
 #define FK_HUGE 1e250
