@@ -160,7 +160,7 @@ def test_a_time_varying_filter_is_loaded_without_its_past(tmp_path, monkeypatch)
         np.testing.assert_array_equal(f.P_prior, g.P_prior)
 
 
-@pytest.mark.parametrize("n", [2, 4, 6])
+@pytest.mark.parametrize("n", [2, 4])
 def test_a_number_of_observations_that_its_windows_contradict_is_refused(n, tmp_path):
     model = CGOMSModel.from_cglssm(
         [[0.9, 0.1], [0.2, 0.8]],
@@ -172,14 +172,11 @@ def test_a_number_of_observations_that_its_windows_contradict_is_refused(n, tmp_
         mode="time_varying",
     )
     f, path = CGOMSMFilter(model), tmp_path / "filter.json"
-    for z in (0.1, 0.2, 0.3)[: 3 if n != 4 else 2]:
+    for z in (0.1, 0.2, 0.3)[: 3 if n == 2 else 2]:
         f.step(z)
     f.save(path)
     document = json.loads(path.read_text("utf-8"))
     document["state"]["n"] = n
     path.write_text(json.dumps(document), encoding="utf-8")
-    if n == 6:  # windows of three observations, as after any number of them
-        assert CGOMSMFilter.load(path).step(0.3) is not None
-        return
     with pytest.raises(FileFormatError, match="does not fit the model"):
         CGOMSMFilter.load(path)
