@@ -15,6 +15,7 @@ import numpy as np
 from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError, SequenceError, ShapeError
 from fuzzykf.gaussian import as_numbers, as_real
+from fuzzykf.reprs import call_text, shown
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -148,6 +149,10 @@ class Standardizer:
                 f"values: got {columns.shape[1]} columns, expected {len(self.mean_)}, as in the training part"
             )
         return columns
+
+    @shown
+    def __repr__(self) -> str:
+        return call_text(self, "mean_", "scale_") if "mean_" in vars(self) else f"{type(self).__name__}()"
 
 
 class DailyProfile:
@@ -310,6 +315,10 @@ class DailyProfile:
         slots = round(24.0 / slot)
         place: NDArray[np.int_] = workday * slots + (hour_of_day(time) / slot + 1e-9).astype(int)
         return place
+
+    @shown
+    def __repr__(self) -> str:
+        return call_text(self, "slot", *(("slot_", "means_") if "means_" in vars(self) else ()))
 
 
 # --------------------------------------------------------------------------- arrays in and out

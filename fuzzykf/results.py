@@ -7,6 +7,7 @@ axes; whoever allocates, collects, stores, tabulates or describes fields reads t
 from __future__ import annotations
 
 import dataclasses
+import textwrap
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
@@ -22,6 +23,7 @@ from fuzzykf.gaussian import (
     mixture_quantile,
     normal_quantile,
 )
+from fuzzykf.reprs import WIDTH, cut, html_table, reprs, shown, shown_html, value_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -258,6 +260,56 @@ class FilterResult:
         except (TypeError, ValueError) as error:
             raise ParameterError(f"index: got {brief(index)}, expected one entry a step ({error})") from error
 
+    @shown
+    def __repr__(self) -> str:
+        arrays = ", ".join(f"{name} {size}".replace(" ", _UNBROKEN) for name, size in self._sizes())
+        lines = textwrap.wrap(f"{self._title()}: {arrays}" if arrays else self._title(), WIDTH, **_INDENT)
+        lines = [line.replace(_UNBROKEN, " ") for line in lines]
+        ends = _ends(self.index)
+        return "\n".join([*lines, f"  index: {ends}"] if ends else lines)
+
+    @shown_html
+    def _repr_html_(self) -> str:
+        rows = [(name, size, FIELDS[name].description) for name, size in self._sizes()]
+        ends = _ends(self.index)
+        notes = [f"index: {ends}"] if ends else []
+        return html_table(self._title(), ("field", "shape", "what it is"), rows, notes)
+
+    def _sizes(self) -> list[tuple[str, str]]:
+        """Return the fields that are filled, and their shapes as text."""
+        found = ((name, getattr(self, name)) for name in FIELDS)
+        return [(name, _size(value)) for name, value in found if value is not None]
+
+    def _title(self) -> str:
+        for name, known in FIELDS.items():
+            shape = getattr(getattr(self, name), "shape", None)
+            if known.axes[0] == "step" and isinstance(shape, tuple) and shape:
+                several = len(shape) > len(known.axes)
+                steps = f"{shape[1]} steps" if several else f"{shape[0]} steps"
+                return f"{type(self).__name__} of " + (f"{shape[0]} series of {steps}" if several else steps)
+        return f"{type(self).__name__} of 0 steps"
+
+
+#: What stands for a space at which a line is not broken.
+_UNBROKEN = "\0"
+
+#: How further lines of a repr begin.
+_INDENT: Any = {"subsequent_indent": "  ", "break_long_words": False, "break_on_hyphens": False}
+
+
+def _size(value: Any) -> str:
+    shape = getattr(value, "shape", None)
+    return str(shape) if isinstance(shape, tuple) else value_text(value)
+
+
+def _ends(index: Any) -> str:
+    """Return the first and the last entry of an index; nothing where it has none that can be shown."""
+    try:
+        n = len(index)
+        return f"{cut(str(index[0]), 40)} to {cut(str(index[n - 1]), 40)} ({n} entries)" if n else ""
+    except Exception:  # no index, or one of somebody else that does as it likes
+        return ""
+
 
 #: The fields of `FilterResult` that hold arrays, in its order.
 FIELDS = _fields_of(FilterResult)
@@ -300,6 +352,7 @@ def _columns(name: str, values: FloatArray, suffix: str = "") -> dict[str, Float
 # --------------------------------------------------------------------------- simulation
 
 
+@reprs()
 class Simulation(NamedTuple):
     """A simulated series.
 
@@ -332,6 +385,7 @@ def bic(n_parameters: int, n_observations: int, log_likelihood: float) -> float:
     return float(np.log(n)) * k - 2.0 * as_real("log_likelihood", log_likelihood)
 
 
+@reprs()
 @dataclass(frozen=True, eq=False)
 class FitResult(Generic[M]):
     """A learned model and how it was found.

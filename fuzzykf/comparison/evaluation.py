@@ -6,6 +6,7 @@ and their errors there make the scores (`summarise`).
 
 from __future__ import annotations
 
+import textwrap
 import time
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,9 +14,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from fuzzykf.comparison.candidates import Estimates, Restoration
-from fuzzykf.comparison.scores import INTERVAL_FACTOR, LIMITS, Score, bootstrap_rmse
+from fuzzykf.comparison.scores import INTERVAL_FACTOR, LIMITS, Score, behind, bootstrap_rmse, cells
 from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError
 from fuzzykf.gaussian import as_flag, brief
+from fuzzykf.reprs import WIDTH, cut, html_table, reprs, shown, shown_html, text_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -30,10 +32,23 @@ __all__ = ["Fold", "HeldOut", "ModelComparison", "ModelScore", "microseconds", "
 #: A method's time per step is the least of this many passes over this many steps.
 TIMED_PASSES, TIMED_STEPS = 5, 500
 
+#: Columns of the table that a comparison is shown as.
+HEADER = ("candidate", "RMSE", "95 % interval", "90 % covers", "log-lik.", "behind the best by")
+
+#: Rows of it, candidates that failed, and lines of the verdict: no more are shown than these.
+MOST_ROWS, MOST_FAILURES, MOST_VERDICT = 18, 4, 4
+
+#: Longest name of a candidate in it.
+MOST_NAME = 24
+
+#: Rows of it in a notebook.
+MOST_HTML = 50
+
 #: The scores of `compare_models` are those of `compare`.
 ModelScore = Score
 
 
+@reprs()
 @dataclass(frozen=True)
 class Fold:
     """Rows that one round learns on, and the rows after them that it is judged on.
@@ -49,7 +64,7 @@ class Fold:
     end: int
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ModelComparison:
     """What `compare_models` found.
 
@@ -152,7 +167,39 @@ class ModelComparison:
         found = pd.DataFrame([vars(score) for score in self.ranked]).set_index("name").drop(columns="title")
         return found.drop(columns="microseconds") if found["microseconds"].isna().all() else found
 
+    @shown
+    def __repr__(self) -> str:
+        rows = self._rows()[:MOST_ROWS]
+        hidden = len(self.scores) - len(rows)
+        lines = [self._title(), *text_table(HEADER, rows)]
+        lines += [f"  ... and {hidden} more"] * (hidden > 0)
+        failed = list(self.failures.items())[:MOST_FAILURES]
+        lines += [cut(f"  failed: {name}, {why}", WIDTH) for name, why in failed]
+        more = len(self.failures) - len(failed)
+        lines += [f"  ... and {more} more that failed"] * (more > 0)
+        return "\n".join(
+            lines + textwrap.wrap(cut(self.verdict(), MOST_VERDICT * WIDTH), WIDTH)[:MOST_VERDICT]
+        )
 
+    @shown_html
+    def _repr_html_(self) -> str:
+        failed = [
+            cut(f"failed: {name}, {why}", 4 * WIDTH) for name, why in list(self.failures.items())[:MOST_HTML]
+        ]
+        return html_table(
+            self._title(), HEADER, self._rows()[:MOST_HTML], [cut(self.verdict(), 8 * WIDTH), *failed]
+        )
+
+    def _title(self) -> str:
+        folds = "1 fold" if len(self.folds) == 1 else f"{len(self.folds)} folds"
+        return f"{type(self).__name__} of {len(self.scores)} candidates in {folds}, least error first"
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        """Return a row of `HEADER` for each candidate, best first."""
+        return [(cut(one.name, MOST_NAME), *cells(one)[:4], behind(one)) for one in self.ranked]
+
+
+@reprs()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldOut:
     """One held-out part, and what the candidates say of it.

@@ -28,7 +28,7 @@ __all__ = ["RIVALS", "Comparison", "Restoration", "compare", "main_methods", "sc
 RIVALS = ("hard2", "imm", "kalman", "line", "regression", "piecewise")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Comparison(ModelComparison):
     """The scores of all methods on one task, and how far the best two are apart.
 

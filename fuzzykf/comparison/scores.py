@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isnan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from fuzzykf.comparison.candidates import Named
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_count, as_numbers, brief, check_generator, is_whole
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -21,8 +23,10 @@ __all__ = [
     "LIMITS",
     "Bootstrap",
     "Score",
+    "behind",
     "block_length",
     "bootstrap_rmse",
+    "cells",
     "circular_block_means",
 ]
 
@@ -33,6 +37,7 @@ INTERVAL_FACTOR = 1.6448536269514722
 LIMITS = (0.025, 0.975)
 
 
+@reprs()
 @dataclass(frozen=True, kw_only=True)
 class Score(Named):
     """How well one candidate restored the held-out states.
@@ -72,6 +77,32 @@ class Score(Named):
     log_likelihood: float | None
     seconds: float = field(default=float("nan"), compare=False)
     microseconds: float = field(default=float("nan"), compare=False)
+
+
+def cells(score: Score) -> tuple[str, str, str, str, str]:
+    """Return the numbers of a row of the table, as they are shown: RMSE, its interval, ..."""
+    value = score.log_likelihood
+    return (
+        f"{score.rmse:.4g}",
+        f"{score.rmse_low:#.3g}–{score.rmse_high:#.3g}",
+        f"{100 * score.coverage:.1f} %",
+        "none" if value is None or isnan(value) else f"{value:.3f}",
+        f"{score.microseconds:.2g}" if score.microseconds < 10 else f"{score.microseconds:.0f}",
+    )
+
+
+def behind(score: Score) -> str:
+    """Return by how much a candidate is behind the best: the interval of 95 %, nothing for the best.
+
+    Examples
+    --------
+    >>> common = {"rmse": 1.2, "rmse_low": 1.1, "rmse_high": 1.3, "coverage": 0.9, "log_likelihood": None}
+    >>> behind(Score("kalman", difference=0.2, difference_low=0.1, difference_high=0.3, **common))
+    '0.10 to 0.30'
+    """
+    if not score.difference > 0.0:
+        return ""
+    return f"{score.difference_low:#.2g} to {score.difference_high:#.2g}"
 
 
 def block_length(series: FloatArray) -> int:
@@ -184,6 +215,7 @@ def circular_block_means(
     return means
 
 
+@reprs()
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
     """Root mean squared errors of several methods on the same steps, and their resamples.

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fuzzykf.comparison.scores import cells
+
 if TYPE_CHECKING:
     from fuzzykf.comparison.run import Comparison
-    from fuzzykf.comparison.scores import Score
 
 __all__ = ["about_choices", "about_intervals", "about_task", "cells"]
 
@@ -38,14 +39,3 @@ def about_choices(comparison: Comparison) -> tuple[str, ...]:
     choices = [f"{one.title}: {one.description}." for one in found if one.description]
     notes = [f"Note on {one.title}: {note}." for one in found for note in one.notes]
     return (*choices, *notes)
-
-
-def cells(score: Score) -> tuple[str, str, str, str, str]:
-    """Return the numbers of a row of the table, as they are shown: RMSE, its interval, ..."""
-    return (
-        f"{score.rmse:.4g}",
-        f"{score.rmse_low:#.3g}–{score.rmse_high:#.3g}",
-        f"{100 * score.coverage:.1f} %",
-        "none" if score.log_likelihood is None else f"{score.log_likelihood:.3f}",
-        f"{score.microseconds:.2g}" if score.microseconds < 10 else f"{score.microseconds:.0f}",
-    )

@@ -23,6 +23,7 @@ import fuzzykf
 from fuzzykf.errors import MissingDependencyError, ParameterError
 from fuzzykf.experiments.verdicts import LEVEL, judge
 from fuzzykf.files import write_bytes, write_text
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -40,6 +41,7 @@ __all__ = ["Experiment", "Outcome", "new_figure", "perform", "write"]
 PIECES = "pieces"
 
 
+@reprs()
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
     """A table or a figure of a paper, and how to make it again.
@@ -79,6 +81,7 @@ class Experiment:
     load: Callable[[Path | None], Samples] | None = None
 
 
+@reprs()
 @dataclass(frozen=True)
 class Outcome:
     """What an experiment gave.

@@ -17,6 +17,7 @@ from fuzzykf.possibility.intervals import boxes
 from fuzzykf.possibility.mapping import matrix_of
 from fuzzykf.possibility.protocol import Belief, Outcome
 from fuzzykf.possibility.representation import FAMILIES, required_box, required_quadratic
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["Belief", "BoxBelief", "GridBelief", "Outcome", "QuadraticBelief", "believe", "nothing_explains"]
 
 
+@reprs()
 @dataclass(frozen=True, eq=False)
 class QuadraticBelief:
     """A membership of one of the closed families.
@@ -91,6 +93,7 @@ class QuadraticBelief:
         return QuadraticBelief(self.family, x.reshape(self.x.shape), P)
 
 
+@reprs()
 @dataclass(frozen=True, eq=False)
 class BoxBelief:
     """A crisp interval or box."""

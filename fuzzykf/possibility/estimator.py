@@ -25,6 +25,7 @@ from fuzzykf.possibility.representation import (
     required_quadratic,
     universe_of,
 )
+from fuzzykf.reprs import shown, value_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -556,6 +557,19 @@ class FuzzyRelationEstimator(Filter):
                 f"{name}: has no meaning of its own in the representation {self.representation!r}; "
                 f"use {instead}"
             )
+
+    @shown
+    def __repr__(self) -> str:
+        head = (
+            f"{type(self).__name__}(dim_x={self.dim_x}, dim_z={self.dim_z}): representation "
+            f"{self.representation!r}, t-norm {self.t_norm.name!r}"
+        )
+        parts = {
+            "state": self._belief,
+            "process noise": self._process_noise,
+            "measurement noise": self._measurement_noise,
+        }
+        return "\n".join([head, *(f"  {name}: {value_text(part, 80)}" for name, part in parts.items())])
 
 
 def _refuse_arguments(verb: str, arguments: dict[str, Any], function: str) -> None:

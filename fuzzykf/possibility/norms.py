@@ -31,6 +31,7 @@ from fuzzykf.engine.selected import from_membership, to_membership
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_choice, as_flag, as_numbers, as_real, brief, check_broadcast
 from fuzzykf.immutable import cached_property
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -120,6 +121,7 @@ def _number(name: str, value: float) -> float:
     return number
 
 
+@reprs()
 @dataclass(frozen=True)
 class TNorm:
     """A triangular norm, n-ary, with its generator where it has one.
@@ -253,6 +255,7 @@ HAMACHER = TNorm("hamacher", "reciprocal", True, "cauchy")
 _DUALS = {"max": MIN, "probabilistic_sum": PRODUCT, "bounded_sum": LUKASIEWICZ}
 
 
+@reprs()
 @dataclass(frozen=True)
 class TConorm:
     """A triangular conorm: how memberships of alternatives join.

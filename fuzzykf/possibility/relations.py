@@ -23,6 +23,7 @@ from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers, brief
 from fuzzykf.possibility.memberships import GaussianMembership, Membership, SingletonMembership
 from fuzzykf.possibility.norms import TConorm, TNorm, as_t_conorm, as_t_norm
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -254,6 +255,7 @@ def extend(
     return result
 
 
+@reprs()
 @dataclass(frozen=True)
 class Rule:
     """A rule: if X is .. and U is .. and W is .. then X' is ..
@@ -295,6 +297,7 @@ class Rule:
         return cartesian_product(*values, t_norm=t_norm)
 
 
+@reprs()
 @dataclass(frozen=True)
 class RuleBase:
     """A fuzzy dynamic model as the union of rules.

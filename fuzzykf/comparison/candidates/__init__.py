@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import FuzzykfError
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,6 +43,7 @@ def _quiet(_: str) -> None:
     """Tell nobody."""
 
 
+@reprs()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LearningPart:
     """Data to learn on, and how long the learning of a hidden switch may take.
@@ -124,6 +126,7 @@ def _numerical(fit: Callable[[], Any]) -> Any:
         ) from error
 
 
+@reprs()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimates:
     """What a method says of a stretch of observations, each from it and the earlier ones.
@@ -145,6 +148,7 @@ class Estimates:
     switch: FloatArray | None = None
 
 
+@reprs("description", "notes")
 class Learned(ABC):
     """What a method has learned; it sees no state any more.
 
@@ -195,6 +199,7 @@ class Named:
         object.__setattr__(self, "title", self.title or self.name)
 
 
+@reprs()
 @dataclass(frozen=True)
 class Candidate(Named):
     """A method by name.
@@ -214,6 +219,7 @@ class Candidate(Named):
     pieces: int = 1
 
 
+@reprs()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Restoration(Estimates, Named):
     """What one candidate says of a held-out part.

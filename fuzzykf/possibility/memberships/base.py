@@ -10,6 +10,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_numbers, as_real, is_whole
 from fuzzykf.possibility.norms import as_t_norm
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Membership", "as_components", "as_level", "as_levels", "as_points", "as_vector"]
 
 
+@reprs("dim")
 class Membership(ABC):
     """A membership function m(x) in [0, 1] with peak 1 on a space of ``dim`` dimensions.
 

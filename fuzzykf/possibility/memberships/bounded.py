@@ -8,6 +8,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.possibility.memberships.base import Membership, as_components, as_level, as_levels, as_vector
+from fuzzykf.reprs import reprs, shown, value_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["IntervalMembership", "SingletonMembership", "TriangularMembership"]
 
 
+@reprs("left", "peak", "right")
 class TriangularMembership(Membership):
     """A triangle that rises from ``left`` to ``peak`` and falls to ``right``.
 
@@ -86,6 +88,7 @@ class TriangularMembership(Membership):
         return TriangularMembership(self.left[index], self._peak[index], self.right[index])
 
 
+@reprs("lower", "upper")
 class IntervalMembership(Membership):
     """A crisp interval or box: membership 1 inside, 0 outside.
 
@@ -125,9 +128,6 @@ class IntervalMembership(Membership):
                 f"lower, upper: component {k} is [{self.lower[k]:.6g}, {self.upper[k]:.6g}], "
                 "expected lower <= upper"
             )
-
-    def __repr__(self) -> str:
-        return f"IntervalMembership(lower={self.lower}, upper={self.upper})"
 
     @property
     def peak(self) -> FloatArray:
@@ -171,10 +171,11 @@ class SingletonMembership(IntervalMembership):
         vector = as_vector("point", point)
         super().__init__(vector, vector)
 
-    def __repr__(self) -> str:
-        return f"SingletonMembership({self.lower})"
-
     @property
     def point(self) -> FloatArray:
         """The only possible point (dim,)."""
         return self.lower
+
+    @shown
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({value_text(self.lower)})"

@@ -19,6 +19,7 @@ from fuzzykf.possibility.memberships.base import (
 from fuzzykf.possibility.memberships.bounded import SingletonMembership
 from fuzzykf.possibility.memberships.sampled import GridMembership
 from fuzzykf.possibility.norms import as_t_norm
+from fuzzykf.reprs import ENTRIES, reprs, shown, value_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,6 +38,7 @@ ROUNDING = 1e-12
 NODES = {1: 2001, 2: 201}
 
 
+@reprs("base", "level", "lower", "upper")
 class CutMembership(Membership):
     """A membership set to zero outside a level set or a box; made by `Membership.cut`.
 
@@ -209,6 +211,13 @@ class JointMembership(Membership):
     def project(self, components: Sequence[int]) -> JointMembership:
         """Return the membership of some components."""
         return JointMembership([self.components[k] for k in as_components(components, self.dim)], self.t_norm)
+
+    @shown
+    def __repr__(self) -> str:
+        inner = ", ".join(map(value_text, self.components[:ENTRIES]))
+        more = len(self.components) - ENTRIES
+        told = f"{inner}, and {more} more" if more > 0 else inner
+        return f"{type(self).__name__}([{told}], t_norm={self.t_norm.name!r})"
 
 
 def as_membership(

@@ -17,6 +17,7 @@ from fuzzykf.possibility.memberships.base import (
     as_vector,
 )
 from fuzzykf.possibility.norms import as_t_norm
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,6 +34,7 @@ __all__ = ["CauchyMembership", "EllipticalMembership", "GaussianMembership", "Pa
 OFF_RANGE = 1e-12
 
 
+@reprs("center", "matrix")
 class EllipticalMembership(Membership):
     """A decreasing function of the quadratic form q(x) = (x - center)' matrix^-1 (x - center).
 
@@ -105,6 +107,7 @@ class EllipticalMembership(Membership):
         return self.with_matrix(self.center[index], self.matrix[np.ix_(index, index)])
 
 
+@reprs("mean", "covariance")
 class GaussianMembership(EllipticalMembership):
     """The membership exp(-q/2), q = (x - mean)' covariance^-1 (x - mean).
 
@@ -173,6 +176,7 @@ class _ScaledMembership(EllipticalMembership):
         return float(np.sqrt(self.matrix[0, 0])) if self.dim == 1 else self.matrix
 
 
+@reprs("center", "scale")
 class CauchyMembership(_ScaledMembership):
     """The membership 1 / (1 + q), q = |x - center|^2 / scale^2.
 
@@ -214,6 +218,7 @@ class CauchyMembership(_ScaledMembership):
             return 1.0 / level - 1.0
 
 
+@reprs("center", "scale")
 class ParabolicMembership(_ScaledMembership):
     """The membership max(0, 1 - q), q = |x - center|^2 / scale^2.
 

@@ -16,6 +16,7 @@ from fuzzykf.possibility.memberships.base import (
     as_levels,
     as_vector,
 )
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -33,6 +34,7 @@ PEAK_TOLERANCE = 1e-6
 SEARCH_NODES = {1: 4001, 2: 151, 3: 41}
 
 
+@reprs("axes", "values")
 class GridMembership(Membership):
     """A membership given on the nodes of a grid, linear in between and zero outside.
 
@@ -158,6 +160,7 @@ def _checked_values(values: FloatArray, normalise: bool) -> FloatArray:
     return np.minimum(values, 1.0)
 
 
+@reprs("function", "lower", "upper")
 class FunctionMembership(Membership):
     """A membership given by any Python function with a bounded support.
 

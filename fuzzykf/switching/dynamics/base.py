@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.immutable import Immutable
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Dynamics"]
 
 
+@reprs("n_classes", "dim_x", "dim_z")
 class Dynamics(Immutable, ABC):
     """What Z = (X, Y) does, given the switch: the part of a model that can be placed on a chain.
 

@@ -22,6 +22,7 @@ import numpy as np
 from fuzzykf.engine.selected import LOG_ZERO, Kernel, Summary, noise_root, pack
 from fuzzykf.gaussian import check_definite, cholesky, mixture_moments, symmetrize
 from fuzzykf.immutable import cached_property
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["InitialLaw", "PairCoefficients", "PairTables", "SwitchingSystem", "regress"]
 
 
+@reprs()
 class PairCoefficients(NamedTuple):
     """The Gaussian part of a step for an array of pairs; leading shape (...)."""
 
@@ -134,6 +136,7 @@ class Ahead(NamedTuple):
     S: FloatArray  # (q, q)
 
 
+@reprs()
 @dataclass(frozen=True, eq=False)
 class InitialLaw:
     """The law of the first node and of Z_1 given it.
@@ -174,6 +177,7 @@ class InitialLaw:
         return mixture_moments(self.probability, self.mean, self.covariance)
 
 
+@reprs()
 @dataclass(frozen=True, eq=False)
 class PairTables:
     """Everything the recursion needs for one step n -> n + 1.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 
 from fuzzykf.immutable import cached_property
+from fuzzykf.reprs import reprs
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
 from fuzzykf.switching.laws.chain import SwitchChain
 
@@ -40,6 +41,7 @@ class Pairwise(Protocol):
         """Regressions of a step given the shares of r_n and r_{n+1}."""
 
 
+@reprs("chain", "form")
 class StationarySystem:
     """A form on the nodes of a chain, with tables that do not depend on time.
 

@@ -10,6 +10,7 @@ import numpy as np
 from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_flag, as_numbers
+from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
 from fuzzykf.switching.inference.series import SHOWN, Trajectory, filter_one, result_of, smoothed_result
@@ -312,6 +313,13 @@ class KnownSwitchFilter(SwitchingFilter):
     def switch(self) -> float:
         """The known value of the switch."""
         return float(self.nodes[0])
+
+    @shown
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}(dim_x={self.dim_x}, dim_z={self.dim_z}): the switch is known, "
+            f"observations seen: {self._n}\n  model: {value_text(self.model, 2 * WIDTH)}"
+        )
 
 
 def _as_switches(r: ArrayLike) -> FloatArray:

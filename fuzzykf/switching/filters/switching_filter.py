@@ -19,6 +19,7 @@ from fuzzykf.base import (
 )
 from fuzzykf.errors import ParameterError, SequenceError
 from fuzzykf.gaussian import as_count, as_flag
+from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.switching.filters.stepper import STREAMS, Stepper
 from fuzzykf.switching.inference.exact import EXACT
 from fuzzykf.switching.inference.forecast import forecast
@@ -452,3 +453,13 @@ class SwitchingFilter(Stepper, Filter):
         """Take the state over, for whichever engine owns it."""
         for name, value in state.items():
             setattr(self, name, value)
+
+    @shown
+    def __repr__(self) -> str:
+        ahead = ", predicted one step ahead" if self._predicted and self._n else ""
+        head = (
+            f"{type(self).__name__}(dim_x={self.dim_x}, dim_z={self.dim_z}): "
+            f"{len(self._system.chain)} nodes, observations seen: {self._n}{ahead}"
+        )
+        model = getattr(self, "model", None)
+        return head if model is None else f"{head}\n  model: {value_text(model, 2 * WIDTH)}"

@@ -56,6 +56,9 @@ ROUNDING = 1e-10
 class Exact(Method):
     """Exact filtering of systems in which Y alone is Markov given the switch; see `Method`."""
 
+    def __repr__(self) -> str:
+        return "EXACT"
+
     def first(self, law: InitialLaw, y: FloatArray) -> tuple[Mixture, float]:
         """Condition the law of (r_1, Z_1) on y_1, (q,), NaN where missing; no dynamics come before it."""
         start = law.start(y.size)

@@ -15,6 +15,7 @@ import numpy as np
 from fuzzykf.engine import selected as engine
 from fuzzykf.gaussian import mixture_moments
 from fuzzykf.io import decode, encode
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -25,6 +26,7 @@ __all__ = ["Mixture", "Source", "most_likely_switch"]
 
 
 # no tuples: filterpy's Saver makes an array of whatever a filter holds
+@reprs()
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:
     """What is known after an observation.

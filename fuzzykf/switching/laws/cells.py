@@ -8,6 +8,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array, brief, is_whole
+from fuzzykf.reprs import shown
 from fuzzykf.switching.laws.chain import SwitchChain
 from fuzzykf.switching.laws.integration import Lines
 from fuzzykf.switching.laws.law import FuzzyMarkovLaw, checked_pair
@@ -118,5 +119,6 @@ class CellLaw(FuzzyMarkovLaw):
         rows = np.where(initial[:, None] > 0.0, self.masses, initial)
         return SwitchChain(nodes, weights, initial / initial.sum(), rows / rows.sum(axis=1, keepdims=True))
 
+    @shown
     def __repr__(self) -> str:
         return f"CellLaw(n_nodes={self._n_cells})"

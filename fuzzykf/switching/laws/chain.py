@@ -10,6 +10,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_count, check_generator
 from fuzzykf.immutable import cached_property
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,7 @@ SUM_TOLERANCE = 1e-9
 MOST_DRAWS = 10**9
 
 
+@reprs()
 @dataclass(frozen=True, eq=False)
 class SwitchChain:
     """A stationary Markov chain on the nodes of a switch.

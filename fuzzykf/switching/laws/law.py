@@ -15,6 +15,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_count, as_numbers, check_broadcast, check_generator
+from fuzzykf.reprs import shown, value_text
 from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.chain import MOST_DRAWS
 from fuzzykf.switching.laws.integration import Lines, cell_masses, integrate_line, invert_line
@@ -380,8 +381,12 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
 
     # ------------------------------------------------------------------ value semantics
 
+    @shown
     def __repr__(self) -> str:
-        arguments = ", ".join(f"{name}={value:.6g}" for name, value in self.parameters.items())
+        arguments = ", ".join(
+            f"{name}={f'{value:.6g}' if isinstance(value, float) else value_text(value)}"
+            for name, value in (self.parameters or {"corners": self.corners}).items()
+        )
         made_by = f"FuzzyMarkovLaw.{self.kind}" if hasattr(FuzzyMarkovLaw, self.kind) else type(self).__name__
         return f"{made_by}({arguments})"
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from fuzzykf.immutable import Immutable
 from fuzzykf.io import Document
+from fuzzykf.reprs import html_table, reprs, shown_html
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,6 +26,7 @@ __all__ = ["NODES", "SwitchingModel"]
 NODES = 5
 
 
+@reprs("n_classes", "dim_x", "dim_z")
 class SwitchingModel(Immutable, Document):
     """A switch and dynamics.
 
@@ -164,3 +166,14 @@ class SwitchingModel(Immutable, Document):
         from fuzzykf.plotting.laws import plot_model
 
         return plot_model(self, ax, **options)
+
+    @shown_html
+    def _repr_html_(self) -> str:
+        rows = [
+            ("regimes", str(self.n_classes)),
+            ("switch", self.describe_switch()),
+            ("components of the state", str(self.dim_x)),
+            ("components of an observation", str(self.dim_z)),
+            ("form", self.form.kind),
+        ]
+        return html_table(type(self).__name__, (), rows)

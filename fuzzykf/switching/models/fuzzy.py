@@ -13,6 +13,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_choice, as_numbers, check_covariance
 from fuzzykf.io import FILTERS, part_from_dict, part_to_dict
+from fuzzykf.reprs import shown
 from fuzzykf.switching.dynamics.forms import (
     CovarianceForm,
     GaussianForm,
@@ -346,6 +347,7 @@ class CGOFMSModel(SwitchingModel):
         form = part_from_dict(values["form"], FORMS)
         return cls._from_form(part_from_dict(values["law"], LAWS), form)
 
+    @shown
     def __repr__(self) -> str:
         return f"CGOFMSModel({self.law!r}, dim_x={self.dim_x}, dim_z={self.dim_z}, form={self.form.kind!r})"
 

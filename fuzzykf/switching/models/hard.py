@@ -9,6 +9,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_choice, as_numbers, is_whole
 from fuzzykf.io import FILTERS, part_from_dict, part_to_dict
+from fuzzykf.reprs import shown
 from fuzzykf.switching.dynamics.forms import CovarianceForm, RegressionForm, TransitionForm
 from fuzzykf.switching.dynamics.registry import FORMS
 from fuzzykf.switching.laws.chain import SwitchChain
@@ -418,6 +419,7 @@ class CGOMSModel(SwitchingModel):
         form = part_from_dict(values["form"], FORMS)
         return cls._from_form(values["transition"], form, values["initial"])
 
+    @shown
     def __repr__(self) -> str:
         return (
             f"CGOMSModel(n_classes={self.n_classes}, dim_x={self.dim_x}, dim_z={self.dim_z}, "

@@ -9,6 +9,7 @@ import numpy as np
 from fuzzykf.errors import NotStableError, ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, check_covariance, semidefinite_root
 from fuzzykf.io import Document
+from fuzzykf.reprs import shown
 from fuzzykf.results import Simulation
 from fuzzykf.switching.laws.chain import SUM_TOLERANCE, SwitchChain, stationary_distribution
 from fuzzykf.switching.state_space import conversion
@@ -285,6 +286,7 @@ class CGLSSM(Document):
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self
 
+    @shown
     def __repr__(self) -> str:
         return f"CGLSSM(n_classes={self.n_classes}, dim_x={self.dim_x}, dim_z={self.dim_z})"
 

@@ -1,0 +1,542 @@
+"""What every public object shows of itself: short, without an address, never an error, and nothing changes.
+
+A new public class without a specimen here fails the first test.
+"""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import inspect
+import pickle
+import re
+import time
+import warnings
+from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fuzzykf import (
+    CGLSSM,
+    CauchyMembership,
+    CGOFMSModel,
+    CGOMSMFilter,
+    CGOMSModel,
+    DailyProfile,
+    ExtendedKalmanFilter,
+    FilterResult,
+    FunctionMembership,
+    FuzzyMarkovLaw,
+    FuzzyRelationEstimator,
+    GaussianMembership,
+    GridMembership,
+    IMMEstimator,
+    IntervalMembership,
+    KalmanFilter,
+    KnownSwitchFilter,
+    OFSRFilter,
+    ParabolicMembership,
+    SingletonMembership,
+    Standardizer,
+    SwitchChain,
+    TriangularMembership,
+    engine,
+)
+from fuzzykf.comparison import (
+    Bootstrap,
+    Candidate,
+    Comparison,
+    Estimates,
+    Fold,
+    Learned,
+    LearningPart,
+    ModelComparison,
+    Restoration,
+    Score,
+)
+from fuzzykf.experiments import Experiment, Outcome
+from fuzzykf.possibility import RuleBase
+from fuzzykf.possibility.memberships import CutMembership, EllipticalMembership, JointMembership, Membership
+from fuzzykf.possibility.norms import HAMACHER, MAX, PRODUCT, TConorm, TNorm
+from fuzzykf.possibility.relations import Rule
+from fuzzykf.reprs import LINES, value_text
+from fuzzykf.results import FIELDS, FitResult, ResultField, Simulation
+from fuzzykf.switching import EXACT, Mixture, StationarySystem, SwitchingFilter
+from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables
+from fuzzykf.testing import CheckReport
+
+#: Modules of plain dataclasses that are not gone through here.
+PLAIN = {
+    "fuzzykf.datasets.series",
+    "fuzzykf.datasets.table",
+    "fuzzykf.comparison.prepare",
+    "fuzzykf.testing.check",
+}
+
+HOSTILE = "<script>\x1b[2J\n" + "name" * 5000
+
+
+def public_modules():
+    text = (Path(__file__).parents[1] / "docs/reference/index.md").read_text()
+    return sorted(set(re.findall(r"currentmodule:: (\S+)", text)))
+
+
+def public_classes():
+    found = {}
+    for name in public_modules():
+        module = importlib.import_module(name)
+        for one in getattr(module, "__all__", ()):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DeprecationWarning)  # names that have moved
+                value = getattr(module, one)
+            if inspect.isclass(value) and value.__module__.startswith("fuzzykf"):
+                found[value] = f"{value.__module__}.{value.__name__}"
+    return found
+
+
+def needs_specimen(cls):
+    return not (
+        inspect.isabstract(cls)
+        or getattr(cls, "_is_protocol", False)
+        or issubclass(cls, BaseException)
+        or cls.__module__ in PLAIN
+    )
+
+
+# --------------------------------------------------------------------------- specimens
+
+Z = np.array([[1.0, 0.5], [0.5, 1.0]])
+PAIR = np.block([[Z, 0.8 * Z], [0.8 * Z, Z]])
+COVARIANCES = np.broadcast_to(PAIR, (2, 2, 4, 4))
+MEANS = [[0.0, 3.0], [0.0, 0.0]]
+
+
+def fuzzy():
+    return CGOFMSModel(FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16), MEANS, COVARIANCES, 1)
+
+
+def hard():
+    return CGOMSModel([[0.9, 0.1], [0.1, 0.9]], MEANS, COVARIANCES, 1)
+
+
+def stepped(f, *arguments):
+    f.step(0.3, *arguments)
+    f.step(np.nan, *arguments)
+    f.step(-0.2, *arguments)
+    return f
+
+
+def singular():
+    kf = stepped(KalmanFilter(2, 1))
+    kf.S = np.zeros((1, 1))
+    kf._log_likelihood = None
+    return kf
+
+
+def imm(n=2):
+    return IMMEstimator([KalmanFilter(2, 1) for _ in range(n)], np.full(n, 1 / n), np.full((n, n), 1 / n))
+
+
+def comparison(n=2, cls=ModelComparison, name="c", **more):
+    scores = tuple(
+        Score(
+            f"{name}{k}",
+            rmse=1.0 + k,
+            rmse_low=0.9,
+            rmse_high=1.2,
+            difference=float(k),
+            difference_low=0.1,
+            difference_high=0.2,
+            coverage=0.9,
+            log_likelihood=None if k % 2 else -1.0,
+        )
+        for k in range(n)
+    )
+    failures = {f"f{k}{name}": f"no reason {name}" for k in range(n // 2)}
+    folds = (Fold(0, 10, 20),)
+    return cls(
+        scores=scores,
+        failures=failures,
+        folds=folds,
+        fold_rmse=np.ones((1, n)),
+        learned=({},),
+        baseline_rmse=2.0,
+        block_length=3,
+        **more,
+    )
+
+
+def fit(n_rows=300):
+    rng = np.random.default_rng(0)
+    data = fuzzy().simulate(n_rows, rng)
+    return CGOFMSModel.fit(data.x, data.y, data.r, form="regression")
+
+
+class OnlyMean(Learned):
+    def restore(self, before, zs):
+        raise NotImplementedError
+
+    def stepper(self):
+        raise NotImplementedError
+
+
+class Cone(Membership):
+    dim = 1
+
+    @property
+    def peak(self):
+        return np.zeros(1)
+
+    def _evaluate(self, x):
+        return np.maximum(0.0, 1.0 - np.abs(x[..., 0]))
+
+    def support(self, level=0.0):
+        return np.full(1, -1.0), np.full(1, 1.0)
+
+
+def rules():
+    sets = (GaussianMembership(0.0, 1.0),)
+    return Rule(sets, GaussianMembership(1.0, 1.0))
+
+
+BIG = np.zeros((40, 40))
+INDEX = pd.date_range("2020-01-01", periods=300, freq="D")
+
+#: Class, and objects of it in all states that users meet.
+SPECIMENS = {
+    FuzzyMarkovLaw: [
+        lambda: FuzzyMarkovLaw.fmc2(0.15, 0.6, 0.2),
+        lambda: FuzzyMarkovLaw.from_density([[0.25, 0.1], [0.1, 0.25]], 0.05, 0.1),
+    ],
+    SwitchChain: [
+        lambda: SwitchChain.from_classes([[0.9, 0.1], [0.1, 0.9]]),
+        lambda: FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16).discretize(200),
+    ],
+    CGOFMSModel: [fuzzy],
+    CGOMSModel: [hard],
+    CGLSSM: [lambda: CGLSSM([[1.0]], [[[0.9]]], [[[1.0]]], [[[0.5]]], [[[1.0]]])],
+    OFSRFilter: [lambda: OFSRFilter(fuzzy()), lambda: stepped(OFSRFilter(fuzzy(), 2))],
+    CGOMSMFilter: [lambda: CGOMSMFilter(hard()), lambda: stepped(CGOMSMFilter(hard()))],
+    KnownSwitchFilter: [
+        lambda: KnownSwitchFilter(hard()),
+        lambda: stepped(KnownSwitchFilter(fuzzy()), 0.5),
+    ],
+    SwitchingFilter: [lambda: SwitchingFilter(hard().placed())],
+    KalmanFilter: [
+        lambda: KalmanFilter(2, 1),
+        lambda: stepped(KalmanFilter(2, 1)),
+        singular,
+        lambda: KalmanFilter(40, 30),
+    ],
+    ExtendedKalmanFilter: [lambda: ExtendedKalmanFilter(3, 2), lambda: ExtendedKalmanFilter(60, 1)],
+    IMMEstimator: [imm, lambda: imm(12), lambda: stepped(imm())],
+    FuzzyRelationEstimator: [
+        lambda: FuzzyRelationEstimator(2, 1),
+        lambda: stepped(FuzzyRelationEstimator(1, 1, state=Cone(), measurement_noise=Cone(), points=21)),
+        lambda: FuzzyRelationEstimator(
+            1,
+            1,
+            state=IntervalMembership(0.0, 1.0),
+            process_noise=IntervalMembership(-1.0, 1.0),
+            measurement_noise=IntervalMembership(-1.0, 1.0),
+        ),
+    ],
+    GaussianMembership: [
+        lambda: GaussianMembership(0.0, 1.0),
+        lambda: GaussianMembership(BIG[0], np.eye(40)),
+    ],
+    CauchyMembership: [lambda: CauchyMembership([0.0, 1.0], 2.0)],
+    ParabolicMembership: [lambda: ParabolicMembership(0.0, 0.5)],
+    EllipticalMembership: [lambda: EllipticalMembership(np.zeros(1), np.eye(1))],
+    TriangularMembership: [lambda: TriangularMembership([-1.0, -1.0], [0.0, 0.0], [2.0, 2.0])],
+    IntervalMembership: [lambda: IntervalMembership([0.0, 1.0], [2.0, 3.0])],
+    SingletonMembership: [lambda: SingletonMembership([0.0, 1.0])],
+    GridMembership: [
+        lambda: GridMembership([0.0, 1.0, 2.0], [0.0, 1.0, 0.5]),
+        lambda: GridMembership(np.arange(101.0), np.linspace(0.0, 1.0, 101)),
+    ],
+    FunctionMembership: [lambda: FunctionMembership(lambda x: np.exp(-abs(x)), (-4.0, 6.0))],
+    CutMembership: [lambda: CauchyMembership(0.0, 1.0).cut(0.5)],
+    JointMembership: [
+        lambda: JointMembership([GaussianMembership(0.0, 1.0), IntervalMembership(0.0, 1.0)], PRODUCT),
+        lambda: JointMembership([GaussianMembership(0.0, 1.0)] * 50, PRODUCT),
+    ],
+    TNorm: [lambda: PRODUCT, lambda: HAMACHER],
+    TConorm: [lambda: MAX],
+    Rule: [rules],
+    RuleBase: [lambda: RuleBase((rules(),) * 60)],
+    Standardizer: [
+        Standardizer,
+        lambda: Standardizer().fit([1.0, 2.0]),
+        lambda: Standardizer().fit(np.random.default_rng(0).normal(size=(9, 40))),
+    ],
+    DailyProfile: [
+        DailyProfile,
+        lambda: DailyProfile(6.0).fit(
+            np.arange(300.0), INDEX.to_numpy()[0] + np.arange(300) * np.timedelta64(6, "h")
+        ),
+    ],
+    FilterResult: [
+        FilterResult,
+        lambda: FilterResult(x=np.zeros((300, 1)), P=np.full((300, 1, 1), np.nan), index=INDEX),
+        lambda: FilterResult(**{name: np.zeros((3,) * len(known.axes)) for name, known in FIELDS.items()}),
+        lambda: FilterResult(x=HOSTILE, P=7, mu=np.zeros(()), index=[HOSTILE]),
+        lambda: FilterResult(x=np.zeros((5, 300, 1)), index=object()),
+    ],
+    FitResult: [fit],
+    ResultField: [lambda: FIELDS["x"]],
+    Simulation: [lambda: fuzzy().simulate(5000, np.random.default_rng(0))],
+    InitialLaw: [lambda: fuzzy().placed(40).initial()],
+    PairTables: [lambda: fuzzy().placed(40).pair_tables(0)],
+    PairCoefficients: [lambda: fuzzy().placed(40).pair_tables(0).pairs],
+    StationarySystem: [lambda: fuzzy().placed()],
+    Mixture: [lambda: stepped(OFSRFilter(fuzzy()))._mixture],
+    Bootstrap: [lambda: Bootstrap(np.ones(2), np.ones((2000, 2)), 3)],
+    Candidate: [lambda: Candidate(HOSTILE, OnlyMean)],
+    Estimates: [lambda: Estimates(mean=BIG, std=BIG)],
+    Restoration: [lambda: Restoration(name="a", mean=BIG, std=BIG, notes=(HOSTILE,) * 9, learned=OnlyMean())],
+    LearningPart: [lambda: LearningPart(x=BIG, y=BIG)],
+    Fold: [lambda: Fold(0, 10, 20)],
+    Score: [lambda: comparison().scores[0]],
+    ModelComparison: [
+        comparison,
+        lambda: comparison(100, name=HOSTILE),
+        lambda: comparison(1),
+        lambda: comparison(0),
+    ],
+    Comparison: [lambda: comparison(7, Comparison, task=None, restorations=())],
+    Experiment: [
+        lambda: Experiment(
+            name="a",
+            paper="2020",
+            reproduces="Table I",
+            runs=9,
+            quick_runs=1,
+            pieces={f"p{k}": {} for k in range(99)},
+            run=len,
+            assess=lambda x: x,
+            draw=print,
+        )
+    ],
+    Outcome: [lambda: Outcome(None, 1, 2, {}, [BIG] * 50)],
+    CheckReport: [lambda: CheckReport("A", ("one", "two"))],
+    engine.EngineInfo: [engine.info],
+}
+CASES = [(cls, k) for cls, makers in SPECIMENS.items() for k in range(len(makers))]
+
+
+# --------------------------------------------------------------------------- promises
+
+
+def state_of(value):
+    """Everything an object holds, as far as it can be written down; pandas caches what it is asked for."""
+    held = {name: one for name, one in getattr(value, "__dict__", {}).items() if name != "index"}
+    try:
+        return pickle.dumps(held or value)
+    except Exception:  # functions and the like
+        return {name: id(one) for name, one in held.items()}
+
+
+def check(text):
+    assert re.search(r"0x[0-9a-f]{4,}", text) is None
+    assert "object at" not in text
+    assert 1 <= len(text.splitlines()) <= LINES
+    assert max(map(len, text.splitlines())) <= 400
+    assert "\x1b" not in text
+
+
+def test_every_public_class_has_a_specimen():
+    missing = {name for cls, name in public_classes().items() if needs_specimen(cls) and cls not in SPECIMENS}
+    assert not missing
+
+
+@pytest.mark.parametrize(("cls", "k"), CASES, ids=[f"{cls.__name__}-{k}" for cls, k in CASES])
+def test_a_repr_is_short_safe_and_changes_nothing(cls, k):
+    value = SPECIMENS[cls][k]()
+    assert isinstance(value, cls)
+    before = state_of(value)
+    text = repr(value)
+    assert state_of(value) == before
+    check(text)
+    assert cls.__name__ in text
+    seconds = []
+    for _ in range(5):
+        start = time.perf_counter()
+        repr(value)
+        seconds.append(time.perf_counter() - start)
+    assert min(seconds) < 0.01  # a millisecond or so, with room for a busy machine
+
+
+@pytest.mark.parametrize(
+    "cls", [cls for cls in public_classes() if needs_specimen(cls)], ids=lambda c: c.__name__
+)
+def test_what_is_not_built_has_a_repr(cls):
+    value = cls.__new__(cls, *range(len(getattr(cls, "_fields", ()))))
+    for text in (repr(value), getattr(value, "_repr_html_", lambda: "")()):
+        assert "0x" not in text
+        assert "object at" not in text
+    assert cls.__name__ in repr(value) or cls is FuzzyMarkovLaw
+
+
+class Page(HTMLParser):
+    """The tags of a page, and whether they are closed in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.seen = [], set()
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        self.open.append(tag)
+        self.seen.add(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize("cls", [CGOFMSModel, CGOMSModel, FilterResult, ModelComparison, Comparison])
+def test_notebooks_get_a_table_of_escaped_text(cls):
+    for make in SPECIMENS[cls]:
+        text = make()._repr_html_()
+        assert Page(text).seen <= {"table", "caption", "tr", "th", "td", "p"}
+        assert "\x1b" not in text
+        assert len(text) < 2_000_000
+
+
+def test_hostile_index_and_names_are_text():
+    page = FilterResult(x=np.zeros((2, 1)), index=["<script>", "</table>"])._repr_html_()
+    assert "&lt;script&gt; to &lt;/table&gt;" in page
+    assert "script" not in Page(comparison(3, name="<script>")._repr_html_()).seen
+
+
+#: What can be typed in again.
+EVAL = [
+    GaussianMembership(0.25, 1.0),
+    GaussianMembership([0.0, 1.0], [[2.0, 0.5], [0.5, 1.0]]),
+    CauchyMembership([0.0, 1.0], 2.0),
+    ParabolicMembership(0.0, 0.5),
+    TriangularMembership([-1.0, -1.0], [0.0, 0.0], [2.0, 2.0]),
+    IntervalMembership([0.0, -np.pi], [2.0, 3.0]),
+    SingletonMembership([0.0, 1.0]),
+    GridMembership([0.0, 1.0, 2.0], [0.0, 1.0, 0.5]),
+    FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
+    FuzzyMarkovLaw.fmc2(0.12, 0.5, 0.17),
+    SwitchChain.from_classes([[0.9, 0.1], [0.1, 0.9]]),
+    Fold(0, 10, 20),
+    Standardizer(),
+    DailyProfile(6.0),
+]
+
+
+@pytest.mark.parametrize("value", EVAL, ids=lambda value: type(value).__name__)
+def test_short_reprs_can_be_evaluated(value):
+    again = eval(repr(value))
+    assert type(again) is type(value)
+    assert repr(again) == repr(value)
+    if isinstance(value, Membership):
+        np.testing.assert_allclose(again.peak, value.peak, rtol=1e-7)
+        np.testing.assert_allclose(np.array(again.support(0.5)), np.array(value.support(0.5)), rtol=1e-7)
+
+
+SHOWN = [
+    (lambda: GaussianMembership(0.0, 1.0), "GaussianMembership(mean=[0.], covariance=[[1.]])"),
+    (lambda: GaussianMembership(BIG[0], np.eye(40)), "mean=array (40,), covariance=array (40, 40)"),
+    (lambda: OFSRFilter(fuzzy()), "OFSRFilter(dim_x=1, dim_z=1): 7 nodes, observations seen: 0"),
+    (lambda: stepped(OFSRFilter(fuzzy(), 2)), "4 nodes, observations seen: 3"),
+    (lambda: stepped(KnownSwitchFilter(hard()), 1.0), "the switch is known, observations seen: 3"),
+    (SPECIMENS[FilterResult][1], "FilterResult of 300 steps: x (300, 1), P (300, 1, 1)"),
+    (SPECIMENS[FilterResult][1], "2020-01-01 00:00:00 to 2020-10-26 00:00:00 (300 entries)"),
+    (SPECIMENS[FilterResult][4], "FilterResult of 5 series of 300 steps"),
+    (lambda: KalmanFilter(2, 1), "\ninv = inv\n"),
+    (singular, "\nlog_likelihood = -inf"),
+    (comparison, "c1            2     0.900–1.20       90.0 %      none        0.10 to 0.20"),
+    (lambda: EXACT, "EXACT"),
+    (Cone, "Cone(dim=1)"),
+    (OnlyMean, "OnlyMean(description='', notes=())"),
+]
+
+
+@pytest.mark.parametrize(("make", "part"), SHOWN)
+def test_what_is_shown(make, part):
+    assert part in repr(make())
+
+
+def test_a_comparison_is_a_table_of_at_most_100_columns():
+    for n in (1, 7, 100):
+        assert max(map(len, repr(comparison(n, name=HOSTILE)).splitlines())) <= 100
+
+
+def test_a_repr_computes_for_a_copy_what_the_filter_would_keep():
+    kf = KalmanFilter(1, 1)
+    kf.step(1.0)
+    assert "log_likelihood = -1" in repr(kf)
+    assert kf._log_likelihood is None
+    assert kf.log_likelihood == copy.deepcopy(kf).log_likelihood
+
+
+class Hostile:
+    """An object that does nothing that is asked of it."""
+
+    def __repr__(self):
+        raise RuntimeError
+
+    __str__ = __len__ = __getitem__ = __repr__
+
+    @property
+    def shape(self):
+        raise RuntimeError
+
+
+VALUES = [
+    (None, "None"),
+    (True, "True"),
+    (3, "3"),
+    (10**5000, "an integer of 16610 bits"),
+    (0.1, "0.1"),
+    (np.float64(1.0), "1.0"),
+    (1.0 / 3.0, "0.33333333"),
+    (np.nan, "nan"),
+    ("a\n", r"'a\\n'"),
+    (np.eye(2), "[[1., 0.], [0., 1.]]"),
+    (np.zeros((300, 1)), "array (300, 1)"),
+    (np.full(2, Hostile()), "array (2,)"),
+    ([1, 2], "[1, 2]"),
+    ((1,), "(1,)"),
+    ({"a": 1}, "{'a': 1}"),
+    (list(range(9)), "list of 9"),
+    ({1}, "set of 1"),
+    (len, "len"),
+    (np.linalg.inv, "inv"),
+    (lambda: 0, "<lambda>"),
+    (KalmanFilter, "KalmanFilter"),
+    (INDEX, "DatetimeIndex (300,)"),
+    (Hostile(), "Hostile"),
+    ([Hostile()], "[Hostile]"),
+    (SimpleNamespace(a=1), "SimpleNamespace"),
+    (fuzzy(), "CGOFMSModel(...)"),
+]
+
+
+@pytest.mark.parametrize(("value", "text"), VALUES, ids=[text for _, text in VALUES])
+def test_values(value, text):
+    assert value_text(value) == text
+
+
+def test_a_list_that_holds_itself_is_counted():
+    loop = []
+    loop.append(loop)
+    assert value_text(loop) == "list of 1"
+
+
+def test_a_filter_that_holds_hostile_objects_is_shown():
+    kf = KalmanFilter(1, 1)
+    kf.mine, kf.more = Hostile(), np.full((2, 1), Hostile())
+    assert "mine = Hostile" in repr(kf)
+    for k in range(100):
+        setattr(kf, f"extra{k}", k)
+    check(repr(kf))
