@@ -24,6 +24,7 @@ from fuzzykf.gaussian import (
     normal_quantile,
 )
 from fuzzykf.reprs import WIDTH, cut, html_table, reprs, shown, shown_html, value_text
+from fuzzykf.summaries import summarise_fit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.summaries import FitSummary
 
 __all__ = ["FIELDS", "FilterResult", "FitResult", "ResultField", "Simulation", "bic", "field_shapes"]
 
@@ -385,8 +387,7 @@ def bic(n_parameters: int, n_observations: int, log_likelihood: float) -> float:
     return float(np.log(n)) * k - 2.0 * as_real("log_likelihood", log_likelihood)
 
 
-@reprs()
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FitResult(Generic[M]):
     """A learned model and how it was found.
 
@@ -412,6 +413,21 @@ class FitResult(Generic[M]):
     bic_of_forms : dict
         BIC of each form of the Gaussian part that was learned; with ``form="auto"`` the
         model has the one of the least.
+    occupancy : ndarray, shape (K,), or None
+        Share of the rows that are in each regime, as far as the posterior of the switch knows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import CGOMSModel
+    >>> rng = np.random.default_rng(0)
+    >>> r = (np.arange(400) // 50) % 2
+    >>> y = 4.0 * r + rng.normal(size=400)
+    >>> fit = CGOMSModel.fit(0.5 * y + rng.normal(size=400), y, r, form="regression")
+    >>> print(str(fit.summary())[:19])
+    CGOMSModel, learned
+    >>> fit.occupancy
+    array([0.5, 0.5])
     """
 
     model: M
@@ -424,6 +440,7 @@ class FitResult(Generic[M]):
     switch_mean: Any = field(default=None, repr=False)
     bic_of_forms: dict[str, float] = field(default_factory=dict)
     refit: Callable[[Simulation], FitResult[M]] | None = field(default=None, repr=False)
+    occupancy: FloatArray | None = field(default=None, repr=False)
 
     @property
     def aic(self) -> float:
@@ -434,6 +451,26 @@ class FitResult(Generic[M]):
     def bic(self) -> float:
         """Schwarz's information criterion, k log n - 2 log L; smaller is better."""
         return bic(self.n_parameters, self.n_observations, self.log_likelihood)
+
+    def summary(self) -> FitSummary:
+        """Say what was learned, on what, how well it describes the data, and what they cannot support.
+
+        There are no standard errors in it; see `bootstrap`.
+
+        Returns
+        -------
+        FitSummary
+            Prints as plain text; in a notebook it is a table.
+        """
+        return summarise_fit(self)
+
+    @shown
+    def __repr__(self) -> str:
+        return repr(self.summary())
+
+    @shown_html
+    def _repr_html_(self) -> str:
+        return self.summary()._repr_html_()
 
     def bootstrap(self, n_replicates: int, rng: np.random.Generator) -> list[FitResult[M]]:
         """Simulate from the model and learn again, to see how well parameters are known.

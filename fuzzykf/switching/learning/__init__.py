@@ -159,4 +159,5 @@ def _present(
         switch_mean=switch,
         bic_of_forms=bic_of_forms,
         refit=refit,
+        occupancy=fitted.occupancy,
     )

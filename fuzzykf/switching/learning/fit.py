@@ -96,6 +96,7 @@ class Fitted:
     converged: bool
     warnings: list[str]
     switch_mean: FloatArray  # at the rows of the data
+    occupancy: FloatArray  # (K,): share of the rows in each regime
     bounded: bool = False  # whether positive definiteness bounds the parameters
 
 
@@ -154,7 +155,8 @@ def fit_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Options) -> F
     value = log_likelihood(system, data)
     notes += instability(system)
     n_parameters = estimate.n_parameters + LAWS[law].n_free
-    return Fitted(model, value, n_parameters, [value], True, notes, data.r, bool(bounds))
+    occupancy = shares.mean(axis=0)
+    return Fitted(model, value, n_parameters, [value], True, notes, data.r, occupancy, bool(bounds))
 
 
 def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
@@ -182,7 +184,8 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     bounds = active_constraint(estimate, K)
     notes += bounds + instability(model.placed())
     n_parameters = estimate.n_parameters + K * (K - 1)
-    return Fitted(model, value, n_parameters, [value], True, notes, data.r, bool(bounds))
+    occupancy = shares.mean(axis=0)
+    return Fitted(model, value, n_parameters, [value], True, notes, data.r, occupancy, bool(bounds))
 
 
 # --------------------------------------------------------------------------- the switch is hidden
@@ -223,6 +226,7 @@ def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Optio
         converged,
         notes,
         posterior.gamma @ base.nodes,
+        (posterior.gamma @ shares).mean(axis=0),
         bool(bounds),
     )
 
@@ -266,6 +270,7 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         converged,
         notes,
         posterior.gamma @ estimate.chain.nodes,
+        posterior.gamma.mean(axis=0),
         bool(bounds),
     )
 

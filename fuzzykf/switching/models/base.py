@@ -5,12 +5,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from fuzzykf.immutable import Immutable
 from fuzzykf.io import Document
 from fuzzykf.reprs import html_table, reprs, shown_html
 
 if TYPE_CHECKING:
-    import numpy as np
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
@@ -68,6 +69,14 @@ class SwitchingModel(Immutable, Document):
     @abstractmethod
     def describe_switch(self) -> str:
         """Say in words how the switch moves."""
+
+    def named_parameters(self) -> dict[str, float]:
+        """Return the parameters of the law of the switch by name, as far as they have names."""
+        return {}
+
+    def regime_means(self) -> FloatArray:
+        """Return the mean of the first (X, Y) in each regime: (K, dim_x + dim_z)."""
+        return self.form.marginal(np.eye(self.n_classes))[0]
 
     @abstractmethod
     def class_weights(self, r: ArrayLike) -> FloatArray:

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 
 __all__ = ["CGOMSModel"]
 
+#: Regimes of which every transition probability has a name.
+MOST_PAIRED = 2
+
 
 class CGOMSModel(SwitchingModel):
     """Conditionally Gaussian observed Markov switching model with K hard regimes.
@@ -332,6 +335,12 @@ class CGOMSModel(SwitchingModel):
         """Say in words how the switch moves."""
         stays = ", ".join(f"{p:.3g}" for p in self.transition.diagonal())
         return f"{self.n_classes} hard regimes, which stay with probability {stays}"
+
+    def named_parameters(self) -> dict[str, float]:
+        """Return the transition probabilities; of many regimes only those of staying."""
+        K = self.n_classes
+        pairs = [(i, j) for i in range(K) for j in range(K) if i == j or K <= MOST_PAIRED]
+        return {f"p({i}, {j})": float(self.transition[i, j]) for i, j in pairs}
 
     def placed(self, n_nodes: int | None = None, rule: str = "cell") -> SwitchingSystem:
         """Return the model on its regimes, as the recursion takes it.

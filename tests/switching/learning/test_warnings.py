@@ -291,6 +291,6 @@ def test_a_state_that_is_missing_everywhere_is_none(sim):
 
 def test_a_result_is_shown_in_short(sim):
     text = repr(CGOFMSModel.fit(sim.x, sim.y, sim.r, form="regression"))
-    assert "log_likelihood=-" in text
+    assert "log-likelihood" in text
     assert "trace" not in text
     assert "switch_mean" not in text

@@ -1,0 +1,167 @@
+"""What a fit found, as text and as a table for notebooks."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fuzzykf.reprs import WIDTH, cut, html_table, reprs, shown, shown_html, text_table
+from fuzzykf.texts import printable
+
+__all__ = ["FitSummary", "SummaryTable", "summarise_fit"]
+
+#: Warnings that a repr has room for.
+MOST_WARNINGS = 8
+
+#: Components whose means have room beside one another.
+MOST_MEANS = 5
+
+
+@reprs()
+class SummaryTable(NamedTuple):
+    """A table of a summary.
+
+    Attributes
+    ----------
+    title : str
+    header : tuple of str
+    rows : tuple of tuple of str
+    """
+
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, repr=False)
+class FitSummary:
+    """What `FitResult.summary` returns; it prints as plain text.
+
+    Attributes
+    ----------
+    title : str
+    facts : tuple of (str, str)
+        What was learned, on what, and how well it describes the data.
+    tables : tuple of SummaryTable
+        Parameters that have names.
+    warnings : tuple of str
+        What the data cannot support.
+    """
+
+    title: str
+    facts: tuple[tuple[str, str], ...]
+    tables: tuple[SummaryTable, ...]
+    warnings: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """All of it, however many regimes there are."""
+        return self._text(self.warnings)
+
+    def _text(self, warnings: tuple[str, ...]) -> str:
+        width = max((len(name) for name, _ in self.facts), default=0)
+        lines = [self.title]
+        for name, value in self.facts:
+            lines += _wrapped(f"  {name.ljust(width)}  ", value)
+        if warnings:
+            lines.append("warnings")
+        for warning in warnings:
+            lines += _wrapped("  - ", warning)
+        for table in self.tables:
+            lines += [table.title, *text_table(table.header, table.rows)]
+        return "\n".join(lines)
+
+    @shown
+    def __repr__(self) -> str:
+        warnings = [cut(one, 4 * WIDTH) for one in self.warnings[:MOST_WARNINGS]]
+        more = len(self.warnings) - MOST_WARNINGS
+        return self._text((*warnings, *([f"and {more} more"] if more > 0 else [])))
+
+    @shown_html
+    def _repr_html_(self) -> str:
+        parts = [html_table(self.title, (), self.facts, [f"warning: {one}" for one in self.warnings])]
+        return "\n".join([*parts, *(html_table(*table) for table in self.tables)])
+
+
+def _wrapped(begin: str, text: str) -> list[str]:
+    text = printable(text)
+    return textwrap.wrap(text, WIDTH, initial_indent=begin, subsequent_indent=" " * len(begin)) or [begin]
+
+
+def summarise_fit(fit: Any) -> FitSummary:
+    """Return the summary of a fit, a `fuzzykf.results.FitResult` of any model.
+
+    What a model has no word for is left out: `named_parameters`, `regime_means`, `describe_switch`.
+    """
+    model = fit.model
+    named = model.named_parameters() if hasattr(model, "named_parameters") else {}
+    rows = tuple((name, _number(value)) for name, value in named.items())
+    law = [SummaryTable("law of the switch", ("parameter", "value"), rows)] if rows else []
+    return FitSummary(
+        title=f"{type(model).__name__}, learned",
+        facts=(*_about_model(fit), *_about_data(fit), *_about_search(fit)),
+        tables=(*law, *_regimes(fit)),
+        warnings=tuple(fit.warnings),
+    )
+
+
+def _number(value: float) -> str:
+    return f"{value:.5g}"
+
+
+def _about_model(fit: Any) -> list[tuple[str, str]]:
+    model = fit.model
+    facts = []
+    if hasattr(model, "describe_switch"):
+        facts.append(("switch", model.describe_switch()))
+    for name, attribute in (
+        ("regimes", "n_classes"),
+        ("components of the state", "dim_x"),
+        ("components of an observation", "dim_z"),
+    ):
+        if hasattr(model, attribute):
+            facts.append((name, str(getattr(model, attribute))))
+    if hasattr(model, "form"):
+        others = [f"{kind} {value:.1f}" for kind, value in fit.bic_of_forms.items()]
+        facts.append(("form", model.form.kind + (f" (BIC: {', '.join(others)})" if len(others) > 1 else "")))
+    return facts
+
+
+def _about_data(fit: Any) -> list[tuple[str, str]]:
+    given = fit.n_observations if fit.switch_mean is None else len(fit.switch_mean)
+    left_out = given - fit.n_observations
+    return [
+        ("rows used", f"{fit.n_observations:,}"),
+        ("rows left out", f"{left_out:,}" + (", in which something is missing" if left_out else "")),
+    ]
+
+
+def _about_search(fit: Any) -> list[tuple[str, str]]:
+    iterations = len(fit.trace) - 1
+    return [
+        ("log-likelihood", f"{fit.log_likelihood:.3f}"),
+        ("parameters", str(fit.n_parameters)),
+        ("AIC", f"{fit.aic:.3f}"),
+        ("BIC", f"{fit.bic:.3f}"),
+        ("converged", "yes" if fit.converged else "no"),
+        ("iterations", str(iterations) if iterations > 0 else "none, the switch was given"),
+    ]
+
+
+def _regimes(fit: Any) -> list[SummaryTable]:
+    """Return the table of the regimes: how much of the data they have, and the means of x and y there."""
+    model = fit.model
+    if fit.occupancy is None or not hasattr(model, "regime_means"):
+        return []
+    components = [f"x[{k}]" for k in range(model.dim_x)] + [f"y[{k}]" for k in range(model.dim_z)]
+    header = ("regime", "share of the rows", *(f"mean of {one}" for one in components[:MOST_MEANS]))
+    means = np.asarray(model.regime_means())
+    rows = tuple(
+        (str(k), f"{share:.3f}", *map(_number, row[:MOST_MEANS]))
+        for k, (share, row) in enumerate(zip(fit.occupancy, means, strict=True))
+    )
+    more = len(components) - MOST_MEANS
+    title = "regimes" + (f" (means of {more} more components: see model.regime_means())" if more > 0 else "")
+    return [SummaryTable(title, header, rows)]
