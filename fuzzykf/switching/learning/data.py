@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["Scale", "TrainingData", "gather"]
+__all__ = ["Scale", "TrainingData", "component", "gather"]
 
 #: Variances below this share of the whole are rounding errors.
 ROUNDING = 1e-20
@@ -148,7 +148,7 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
     if not varies.all():
         column = int(np.argmin(varies))
         raise ParameterError(
-            f"{_component(column, m)}: is constant ({mean[column]:.6g}), which no model can be learned from"
+            f"{component(column, m)}: is constant ({mean[column]:.6g}), which no model can be learned from"
         )
     z = (z - mean) / std
     _check_noise(z[first], z[first + 1], m)
@@ -165,7 +165,8 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
     )
 
 
-def _component(column: int, m: int) -> str:
+def component(column: int, m: int) -> str:
+    """Return what a column of the data is called in messages; x has ``m`` components."""
     return f"x[{column}]" if column < m else f"y[{column - m}]"
 
 
@@ -176,7 +177,7 @@ def _check_noise(now: FloatArray, then: FloatArray, m: int) -> None:
     eigenvalues, vectors = np.linalg.eigh(np.cov(both.T))
     if eigenvalues[0] < DEPENDENT:
         involved = np.flatnonzero(np.abs(vectors[:, 0]) > 1e-3)
-        names = [_component(k % d, m) + ("" if k < d else " of the next time") for k in involved]
+        names = [component(k % d, m) + ("" if k < d else " of the next time") for k in involved]
         raise ParameterError(
             f"x, y: an exact linear relation holds between {', '.join(names)}; expected noise in every "
             "component"

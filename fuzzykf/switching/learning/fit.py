@@ -27,6 +27,8 @@ from fuzzykf.switching.learning.notes import (
     instability,
     known_scarcity,
     proof_values,
+    scant_data,
+    stuck,
     too_gradual,
     unfinished,
 )
@@ -153,8 +155,9 @@ def fit_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Options) -> F
         )
     system = model.placed(n_nodes)
     value = log_likelihood(system, data)
-    notes += instability(system)
     n_parameters = estimate.n_parameters + LAWS[law].n_free
+    at_nodes = (data.r[:, None] == system.chain.nodes).astype(np.float64)
+    notes += instability(system) + stuck(at_nodes, system, data) + scant_data(n_parameters, data)
     occupancy = shares.mean(axis=0)
     return Fitted(model, value, n_parameters, [value], True, notes, data.r, occupancy, bool(bounds))
 
@@ -180,10 +183,11 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     estimate = _from_shares(_estimator(options.form, data), shares, data, fuzzy=False)
     single = single_cells(shares, np.eye(K), data.z)
     model = CGOMSModel._from_form(transition, estimate.form(single, data.scale), visits / visits.sum())
-    value = log_likelihood(model.placed(), data)
+    system = model.placed()
+    value = log_likelihood(system, data)
     bounds = active_constraint(estimate, K)
-    notes += bounds + instability(model.placed())
     n_parameters = estimate.n_parameters + K * (K - 1)
+    notes += bounds + instability(system) + stuck(shares, system, data) + scant_data(n_parameters, data)
     occupancy = shares.mean(axis=0)
     return Fitted(model, value, n_parameters, [value], True, notes, data.r, occupancy, bool(bounds))
 
@@ -214,14 +218,16 @@ def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Optio
     model = CGOFMSModel._from_form(estimate.chain.law(), form)
     system = model.placed(n_nodes)
     bounds = active_constraint(estimate.gaussian, 2)
+    n_parameters = estimate.gaussian.n_parameters + estimate.chain.n_parameters
     notes = hidden_scarcity(posterior, shares) + bounds + instability(system)
+    notes += stuck(posterior.gamma, system, data) + scant_data(n_parameters, data)
     notes += unfinished(converged, options.max_iter)
     if law == "fmc1":
         notes += too_gradual(estimate, shares, data)
     return Fitted(
         model,
         log_likelihood(system, data),
-        estimate.gaussian.n_parameters + estimate.chain.n_parameters,
+        n_parameters,
         trace,
         converged,
         notes,
@@ -260,12 +266,15 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         initial = posterior.gamma.mean(axis=0) / posterior.gamma.mean(axis=0).sum()
     model = CGOMSModel._from_form(transition, form, initial)
     bounds = active_constraint(estimate.gaussian, K)
-    notes = hidden_scarcity(posterior, shares) + bounds + instability(model.placed())
+    n_parameters = estimate.gaussian.n_parameters + K * (K - 1)
+    system = model.placed()
+    notes = hidden_scarcity(posterior, shares) + bounds + instability(system)
+    notes += stuck(posterior.gamma, system, data) + scant_data(n_parameters, data)
     notes += unfinished(converged, options.max_iter)
     return Fitted(
         model,
-        log_likelihood(model.placed(), data),
-        estimate.gaussian.n_parameters + K * (K - 1),
+        log_likelihood(system, data),
+        n_parameters,
         trace,
         converged,
         notes,

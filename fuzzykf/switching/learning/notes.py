@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.switching.learning.chains import FreeChain
+from fuzzykf.switching.learning.data import component
 from fuzzykf.switching.learning.em import Estimate, Posterior, run_em
 from fuzzykf.switching.learning.vine import VineEstimate
 from fuzzykf.switching.models.fuzzy import N_PROOF
@@ -23,7 +24,9 @@ __all__ = [
     "instability",
     "known_scarcity",
     "proof_values",
+    "scant_data",
     "stability_radius",
+    "stuck",
     "too_gradual",
     "unfinished",
 ]
@@ -33,6 +36,16 @@ SCARCE = 5.0
 
 #: Where the noise of the state has less than this share of that elsewhere, it is reported.
 VANISHING = 1e-3
+
+#: Fewer measured numbers a free parameter than these, and a model may have learned noise: see `scant_data`.
+NUMBERS = 6.0
+
+#: So many equal values one after the other are a stretch in which nothing moves.
+STRETCH = 5
+
+#: A regime whose noise has less than this share of the variance of the data has collapsed, if this share of
+#: the steps in which it stays is in such stretches.
+COLLAPSED, WITHIN = 1e-3, 0.5
 
 #: Least share of hard values under FMC1.
 LEAST_HARD = 0.375
@@ -102,6 +115,85 @@ def active_constraint(estimate: GaussianEstimate, K: int) -> list[str]:
         f"{share.min() / share.max():.2g} of its variance elsewhere; consider form='regression', which has "
         "no such bound"
     ]
+
+
+def scant_data(n_parameters: int, data: TrainingData) -> list[str]:
+    """Say that there are too few rows for so many parameters.
+
+    That is, less than `NUMBERS` measured numbers (rows times components) a parameter.  Two hidden regimes
+    were learned from two regimes, one state and one observation, 44 parameters: learned from 120 rows, 5.5
+    numbers a parameter, they described later rows worse than one regime in 11 of 12 series; from 200 rows in
+    3 of 12; from 300 in none.
+
+    The rule counts, so there is no chance in it: from 300 rows on, one state and one observation with up
+    to three regimes, or a free law, are never named.
+    """
+    rows, d = data.z.shape
+    if rows * d >= NUMBERS * n_parameters:
+        return []
+    enough = int(np.ceil(NUMBERS * n_parameters / d))
+    return [
+        f"{rows} rows of {d} numbers are few for {n_parameters} parameters, which may fit noise and tell "
+        f"little of later data; expected at least {enough} rows, or fewer regimes"
+    ]
+
+
+def stuck(weights: FloatArray, system: SwitchingSystem, data: TrainingData) -> list[str]:
+    """Say which regimes have collapsed onto a stretch of data in which a component is constant.
+
+    The likelihood of a constant grows without bound as the noise vanishes, so a stuck sensor draws a regime
+    to itself.  Such a regime has next to no noise in a component, and it is mostly in stretches of at least
+    `STRETCH` equal values of this component that it stays.
+
+    Data without such stretches are never named, and rounded ones seldom have any: of 500 fits to healthy
+    series of 300 rows, half of them rounded to a tenth, none was (two or three hard regimes 400, fuzzy
+    switches 100).
+
+    Parameters
+    ----------
+    weights : ndarray, shape (N, M)
+        Probability of each node at each row of the data.
+    system : SwitchingSystem
+    data : TrainingData
+    """
+    notes = []
+    pairs, chain = system.pair_tables(0).pairs, system.chain
+    for k in range(chain.class_weights.shape[1]):
+        node = int(np.argmax(chain.class_weights[:, k]))
+        noise = np.concatenate([np.diagonal(pairs.C[node, node]), np.diagonal(pairs.Qyy[node, node])])
+        share = noise / data.scale.std**2
+        stays = np.zeros(len(data.z) + 1)  # how likely it stays from the row before to this one
+        stays[data.after] = weights[data.before, node] * weights[data.after, node]
+        found: dict[str, list[str]] = {}
+        for column in np.flatnonzero(share < COLLAPSED).tolist():
+            stretches = _constant_stretches(data, column)
+            inside = [float(stays[first + 1 : last + 1].sum()) for first, last in stretches]
+            if sum(inside) < max(WITHIN * float(stays.sum()), 1.0):
+                continue
+            first, last = stretches[int(np.argmax(inside))]
+            others = sum(one >= 1.0 for one in inside) - 1
+            rows = f"{data.kept[first]} to {data.kept[last]}"
+            rows += f" and {others} other stretches" if others > 0 else ""
+            value = data.z[first, column] * data.scale.std[column] + data.scale.mean[column]
+            told = f"{component(column, data.dim_x)} is constant ({value:.6g})"
+            found.setdefault(rows, []).append(
+                f"{told} and its noise {share[column]:.1g} of the variance of the data"
+            )
+        notes += [
+            f"the regime {k} has collapsed onto the rows {rows}, in which {', '.join(told)}; if a sensor was "
+            "stuck there, make its values missing (NaN)"
+            for rows, told in found.items()
+        ]
+    return notes
+
+
+def _constant_stretches(data: TrainingData, column: int) -> list[tuple[int, int]]:
+    """Return the first and last rows of the stretches of equal values of a column."""
+    equal = np.zeros(len(data.z) + 1, dtype=bool)  # whether a row equals the one before it
+    equal[data.after] = data.z[data.after, column] == data.z[data.before, column]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], equal]).astype(int)))
+    runs = [(int(begin) - 1, int(end) - 1) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+    return [(first, last) for first, last in runs if last - first + 1 >= STRETCH]
 
 
 def stability_radius(system: SwitchingSystem) -> float:
