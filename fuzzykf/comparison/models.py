@@ -8,7 +8,6 @@ errors leave.
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,7 +20,7 @@ from fuzzykf.comparison.candidates.registry import chosen
 from fuzzykf.comparison.evaluation import Fold, HeldOut, restore, summarise
 from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
-from fuzzykf.gaussian import as_choice, as_count, as_real, check_generator
+from fuzzykf.gaussian import as_choice, as_count, as_flag, as_real, check_generator
 from fuzzykf.preprocessing import DailyProfile, as_columns, as_times
 from fuzzykf.progress import progress_bar
 
@@ -56,7 +55,7 @@ def compare_models(
     max_iter: int = 200,
     tolerance: float = 1e-5,
     n_resamples: int = 2000,
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> ModelComparison:
     """Compare models of a state by the error of their filters on later, held-out data.
 
@@ -89,8 +88,9 @@ def compare_models(
         As in `CGOFMSModel.fit`.
     n_resamples : int
         Resamples of the bootstrap.
-    progress : bool
-        Show a progress bar (needs rich).
+    progress : bool, optional
+        Whether to show a progress bar (needs rich).  By default one appears after two seconds if
+        standard error is a terminal, or in a notebook.
 
     Returns
     -------
@@ -138,9 +138,10 @@ def compare_models(
         raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
     scale = np.ones(1) if states.shape[1] == 1 else np.nanstd(states[: folds[0].split], axis=0)
 
+    progress = None if progress is None else as_flag("progress", progress)
     pieces = n_folds * sum(method.pieces for method in methods) + 1
     parts: list[HeldOut] = []
-    with progress_bar(pieces) if progress else nullcontext(lambda _: None) as tell:
+    with progress_bar(pieces, progress) as tell:
         for number, fold in enumerate(folds, 1):
             target = states[fold.begin : fold.end]
             if moments is not None:

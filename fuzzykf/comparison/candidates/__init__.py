@@ -112,7 +112,8 @@ class LearningPart:
 
     @property
     def _effort(self) -> dict[str, Any]:
-        return {"form": "regression", "max_iter": self.max_iter, "tolerance": self.tolerance}
+        quiet = {"progress": False}  # the comparison has a bar of its own
+        return {"form": "regression", "max_iter": self.max_iter, "tolerance": self.tolerance} | quiet
 
 
 def _numerical(fit: Callable[[], Any]) -> Any:

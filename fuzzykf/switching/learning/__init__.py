@@ -10,13 +10,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_choice, as_count, check_generator
+from fuzzykf.gaussian import as_choice, as_count, as_flag, check_generator
+from fuzzykf.progress import progress_bar
 from fuzzykf.registry import either
 from fuzzykf.results import FitResult, bic
 from fuzzykf.switching.laws.registry import learned_laws
@@ -39,7 +41,7 @@ T = TypeVar("T")
 
 
 def fit_fuzzy_model(
-    x: Any, y: Any, r: Any, *, law: str, n_nodes: int, progress: bool, **options: Any
+    x: Any, y: Any, r: Any, *, law: str, n_nodes: int, progress: bool | None, **options: Any
 ) -> FitResult[CGOFMSModel]:
     """See `CGOFMSModel.fit`."""
     if law not in learned_laws():
@@ -53,7 +55,7 @@ def fit_fuzzy_model(
 
 
 def fit_hard_model(
-    x: Any, y: Any, r: Any, *, n_switches: int, progress: bool, **options: Any
+    x: Any, y: Any, r: Any, *, n_switches: int, progress: bool | None, **options: Any
 ) -> FitResult[CGOMSModel]:
     """See `CGOMSModel.fit`."""
     n_switches = as_count("n_switches", n_switches, 1)
@@ -62,7 +64,7 @@ def fit_hard_model(
 
 
 def _learn(
-    fit: Callable[..., Fitted], data: TrainingData, x: Any, progress: bool, options: dict[str, Any]
+    fit: Callable[..., Fitted], data: TrainingData, x: Any, progress: bool | None, options: dict[str, Any]
 ) -> FitResult[Any]:
     forms = forms_to_try(options.pop("form"), data)
 
@@ -116,26 +118,12 @@ def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any]) -> TrainingData:
     return gather(x, y, r)
 
 
-def _with_progress(progress: bool, learn: Callable[[Callable[[], None] | None], T]) -> T:
-    if not progress:
-        return learn(None)
-    try:
-        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-    except ImportError as error:
-        from fuzzykf.errors import MissingDependencyError
-
-        raise MissingDependencyError("progress=True needs rich: pip install 'fuzzykf[cli]'") from error
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, transient=True) as bar:
-        task = bar.add_task("learning")
-        count = 0
-
-        def tick() -> None:
-            nonlocal count
-            count += 1
-            bar.update(task, description=f"learning, {count} iterations")
-
-        return learn(tick)
+def _with_progress(progress: bool | None, learn: Callable[[Callable[[], None] | None], T]) -> T:
+    if progress is not None:
+        progress = as_flag("progress", progress)
+    with progress_bar(None, progress) as tell:
+        iterations = count(1)
+        return learn(lambda: tell(f"learning, {next(iterations)} iterations"))
 
 
 def _present(

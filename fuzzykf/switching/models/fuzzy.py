@@ -181,7 +181,7 @@ class CGOFMSModel(SwitchingModel):
         max_iter: int = 500,
         tolerance: float = 1e-6,
         rng: np.random.Generator | None = None,
-        progress: bool = False,
+        progress: bool | None = None,
     ) -> FitResult[CGOFMSModel]:
         """Learn a model from data in which the state was measured as well.
 
@@ -212,8 +212,9 @@ class CGOFMSModel(SwitchingModel):
             Gain in log-likelihood per observation and iteration at which to stop.
         rng : numpy.random.Generator, optional
             For more than 4 starts.
-        progress : bool
-            Show a progress bar (needs rich).
+        progress : bool, optional
+            Whether to show a progress bar (needs rich).  By default one appears after two seconds if
+            standard error is a terminal, or in a notebook.
 
         Returns
         -------

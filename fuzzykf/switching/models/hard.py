@@ -273,7 +273,7 @@ class CGOMSModel(SwitchingModel):
         max_iter: int = 500,
         tolerance: float = 1e-6,
         rng: np.random.Generator | None = None,
-        progress: bool = False,
+        progress: bool | None = None,
     ) -> FitResult[CGOMSModel]:
         """Learn a model from data in which the state was measured as well.
 
