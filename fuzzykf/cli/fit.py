@@ -74,7 +74,7 @@ def command(
             help="Family of the law of a fuzzy switch; fmc1 unless said otherwise.", show_default=False
         ),
     ] = None,
-    switches: Annotated[
+    regimes: Annotated[
         int | None,
         typer.Option(
             min=1,
@@ -82,6 +82,10 @@ def command(
             help="Learn K hard regimes instead of a fuzzy switch.",
             show_default=False,
         ),
+    ] = None,
+    switches: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="K", help="Another name of --regimes.", show_default=False),
     ] = None,
     form: Annotated[
         Form,
@@ -120,9 +124,15 @@ def command(
     """
     with report_errors():
         rows = read_rows(data, {"--state": state or [], "--obs": obs or []}, None)
-        if law is not None and switches is not None:
+        if regimes is not None and switches is not None and regimes != switches:
             raise ParameterError(
-                f"--law {law.value} is a law of a fuzzy switch, --switches {switches} asks for hard regimes; "
+                f"--regimes, --switches: got {regimes} and {switches}, two names of the number of regimes; "
+                "give one of them"
+            )
+        if law is not None and (regimes is not None or switches is not None):
+            asked = f"--switches {switches}" if regimes is None else f"--regimes {regimes}"
+            raise ParameterError(
+                f"--law {law.value} is a law of a fuzzy switch, {asked} asks for hard regimes; "
                 "give one of them"
             )
         if not 0.0 < train <= 1.0:
@@ -140,7 +150,8 @@ def command(
         }
         with progress_bar(None) as progress:
             progress("learning")
-            fit = _learn(rows, n_train, "fmc1" if law is None else law.value, switches, nodes, options)
+            hard = switches if regimes is None else regimes
+            fit = _learn(rows, n_train, "fmc1" if law is None else law.value, hard, nodes, options)
             progress("testing")
             tested = _test(rows, n_train, fit, nodes)
         fit.model.save(output)
@@ -150,13 +161,13 @@ def command(
 
 
 def _learn(
-    rows: Rows, n_train: int, law: str, switches: int | None, nodes: int, options: dict[str, Any]
+    rows: Rows, n_train: int, law: str, regimes: int | None, nodes: int, options: dict[str, Any]
 ) -> FitResult[Any]:
     from fuzzykf import CGOFMSModel, CGOMSModel
 
     x, y = rows.values["--state"][:n_train], rows.values["--obs"][:n_train]
-    if switches is not None:
-        return CGOMSModel.fit(x, y, n_switches=switches, **options)
+    if regimes is not None:
+        return CGOMSModel.fit(x, y, n_regimes=regimes, **options)
     law_: Any = law
     return CGOFMSModel.fit(x, y, law=law_, n_nodes=nodes, **options)
 

@@ -57,7 +57,7 @@ def test_the_file_holds_the_model_that_the_library_learns(write, data, tmp_path)
 def test_hard_regimes_can_be_learned_and_the_other_rows_test_the_filter(write, data, tmp_path) -> None:
     out = tmp_path / "model.json"
     result = run(
-        write(), "--state", "load", "--obs", "temperature", "-o", out, "--switches", 2, "--train", 0.75
+        write(), "--state", "load", "--obs", "temperature", "-o", out, "--regimes", 2, "--train", 0.75
     )
     assert result.exit_code == 0, result.output
     model = load_model(out)
@@ -158,6 +158,14 @@ def refused(tmp_path, path, *arguments, message, output="model.json") -> None:
         (
             ["--state", "load", "--obs", "temperature", "--law", "fmc1", "--switches", "2"],
             "--law fmc1 is a law of a fuzzy switch, --switches 2 asks for hard regimes; give one of them",
+        ),
+        (
+            ["--state", "load", "--obs", "temperature", "--law", "fmc1", "--regimes", "2"],
+            "--law fmc1 is a law of a fuzzy switch, --regimes 2 asks for hard regimes; give one of them",
+        ),
+        (
+            ["--state", "load", "--obs", "temperature", "--regimes", "3", "--switches", "2"],
+            "--regimes, --switches: got 3 and 2, two names of the number of regimes; give one of them",
         ),
         (["--state", "load", "--obs", "temperature", "--train", "0"], "--train: got 0, expected a share"),
         (["--state", "load", "--obs", "temperature", "--train", "1.1"], "--train: got 1.1, expected a share"),

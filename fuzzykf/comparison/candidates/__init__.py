@@ -91,19 +91,19 @@ class LearningPart:
         fit: FitResult[CGOFMSModel] = _numerical(lambda: CGOFMSModel.fit(self.x, self.y, self.r, **options))
         return fit
 
-    def hard(self, n_switches: int) -> FitResult[CGOMSModel]:
-        """Learn a model of hard regimes; a second call returns the same.
+    def hard(self, n_switches: int | None = None, *, n_regimes: int | None = None) -> FitResult[CGOMSModel]:
+        """Learn a model of so many hard regimes (two names of one number); a second call returns the same.
 
         A given switch, of two regimes, is rounded.
         """
         from fuzzykf.switching import CGOMSModel
+        from fuzzykf.switching.models.base import given_regimes
 
-        if n_switches not in self._hard:
-            r = None if self.r is None or n_switches != 2 else (self.r >= 0.5).astype(np.float64)
-            self._hard[n_switches] = _numerical(
-                lambda: CGOMSModel.fit(self.x, self.y, r, n_switches=n_switches, **self._effort)
-            )
-        return self._hard[n_switches]
+        K = given_regimes(n_switches, n_regimes)
+        if K not in self._hard:
+            r = None if self.r is None or K != 2 else (self.r >= 0.5).astype(np.float64)
+            self._hard[K] = _numerical(lambda: CGOMSModel.fit(self.x, self.y, r, n_regimes=K, **self._effort))
+        return self._hard[K]
 
     def trial_error(self, learned: Learned, cut: int) -> float:
         """Return the RMSE, in standard deviations, after ``cut`` rows, of what was learned on them."""

@@ -11,6 +11,7 @@ import numpy as np
 from fuzzykf.comparison.candidates import TRIAL_SHARE, WARM_UP, Candidate, Estimates, Learned
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.switching.laws.registry import learned_laws
+from fuzzykf.switching.models.base import given_regimes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,9 +83,9 @@ def learn_fuzzy(part: LearningPart, law: str) -> Learned:
     return LearnedSwitching(part.fuzzy(law), part.n_nodes, f"law {law}")
 
 
-def learn_hard(part: LearningPart, n_switches: int) -> Learned:
-    """Learn a model of hard regimes."""
-    return LearnedSwitching(part.hard(n_switches), part.n_nodes)
+def learn_hard(part: LearningPart, n_switches: int | None = None, *, n_regimes: int | None = None) -> Learned:
+    """Learn a model of so many hard regimes (two names of one number)."""
+    return LearnedSwitching(part.hard(n_switches, n_regimes=n_regimes), part.n_nodes)
 
 
 def learn_chosen_law(part: LearningPart) -> Learned:
@@ -150,10 +151,11 @@ def growth_notes(system: SwitchingSystem) -> list[str]:
     ]
 
 
-def hard_candidate(n_switches: int) -> Candidate:
-    """Return the candidate of so many hard regimes."""
-    title = "CGOMSMFilter" if n_switches == 2 else f"CGOMSMFilter, K = {n_switches}"
-    return Candidate(f"hard{n_switches}", partial(learn_hard, n_switches=n_switches), title=title)
+def hard_candidate(n_switches: int | None = None, *, n_regimes: int | None = None) -> Candidate:
+    """Return the candidate of so many hard regimes (two names of one number)."""
+    K = given_regimes(n_switches, n_regimes)
+    title = "CGOMSMFilter" if K == 2 else f"CGOMSMFilter, K = {K}"
+    return Candidate(f"hard{K}", partial(learn_hard, n_switches=K), title=title)
 
 
 CANDIDATES = (

@@ -26,6 +26,7 @@ from fuzzykf.switching.learning.choice import forms_to_try, learn_forms
 from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.fit import Fitted, Options, fit_fuzzy, fit_hard
 from fuzzykf.switching.learning.law import known_switch_laws
+from fuzzykf.switching.models.base import given_regimes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -55,12 +56,19 @@ def fit_fuzzy_model(
 
 
 def fit_hard_model(
-    x: Any, y: Any, r: Any, *, n_switches: int, progress: bool | None, **options: Any
+    x: Any,
+    y: Any,
+    r: Any,
+    *,
+    n_switches: int | None = None,
+    n_regimes: int | None = None,
+    progress: bool | None,
+    **options: Any,
 ) -> FitResult[CGOMSModel]:
     """See `CGOMSModel.fit`."""
-    n_switches = as_count("n_switches", n_switches, 1)
+    K = given_regimes(n_switches, n_regimes, 2)
     data = _prepared(x, y, r, options)
-    return _learn(partial(fit_hard, K=n_switches), data, x, progress, options)
+    return _learn(partial(fit_hard, K=K), data, x, progress, options)
 
 
 def _learn(

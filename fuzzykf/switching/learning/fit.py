@@ -168,7 +168,7 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         return _fit_hidden_hard(data, K, options)
     if not np.isin(data.r, np.arange(K)).all():
         raise ParameterError(
-            f"r: expected regimes 0 to {K - 1} (n_switches = {K}), got {np.unique(data.r)[:5].tolist()}"
+            f"r: expected regimes 0 to {K - 1} (n_regimes = {K}), got {np.unique(data.r)[:5].tolist()}"
         )
     shares = np.eye(K)[data.r.astype(int)]
     counts = count_transitions(data.r[data.before], data.r[data.after], K)

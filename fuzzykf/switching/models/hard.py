@@ -267,7 +267,8 @@ class CGOMSModel(SwitchingModel):
         y: ArrayLike | Sequence[ArrayLike],
         r: ArrayLike | Sequence[ArrayLike] | None = None,
         *,
-        n_switches: int = 2,
+        n_switches: int | None = None,
+        n_regimes: int | None = None,
         form: Literal["auto", "regression", "covariance"] = "auto",
         n_starts: int = 4,
         max_iter: int = 500,
@@ -282,9 +283,11 @@ class CGOMSModel(SwitchingModel):
         x, y : array_like, or list of these
             States (n, m) and observations (n, q), or (n,); NaN where missing.
         r : array_like, shape (n,), or list of these, optional
-            Regimes 0, ..., n_switches - 1; learned too if they are hidden.
+            Regimes 0, ..., n_regimes - 1; learned too if they are hidden.
+        n_regimes : int
+            Number K of regimes; 2 unless said otherwise.
         n_switches : int
-            Number K of regimes.
+            Another name of ``n_regimes``: the switch takes so many values.
         form, n_starts, max_iter, tolerance, rng, progress
             As in `CGOFMSModel.fit`.
 
@@ -292,6 +295,22 @@ class CGOMSModel(SwitchingModel):
         -------
         FitResult
             With ``.model``, ``.log_likelihood``, ``.trace``, ``.warnings``, ...
+
+        Raises
+        ------
+        ParameterError
+            As from `CGOFMSModel.fit`; or if both names of the number of regimes are given, and differ.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from fuzzykf import CGOMSModel
+        >>> rng = np.random.default_rng(0)
+        >>> r = (np.arange(400) // 50) % 2
+        >>> y = 4.0 * r + rng.normal(size=400)
+        >>> fit = CGOMSModel.fit(0.5 * y + rng.normal(size=400), y, r, n_regimes=2, form="regression")
+        >>> fit.model.n_classes
+        2
         """
         from fuzzykf.switching.learning import fit_hard_model
 
@@ -300,6 +319,7 @@ class CGOMSModel(SwitchingModel):
             y,
             r,
             n_switches=n_switches,
+            n_regimes=n_regimes,
             form=form,
             n_starts=n_starts,
             max_iter=max_iter,
