@@ -19,8 +19,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Scale", "TrainingData", "component", "gather"]
 
-#: Variances below this share of the whole are rounding errors.
-ROUNDING = 1e-20
+#: Standard deviations of no more than so many gaps between the doubles around the values are rounding errors:
+#: at 1e7 the gap is 1.9e-9.  Of noise that is larger, rounding takes less than a thousandth of the variance.
+ROUNDING = 8.0
+
+#: Standard deviations that can be learned from.
+SIZES = (1e-150, 1e150)
 
 #: Eigenvalues of correlations below this mean that components depend on one another exactly.
 DEPENDENT = 1e-10
@@ -143,14 +147,7 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
             f"{MIN_TRANSITIONS}; the parameters of the state are not identifiable from y alone"
         )
     m = xs[0].shape[1]
-    mean, std = z.mean(axis=0), z.std(axis=0)
-    varies = std**2 > ROUNDING * (z * z).mean(axis=0)
-    if not varies.all():
-        column = int(np.argmin(varies))
-        raise ParameterError(
-            f"{component(column, m)}: is constant ({mean[column]:.6g}), which no model can be learned from"
-        )
-    z = (z - mean) / std
+    z, scale = _standardised(z, m)
     _check_noise(z[first], z[first + 1], m)
     return TrainingData(
         z=z,
@@ -158,11 +155,49 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
         after=first + 1,
         starts=np.concatenate(starts),
         r=np.concatenate(switches) if r is not None else None,
-        scale=Scale(mean, std),
+        scale=scale,
         dim_x=m,
         kept=np.concatenate(positions),
         n_rows=n_given,
     )
+
+
+def _standardised(z: FloatArray, m: int) -> tuple[FloatArray, Scale]:
+    """Bring the columns of (x, y) to standard units; x has ``m`` of them.
+
+    They are centred twice: the mean of numbers far from zero misses the true one by a rounding of their size,
+    the mean of what is left by a rounding of the noise.
+
+    Raises
+    ------
+    ParameterError
+        If a column is constant, or what varies in it is within rounding of its size.
+    """
+    gap = np.spacing(np.abs(z).max(axis=0))
+    mean = z.mean(axis=0)
+    centred = z - mean
+    rest = centred.mean(axis=0)
+    centred -= rest
+    largest = np.maximum(np.abs(centred).max(axis=0), gap)
+    std = largest * (centred / largest).std(axis=0)  # squares of the values themselves may leave the range
+    column = int(np.argmin(std / gap))
+    name, least = component(column, m), ROUNDING * gap[column]
+    if np.ptp(z[:, column]) == 0.0:
+        raise ParameterError(f"{name}: is constant ({z[0, column]:.6g}), which no model can be learned from")
+    if std[column] <= least:
+        raise ParameterError(
+            f"{name}: is constant ({mean[column]:.6g}) but for rounding: doubles of this size are "
+            f"{gap[column]:.2g} apart; expected a standard deviation of more than {least:.2g}, got "
+            f"{std[column]:.2g}; take the offset away before the numbers are rounded"
+        )
+    low, high = SIZES
+    if not ((std > low) & (std < high)).all():
+        column = int(np.argmax(np.abs(np.log(std))))
+        raise ParameterError(
+            f"{component(column, m)}: got a standard deviation of {std[column]:.2g}, expected one between "
+            f"{low:g} and {high:g}, whose square double precision can hold; use other units"
+        )
+    return centred / std, Scale(mean + rest, std)
 
 
 def component(column: int, m: int) -> str:
