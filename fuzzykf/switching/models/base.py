@@ -217,6 +217,8 @@ def given_regimes(n_switches: int | None, n_regimes: int | None, default: int | 
             f"n_switches, n_regimes: got {n_switches} and {n_regimes}, two names of the number of regimes; "
             "expected one of them"
         )
-    if not given and default is None:
+    if given:
+        return next(iter(given.values()))
+    if default is None:
         raise ParameterError("n_regimes: missing; expected the number of regimes")
-    return next(iter(given.values()), default or 1)
+    return default

@@ -24,8 +24,8 @@ FITS = {
     "fmc1, switch known": (CGOFMSModel, {}, True),
 }
 
-#: Noise and offset: of the question, a counter, coordinates of the earth, a time, a price, a small unit.
-OFFSETS = [(5e-4, 1e7), (1.0, 1e7), (0.01, -6_378_137.0), (1e-3, 1.7e9), (1.0, 100.0), (1e-12, 1e-4)]
+#: Noise and offset: of a counter, coordinates on the earth, a time, a small unit.
+OFFSETS = [(5e-4, 1e7), (0.01, -6_378_137.0), (1e-3, 1.7e9), (1e-12, 1e-4)]
 
 CASES = [*((*one, "regression") for one in OFFSETS), (*OFFSETS[0], "covariance")]
 
