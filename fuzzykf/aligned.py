@@ -5,14 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.times import has_times, read_times
 
 __all__ = ["check_aligned"]
 
 
 def check_aligned(**tables: Any) -> None:
-    """Raise unless the tables of pandas among these have one index, in one order.
+    """Raise unless the tables of pandas among these have one index, in one order; times in theirs.
 
-    Arrays and lists have no index: they go by position, with anything.
+    Arrays and lists have no index: they go by position, with anything.  An index of times has to
+    increase, for a series that stands in another order is another one.
 
     Parameters
     ----------
@@ -22,7 +24,8 @@ def check_aligned(**tables: Any) -> None:
     Raises
     ------
     ParameterError
-        Names two that differ, with both ends of their indexes.
+        Names two that differ, with both ends of their indexes; or the row whose time is not later
+        than that of the row before.
 
     Examples
     --------
@@ -35,6 +38,8 @@ def check_aligned(**tables: Any) -> None:
         if hasattr(table, "to_numpy") and hasattr(getattr(table, "index", None), "equals")
     }
     names = list(indexed)
+    if names and has_times(indexed[names[0]]):
+        read_times(indexed[names[0]], where=lambda row: f"{names[0]}: the index of row {row}")
     for other in names[1:]:
         one = names[0]
         if not indexed[one].equals(indexed[other]):

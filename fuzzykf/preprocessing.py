@@ -16,6 +16,8 @@ from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError, SequenceError, ShapeError
 from fuzzykf.gaussian import as_numbers, as_real
 from fuzzykf.reprs import call_text, shown
+from fuzzykf.steps import find_steps
+from fuzzykf.times import Times, has_times, read_times
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -25,28 +27,31 @@ if TYPE_CHECKING:
 __all__ = ["DailyProfile", "Standardizer", "hour_of_day"]
 
 
-def hour_of_day(time: NDArray[np.datetime64]) -> FloatArray:
-    """Hours since midnight, fractions included.
+def hour_of_day(time: Any) -> FloatArray:
+    """Hours since midnight on the clock on the spot, fractions included.
 
     Parameters
     ----------
-    time : ndarray of datetime64, shape (n,)
+    time : array_like of times, shape (n,)
+        In any form: see `DailyProfile.fit`; of times with a zone or an offset the local hour counts.
 
     Returns
     -------
     ndarray of shape (n,)
         Between 0 and 24.
 
+    Raises
+    ------
+    ParameterError, ShapeError
+        If it is no row of times.
+
     Examples
     --------
-    >>> import numpy as np
-    >>> hour_of_day(np.array(["2014-01-31T16:30"], dtype="datetime64[s]"))
-    array([16.5])
+    >>> hour_of_day(["2014-01-31T16:30+11:00", "2014-01-31T16:45+11:00"])
+    array([16.5 , 16.75])
     """
-    if getattr(getattr(time, "dtype", None), "kind", "") != "M":
-        raise ParameterError(f"time: got {type(time).__name__}, expected an array of times (datetime64)")
-    time = np.asarray(time)
-    seconds = (time - time.astype("datetime64[D]")) / np.timedelta64(1, "s")
+    clock = read_times(time, ordered=False).clock
+    seconds = (clock - clock.astype("datetime64[D]")) / np.timedelta64(1, "s")
     return np.asarray(seconds / 3600.0, dtype=np.float64)
 
 
@@ -165,7 +170,7 @@ class DailyProfile:
     ----------
     slot : float, optional
         Hours that share one mean; a day has to hold a whole number of slots.  By default
-        the step between rows, if it divides the day, else one hour.
+        the step between rows, if it divides the day and is not below a second, else one hour.
 
     Attributes
     ----------
@@ -204,24 +209,27 @@ class DailyProfile:
         ----------
         values : array_like, shape (n,) or (n, k)
             The training part; NaN where missing.
-        time : array_like of datetime64, shape (n,), optional
-            Times as a clock on the spot shows them; by default the index of ``values``.
+        time : array_like of times, shape (n,), optional
+            datetime64, datetime objects, text of ISO 8601, or a Series or an index of pandas, each later
+            than the one before; by default the index of ``values``.  The hour and the day are those of
+            the clock on the spot: of times with a zone or an offset the local ones, of others what they say.
         workday : array_like of bool, shape (n,), optional
             By default Mondays to Fridays.
 
         Raises
         ------
         ShapeError, ParameterError
-            If lengths differ, a value is infinite, or there are no times.
+            If lengths differ, a value is infinite, there are no times, or one is not later than the one
+            before it.
         """
         check_aligned(values=values, time=time, workday=workday)
         columns = as_columns("values", values)
         n, k = columns.shape
-        moments = as_times(time, values, n)
-        days = _workdays(workday, moments)
-        slot = _step(moments) if self.slot is None else self.slot
+        times = as_times(time, values, n)
+        days = _workdays(workday, times.clock)
+        slot = _step(times) if self.slot is None else self.slot
         slots = round(24.0 / slot)
-        cell = self._cell(moments, days, slot)
+        cell = self._cell(times.clock, days, slot)
         means = np.full((2 * slots, k), np.nan)
         for j, column in enumerate(columns.T):
             there = ~np.isnan(column)
@@ -238,7 +246,7 @@ class DailyProfile:
         Parameters
         ----------
         time, workday
-            As in `fit`.
+            As in `fit`; here the times may be in any order.
 
         Raises
         ------
@@ -248,7 +256,7 @@ class DailyProfile:
             If the training part had no row of that time and kind of day.
         """
         _check_fitted(self, "means_")
-        moments = as_times(time, None)
+        moments = read_times(time, ordered=False).clock
         days = _workdays(workday, moments)
         table = self.means_.reshape(-1, *self.means_.shape[2:])
         found: FloatArray = table[self._cell(moments, days, self.slot_)]
@@ -301,8 +309,8 @@ class DailyProfile:
         _check_fitted(self, "means_")
         check_aligned(values=values, time=time, workday=workday)
         columns = as_columns("values", values)
-        moments = as_times(time, values, len(columns))
-        profile = self.at(moments, workday).reshape(len(columns), -1)
+        times = as_times(time, values, len(columns))
+        profile = self.at(times, workday).reshape(len(columns), -1)
         if profile.shape != columns.shape:
             raise ShapeError(
                 f"values: got {columns.shape[1]} columns, expected {profile.shape[1]}, as in the training "
@@ -347,29 +355,16 @@ def _like(values: Any, columns: FloatArray) -> Any:
     return result
 
 
-def as_times(time: Any, values: Any, n: int | None = None) -> NDArray[np.datetime64]:
-    """Return ``n`` local times, from the index of ``values`` if none are given."""
+def as_times(time: Any, values: Any, n: int) -> Times:
+    """Return ``n`` times in their order, from the index of ``values`` if none are given."""
     if time is None:
         time = getattr(values, "index", None)
-        if not hasattr(time, "tz_localize"):
+        if not has_times(time):
             raise ParameterError("time: missing; the time of day needs a time for each row")
-    if hasattr(time, "tz_localize"):
-        time = time.tz_localize(None)  # the local hour counts
-    try:
-        given = np.asarray(time)
-    except ValueError as error:  # ragged
-        raise ParameterError("time: got lists of unequal length, expected times") from error
-    if given.dtype.kind not in "MOSU":
-        raise ParameterError(f"time: got numbers of type {given.dtype}, expected times")
-    try:
-        moments: NDArray[np.datetime64] = given.astype("datetime64[s]")
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ParameterError(f"time: expected times, got {given.ravel()[:1]} ({error})") from error
-    if moments.ndim != 1 or len(moments) != (len(moments) if n is None else n):
-        raise ShapeError(f"time: got shape {moments.shape}, expected ({'n' if n is None else n},)")
-    if np.isnat(moments).any():
-        raise ParameterError(f"time: row {int(np.flatnonzero(np.isnat(moments))[0])} is not a time")
-    return moments
+    times = read_times(time)
+    if len(times) != n:
+        raise ShapeError(f"time: got shape ({len(times)},), expected ({n},)")
+    return times
 
 
 def _workdays(workday: ArrayLike | None, time: NDArray[np.datetime64]) -> NDArray[np.bool_]:
@@ -386,12 +381,17 @@ def _workdays(workday: ArrayLike | None, time: NDArray[np.datetime64]) -> NDArra
     return days.astype(bool)
 
 
-def _step(time: NDArray[np.datetime64]) -> float:
+def _step(times: Times) -> float:
     """Hours between rows where they divide the day, else one hour."""
-    if len(time) < 2:
+    if len(times) < 2:
         return 1.0
-    step = float(np.median(np.diff(time)) / np.timedelta64(1, "h"))
-    return step if step > 0.0 and (24.0 / step).is_integer() else 1.0
+    step = find_steps(times).step
+    if step is None:
+        step = np.median(np.diff(times.instant))
+    if np.datetime_data(step.dtype)[0] == "M":  # months are longer than a day
+        return 1.0
+    hours = float(step / np.timedelta64(1, "h"))
+    return hours if 3600.0 * hours >= 1.0 and (24.0 / hours).is_integer() else 1.0
 
 
 def _check_fitted(step: Any, attribute: str) -> None:

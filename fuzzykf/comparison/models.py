@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import Candidate
     from fuzzykf.comparison.evaluation import ModelComparison
+    from fuzzykf.times import Times
 
 __all__ = ["CANDIDATES", "compare_models"]
 
@@ -83,7 +84,8 @@ def compare_models(
     profile : bool
         Take its daily profile from x, learned anew in each fold (see `DailyProfile`).
     time, workday : array_like, shape (n,), optional
-        For the profile; by default the index of x, and Mondays to Fridays.
+        For the profile; by default the index of x, and Mondays to Fridays.  Times are read as in
+        `DailyProfile.fit`, and have to increase, whether there is a profile or not.
     n_nodes, max_iter, tolerance
         As in `CGOFMSModel.fit`.
     n_resamples : int
@@ -130,7 +132,7 @@ def compare_models(
         raise ShapeError(f"y: got {len(observations)} rows, expected {n}, as many as x has")
     methods = chosen(candidates)
     folds = _folds(n, n_folds, first, window)
-    moments = as_times(time, x, n) if profile else None
+    times = as_times(time, x, n) if profile or time is not None else None
     days = None if workday is None else np.asarray(workday)
     if days is not None and days.shape != (n,):
         raise ShapeError(f"workday: got shape {days.shape}, expected ({n},)")
@@ -144,8 +146,8 @@ def compare_models(
     with progress_bar(pieces, progress) as tell:
         for number, fold in enumerate(folds, 1):
             target = states[fold.begin : fold.end]
-            if moments is not None:
-                target = _without_profile(target, moments, days, fold)
+            if profile and times is not None:
+                target = _without_profile(target, times, days, fold)
             split = fold.split - fold.begin
             part = LearningPart(
                 x=target[:split],
@@ -198,7 +200,7 @@ def _folds(n: int, n_folds: int, first: float, window: str) -> tuple[Fold, ...]:
     )
 
 
-def _without_profile(target: FloatArray, time: Any, workday: Any, fold: Fold) -> FloatArray:
+def _without_profile(target: FloatArray, time: Times, workday: Any, fold: Fold) -> FloatArray:
     """Take the daily profile of the rows to learn on from all rows of a fold."""
     split = fold.split - fold.begin
     moments = time[fold.begin : fold.end]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_choice, as_real
-from fuzzykf.preprocessing import DailyProfile, hour_of_day
+from fuzzykf.preprocessing import DailyProfile, as_times, hour_of_day
 
 if TYPE_CHECKING:
     from typing import Self
@@ -58,12 +59,13 @@ class ClockSwitch:
     high: float
 
     @classmethod
-    def learn(cls, time: NDArray[np.datetime64], values: FloatArray) -> Self:
+    def learn(cls, time: Any, values: FloatArray) -> Self:
         """Find the four hours in which ``values`` are lowest, and highest, on average.
 
         Parameters
         ----------
-        time : ndarray of datetime64, shape (n,)
+        time : array_like of times, shape (n,)
+            As in `DailyProfile.fit`; the hours are those of the clock on the spot.
         values : ndarray, shape (n,)
 
         Raises
@@ -87,7 +89,7 @@ class ClockSwitch:
         high = int(np.argmax(np.where(distance > PLATEAU, means, -np.inf)))
         return cls(float(low), float(high))
 
-    def __call__(self, time: NDArray[np.datetime64]) -> FloatArray:
+    def __call__(self, time: Any) -> FloatArray:
         """Return the switch at the given times, shape (n,), between 0 and 1."""
         rise = (self.high - self.low) % 24.0
         knots = [0.0, PLATEAU, rise, rise + PLATEAU, 24.0]
@@ -153,7 +155,7 @@ class Task:
     switch_source : str
         Where the switch comes from, in words.
     time : ndarray of datetime64, shape (n,), or None
-        For the axis of pictures.
+        What the clock on the spot shows, for the axis of pictures.
     profile : DailyProfile or None
         What was taken from the state, if anything.
     """
@@ -177,8 +179,8 @@ def prepare(
     observation: ArrayLike,
     *,
     train: float = 0.6,
-    time: NDArray[np.datetime64] | None = None,
-    workday: NDArray[np.bool_] | None = None,
+    time: Any = None,
+    workday: ArrayLike | None = None,
     profile: bool = False,
     switch: Literal["learned", "clock", "quantiles"] = "learned",
 ) -> Task:
@@ -190,9 +192,9 @@ def prepare(
         What is to be restored, and what it is restored from.
     train : float
         Share of the rows, from the beginning, to learn on.
-    time : ndarray of datetime64, shape (n,), optional
-        Needed by the profile and by the switch that follows the clock.
-    workday : ndarray of bool, shape (n,), optional
+    time : array_like of times, shape (n,), optional
+        Needed by the profile and by the switch that follows the clock; read as in `DailyProfile.fit`.
+    workday : array_like of bool, shape (n,), optional
         By default Mondays to Fridays.
     profile : bool
         Take the mean of the state at each time of day, on working days and on other
@@ -214,37 +216,44 @@ def prepare(
         If the columns differ in length.
     ParameterError
         If ``train`` is no share, leaves too few rows on either side, a column is
-        constant, or a time is needed and not given.
+        constant, a time is needed and not given, or one is not later than the one before it.
     """
+    check_aligned(state=state, observation=observation, time=time, workday=workday)
     x = as_array("state", state, (None,))
     n = len(x)
     y = as_array("observation", observation, (n,))
-    for name, column in (("time", time), ("workday", workday)):
-        if column is not None and column.shape != (n,):
-            raise ShapeError(f"{name}: got shape {column.shape}, expected ({n},)")
+    times = None if time is None else as_times(time, None, n)
+    days = None if workday is None else np.asarray(workday)
+    if days is not None and days.shape != (n,):
+        raise ShapeError(f"workday: got shape {days.shape}, expected ({n},)")
     n_train = _split(n, train)
     for name, values in (("state", x), ("observation", y)):
         if np.ptp(values[:n_train]) == 0.0:
             raise ParameterError(f"{name}: it is {values[0]:g} in all {n_train} rows to learn on")
     as_choice("switch", switch, ("learned", "clock", "quantiles"))
-    if time is None and (profile or switch == "clock"):
+    if times is None and (profile or switch == "clock"):
         needs = "profile" if profile else "switch"
         raise ParameterError(f"{needs}: the time of day needs a column of times, and there is none")
     r, source = None, LEARNED
-    if switch == "clock" and time is not None:
-        clock = ClockSwitch.learn(time[:n_train], x[:n_train])
-        r, source = clock(time), str(clock)
+    if switch == "clock" and times is not None:
+        clock = ClockSwitch.learn(times[:n_train], x[:n_train])
+        r, source = clock(times), str(clock)
     elif switch == "quantiles":
         low, high = quantile_switch(y[:n_train])
         r = np.clip((y - low) / (high - low), 0.0, 1.0)
         source = f"the observation, 0 below {low:g}, 1 above {high:g}, linear in between"
     learned = None
-    if profile and time is not None:
-        days = None if workday is None else workday[:n_train]
-        learned = DailyProfile().fit(x[:n_train], time[:n_train], days)
-        x = learned.transform(x, time, workday)
+    if profile and times is not None:
+        learned = DailyProfile().fit(x[:n_train], times[:n_train], None if days is None else days[:n_train])
+        x = learned.transform(x, times, days)
     return Task(
-        state=x, observation=y, switch=r, n_train=n_train, time=time, switch_source=source, profile=learned
+        state=x,
+        observation=y,
+        switch=r,
+        n_train=n_train,
+        time=None if times is None else times.clock,
+        switch_source=source,
+        profile=learned,
     )
 
 

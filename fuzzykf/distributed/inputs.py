@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.times import has_times, read_times
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
@@ -44,7 +45,15 @@ def find_observations(
         raise ParameterError(f"observations: {name!r} holds {series.dtype}, expected real numbers")
     if not series.size:
         raise ShapeError(f"observations: {name!r} is empty, its sizes are {dict(series.sizes)}")
+    _check_order(ds, dim)
     return series.transpose(..., *core)
+
+
+def _check_order(ds: xr.Dataset, dim: Hashable) -> None:
+    """Refuse rows whose times, the coordinate of ``dim`` if these are times, do not increase."""
+    index = ds.indexes.get(dim)
+    if has_times(index):
+        read_times(index, where=lambda row: f"ds: {dim!r} of row {row}")
 
 
 def find_filter(model: Any, n_nodes: int | None, rule: str | None) -> tuple[Any, bool, Filter]:
