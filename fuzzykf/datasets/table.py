@@ -1,38 +1,49 @@
-"""Tables of comma-separated values, read without any package beside NumPy.
+"""Tables of delimited text, read without any package beside NumPy.
 
 A table keeps its columns as text until one of them is asked for as numbers or
-as times, so that an error can name the row and the text that stand in the way.
+as times, so that an error can name the line and the text that stand in the way.
 """
 
 from __future__ import annotations
 
-import csv
 import gzip
-import io
+import re
 import zlib
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fuzzykf.datasets.delimited import Dialect, find_dialect, read_lines
 from fuzzykf.errors import FileFormatError, ParameterError
 from fuzzykf.files import as_path, read_bytes
 from fuzzykf.texts import listed
+from fuzzykf.times import Times, read_times
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["Table", "read_table"]
+__all__ = ["INDEX", "Table", "read_table"]
 
 #: Spellings of a missing value, in lower case.
 _MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
+
+#: What numbers look like, by the sign of their decimals; float() would take 1_5 and digits of other scripts.
+_NUMBERS = {
+    sign: re.compile(rf"[+-]?(\d+({re.escape(sign)}\d*)?|{re.escape(sign)}\d+)([eE][+-]?\d+)?", re.ASCII)
+    for sign in (".", ",")
+}
+
+_INFINITE = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
+
+#: The name of a first column that has none, as an index has that pandas writes.
+INDEX = "index"
 
 #: How many bytes a table may have unless told otherwise; in memory it takes some ten times as much.
 MAX_BYTES = 1 << 28
@@ -40,7 +51,7 @@ MAX_BYTES = 1 << 28
 
 @dataclass(frozen=True)
 class Table:
-    """The columns of a file of comma-separated values.
+    """The columns of a file of delimited text.
 
     Attributes
     ----------
@@ -48,6 +59,15 @@ class Table:
         Where the table comes from, for messages.
     columns : mapping of str to tuple of str
         The text of each column, by its name in the first line.
+    decimal : str
+        What separates the decimals of numbers, "." or ",".
+    lines : sequence of int, optional
+        The line of the file in which each row begins, for messages; by default the rows follow
+        one line of names.
+    has_index : bool
+        Whether the first column had no name; it is called "index" here.
+    notes : tuple of str
+        What was found out and not told: separators, lines without cells.
 
     Examples
     --------
@@ -62,6 +82,10 @@ class Table:
 
     source: str
     columns: Mapping[str, tuple[str, ...]]
+    decimal: str = "."
+    lines: Sequence[int] | None = None
+    has_index: bool = False
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of rows below the line of names."""
@@ -107,6 +131,7 @@ class Table:
             the message names the line of the file.
         """
         values = np.empty(len(self))
+        number = _NUMBERS[self.decimal]
         for row, cell in enumerate(self.text(name)):
             if cell.lower() in _MISSING:
                 if gaps:
@@ -115,15 +140,22 @@ class Table:
                 raise FileFormatError(
                     f"{self._place(name, row)} is missing ({cell!r}); expected a number in every row"
                 )
-            try:
-                values[row] = float(cell)
-            except ValueError:
-                raise FileFormatError(f"{self._place(name, row)} is {cell!r}, expected a number") from None
+            if not number.fullmatch(cell):
+                raise FileFormatError(f"{self._place(name, row)} is {cell!r}, {self._expected(cell)}")
+            values[row] = float(cell.replace(self.decimal, "."))
             if not np.isfinite(values[row]):
                 raise FileFormatError(f"{self._place(name, row)} is {cell!r}, expected a finite number")
         return values
 
-    def times(self, name: str) -> NDArray[np.datetime64]:
+    def _expected(self, cell: str) -> str:
+        if _INFINITE.fullmatch(cell):
+            return "expected a finite number"
+        other = "," if self.decimal == "." else "."
+        if _NUMBERS[other].fullmatch(cell):
+            return f"expected decimals after {self.decimal!r}; say decimal={other!r} (--decimal)"
+        return "expected a number"
+
+    def times(self, name: str, *, format: str | None = None) -> NDArray[np.datetime64]:
         """Return one column as increasing times, as a clock on the spot shows them.
 
         An offset from Greenwich (``+10:00``) counts for the order of the rows and is
@@ -132,50 +164,86 @@ class Table:
         Parameters
         ----------
         name : str
+        format : str, optional
+            How times are written that are not those of ISO 8601: as `datetime.strptime` has it, or
+            "unix" and "unix_ms" for seconds and milliseconds since 1970, whose clock is that of UTC.
 
         Returns
         -------
         ndarray of datetime64[s], shape (n,)
+            Or of a finer unit, where there are parts of seconds.
 
         Raises
         ------
         ParameterError
-            If there is no such column.
+            If there is no such column, or the format is none.
         FileFormatError
-            If a cell is not a time of ISO 8601, only some cells have an offset, or a
-            row is not later than the one before it.
+            If a cell is no such time, only some cells have an offset, or a row is not later
+            than the one before it.
         """
-        moments: list[datetime] = []
-        for row, cell in enumerate(self.text(name)):
-            try:
-                moment = datetime.fromisoformat(cell)
-            except ValueError:
-                raise FileFormatError(
-                    f"{self._place(name, row)} is {cell!r}, expected a time as in 2014-01-31T16:30"
-                ) from None
-            if moments and (moment.tzinfo is None) != (moments[-1].tzinfo is None):
-                raise FileFormatError(
-                    f"{self._place(name, row)} is {cell!r}, expected an offset in every row or in none"
-                )
-            if moments and moment <= moments[-1]:
-                raise FileFormatError(
-                    f"{self._place(name, row)} is {cell!r}, not later than {self.columns[name][row - 1]!r} "
-                    "in the row before"
-                )
-            moments.append(moment)
-        return np.array([moment.replace(tzinfo=None) for moment in moments], dtype="datetime64[s]")
+        return self.read_times(name, format=format).clock
+
+    def read_times(
+        self, name: str, *, format: str | None = None, gaps: bool = False, ordered: bool = True
+    ) -> Times:
+        """Return one column as times, with what the clock shows and when that was in UTC.
+
+        Parameters
+        ----------
+        name, format
+            As in `times`.
+        gaps : bool
+            Let cells be empty, and return NaT for them.
+        ordered : bool
+            Whether each has to be later than the one before it.
+
+        Raises
+        ------
+        ParameterError, FileFormatError
+            As from `times`.
+        """
+        remedy = (
+            "; say format='%d.%m.%Y %H:%M', or the like, or 'unix' for seconds since 1970 (--time-format)"
+        )
+        return read_times(
+            self.text(name),
+            name=f"{self.source}, column {name}",
+            format=format,
+            gaps=gaps,
+            ordered=ordered,
+            where=lambda row: self._place(name, row),
+            error=FileFormatError,
+            remedy="" if format else remedy,
+        )
 
     def _place(self, name: str, row: int) -> str:
-        return f"{self.source}, line {row + 2}: {name}"
+        line = row + 2 if self.lines is None else self.lines[row]
+        return f"{self.source}, line {line}: {name}"
 
 
-def read_table(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> Table:
-    """Read a file of comma-separated values whose first line names the columns.
+def read_table(
+    path: str | os.PathLike[str],
+    *,
+    sep: str | None = None,
+    decimal: str | None = None,
+    max_bytes: int | None = None,
+) -> Table:
+    """Read a file of delimited text whose first line names the columns.
+
+    There is a row for each row of the file: one whose cells are all empty is a row as well, at the end
+    too.  A line with nothing in it at all between two rows is a row in which everything is missing
+    (the table notes it); at the end of the file it is none.  A first column without a name, as pandas
+    writes an index, is called "index".
 
     Parameters
     ----------
     path : path-like
         The file, in UTF-8; compressed by gzip if its name ends in ``.gz``.
+    sep : str, optional
+        What separates cells, one character; by default that of comma, semicolon, tab and bar which
+        cuts all rows into as many cells as there are names.
+    decimal : {".", ","}, optional
+        What separates decimals; by default found in the cells if these are not separated by commas.
     max_bytes : int, optional
         How much it may hold, unpacked; by default 256 MiB, or what the environment variable
         FUZZYKF_MAX_BYTES says.
@@ -183,46 +251,54 @@ def read_table(path: str | os.PathLike[str], *, max_bytes: int | None = None) ->
     Returns
     -------
     Table
+        Its ``notes`` say what was found out, if it is not commas between cells and points in numbers.
 
     Raises
     ------
     OSError
         If the file is missing or cannot be opened.
     FileFormatError
-        If it is no such table: no text, no rows, a column without a name or with the
-        name of another, or a row with more or fewer cells than names.  Or if it is too large.
+        If it is no such table: no text, no rows, a column without a name (but the first) or with the
+        name of another, or a row with more or fewer cells than names; if it is too large, or can be
+        read in two ways.
+    ParameterError
+        If ``sep`` or ``decimal`` is none, or they are the same.
     """
     path = Path(as_path(path))
+    asked = Dialect(sep, decimal).checked()
     try:
         content = read_bytes(path, max_bytes, MAX_BYTES, unpack=path.suffix == ".gz")
         text = content.decode("utf-8-sig")
-        lines = list(csv.reader(io.StringIO(text, newline=""), strict=True))
-    except (gzip.BadGzipFile, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
+    except (gzip.BadGzipFile, EOFError, zlib.error, UnicodeDecodeError) as error:
         raise FileFormatError(
-            f"{path.name}: expected comma-separated values in UTF-8, got something else ({error})"
+            f"{path.name}: expected delimited text in UTF-8, got something else ({error})"
         ) from error
-    if not lines or not any(lines[0]):
-        raise FileFormatError(f"{path.name}: expected the names of the columns in line 1, got nothing")
-    names = [name.strip() for name in lines[0]]
-    if len(names) == 1 and any(separator in names[0] for separator in ";\t|"):
-        raise FileFormatError(f"{path.name}: expected cells separated by commas, got the line {names[0]!r}")
+    dialect = find_dialect(path.name, text, asked)
+    names, rows, lines, blank = read_lines(path.name, text, dialect)
+    has_index = not names[0]
+    if has_index:
+        names = [INDEX, *names[1:]]
     seen: set[str] = set()
     for column, name in enumerate(names):
         if not name or name in seen:
             fault = f"has the name {name!r} a second time" if name else "has no name"
             raise FileFormatError(f"{path.name}: column {column + 1} {fault}")
         seen.add(name)
-    rows = lines[1:]
-    while rows and not any(rows[-1]):  # blank lines at the end say nothing
-        rows.pop()
-    if not rows:
-        raise FileFormatError(f"{path.name}: expected rows below the names of the columns, got none")
-    for row, cells in enumerate(rows):
-        if len(cells) != len(names):
-            raise FileFormatError(
-                f"{path.name}, line {row + 2}: expected {len(names)} cells, got {len(cells)}"
-            )
     columns = zip(*rows, strict=True)
     return Table(
-        path.name, {n: tuple(c.strip() for c in cells) for n, cells in zip(names, columns, strict=True)}
+        path.name,
+        {n: tuple(c.strip() for c in cells) for n, cells in zip(names, columns, strict=True)},
+        decimal=dialect.decimal or ".",
+        lines=lines,
+        has_index=has_index,
+        notes=(*dialect.found(asked), *_blank_notes(blank)),
     )
+
+
+def _blank_notes(lines: Sequence[int]) -> list[str]:
+    if not lines:
+        return []
+    if len(lines) == 1:
+        return [f"line {lines[0]} is blank: it is taken for a row in which everything is missing"]
+    first = listed([str(line) for line in lines], 5)
+    return [f"lines {first} are blank: each is taken for a row in which everything is missing"]

@@ -113,11 +113,10 @@ def test_the_offset_orders_the_rows_and_the_local_clock_stays(tmp_path) -> None:
     [
         ("", "names of the columns in line 1"),
         ("a,b\n", "rows below the names"),
-        ("a;b\n1;2\n", "separated by commas, got the line 'a;b'"),
         ("a,a\n1,2\n", "column 2 has the name 'a' a second time"),
         ("a,\n1,2\n", "column 2 has no name"),
         ("a,b\n1,2\n1\n", "line 3: expected 2 cells, got 1"),
-        ('a,b\n1,"2\n', "expected comma-separated values"),
+        ('a,b\n1,"2\n', "line 2: expected delimited text, got something else"),
     ],
 )
 def test_what_is_no_table_is_refused_with_the_reason(text, message, tmp_path) -> None:
@@ -153,7 +152,14 @@ def test_a_damaged_compressed_file_is_refused(damage, tmp_path) -> None:
         ("", "line 3: a is missing"),
         ("NaN", "line 3: a is missing"),
         ("inf", "line 3: a is 'inf', expected a finite number"),
-        ("1,5", "line 3: a is '1,5', expected a number"),
+        ("1,5", r"line 3: a is '1,5', expected decimals after '\.'; say decimal=','"),
+        ("1_5", "line 3: a is '1_5', expected a number"),
+        ("١٢", "line 3: a is '١٢', expected a number"),
+        ("１２", "line 3: a is '１２', expected a number"),
+        ("-Infinity", "line 3: a is '-Infinity', expected a finite number"),
+        ("1e999", "line 3: a is '1e999', expected a finite number"),
+        ("0x10", "line 3: a is '0x10', expected a number"),
+        ("1 000", "line 3: a is '1 000', expected a number"),
     ],
 )
 def test_a_cell_that_is_no_number_is_named_with_its_line(cell, message, tmp_path) -> None:
@@ -175,12 +181,27 @@ def test_a_column_that_is_not_there_is_answered_with_those_that_are(tmp_path) ->
         (["31/01/2014 16:30"], "line 2: t is '31/01/2014 16:30', expected a time as in"),
         (["2014-01-01", "2014-01-01"], "line 3: t is '2014-01-01', not later than"),
         (["2014-01-01T00:00", "2014-01-02T00:00+10:00"], "expected an offset in every row or in none"),
+        (["03/29/2024"], r"line 2: t is '03/29/2024', .*; say format='%d.%m.%Y %H:%M'"),
+        (["1396051200"], "line 2: t is '1396051200', .* or 'unix' for seconds since 1970"),
+        (["2014-01-01", "", "2014-01-03"], "line 3: t is not a time"),
+        (["2014-10-26 01:30", "2014-10-26 01:00"], "line 3: t is .*if clocks were put back there"),
     ],
 )
 def test_times_that_are_unreadable_or_do_not_increase_are_named(rows, message, tmp_path) -> None:
     table = read_table(write(tmp_path / "a.csv", "\n".join(["t", *rows])))
     with pytest.raises(FileFormatError, match=message):
         table.times("t")
+
+
+def test_times_that_are_written_in_another_way_need_a_format(tmp_path) -> None:
+    table = read_table(write(tmp_path / "a.csv", "t,u\n03/29/2024,1711670400\n03/30/2024,1711756800\n"))
+    days = np.array(["2024-03-29", "2024-03-30"], dtype="datetime64[s]")
+    np.testing.assert_array_equal(table.times("t", format="%m/%d/%Y"), days)
+    np.testing.assert_array_equal(table.times("u", format="unix"), days)
+    with pytest.raises(FileFormatError, match="line 2: t is '03/29/2024', expected a time in the format '%d"):
+        table.times("t", format="%d/%m/%Y")
+    with pytest.raises(ParameterError, match=r"a\.csv, column t: got the format 'us'"):
+        table.times("t", format="us")
 
 
 def test_tables_are_read_up_to_a_limit(tmp_path):

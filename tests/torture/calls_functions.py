@@ -166,7 +166,13 @@ FUNCTIONS: list[tuple[str, None, list[Verb]]] = [
         read(getattr(fuzzykf, name), name)
         for name in ("CGOFMSModel", "CGOMSModel", "CGLSSM", "OFSRFilter", "CGOMSMFilter")
     ],
-    function(datasets.read_table, path=fixed("file:nowhere.csv"), max_bytes=maybe(count(1, 10**6))),
+    function(
+        datasets.read_table,
+        path=fixed("file:nowhere.csv"),
+        sep=maybe(choice(",", ";", "\t")),
+        decimal=maybe(choice(".", ",")),
+        max_bytes=maybe(count(1, 10**6)),
+    ),
     function(io.load_model, path=fixed("file:nowhere.json")),
     function(io.load_filter, path=fixed("file:nowhere.json"), max_bytes=maybe(count(1, 10**6))),
     function(io.save_model, model=made("CGOMSModel", "CGLSSM", "CGOFMSModel"), path=fixed("file:model.json")),
