@@ -373,7 +373,9 @@ def _check_order(times: Times, stamps: Any, place: Callable[[int], str], error: 
     where = "in the row before" if before == row - 1 else "in the last row before it that has a time"
     told = f"{place(row)} is {_shown(shown[row])}, not later than {_shown(shown[before])} {where}"
     hour = int((times.clock[row] - times.clock[row].astype("datetime64[D]")) / np.timedelta64(1, "h"))
-    if not times.has_offsets and hour < NIGHT and steps[first] >= np.timedelta64(-1, "h"):
+    half_years = abs(times.clock[known[-1]] - times.clock[known[0]]) // np.timedelta64(180, "D")
+    may_be_autumn = hour < NIGHT and steps[first] >= np.timedelta64(-1, "h") and back.sum() <= 1 + half_years
+    if may_be_autumn and not times.has_offsets:
         told += (
             "; if clocks were put back there, the hour that they showed twice can be told apart by offsets "
             "from Greenwich alone, as in 2014-10-26T01:30+01:00: give one in every row"

@@ -179,6 +179,7 @@ BACK, TWICE = HOURS[[0, 1, 3, 2, 4]], HOURS[[0, 1, 2, 2, 3]]
             ["2014-10-26T01:30", "2014-10-26T01:30"],
             "if clocks were put back there, .* as in 2014-10-26T01:30",
         ),
+        (HOURS[::-1] - np.timedelta64(5, "h"), "row 1 is .*in the row before$"),  # at night, but not once
         ([date(2014, 1, 1), "noon"], "row 1 is 'noon', expected a time as in 2014-01-31T16:30$"),
         (["03/29/2024"], "row 0 is '03/29/2024', expected a time as in"),
         (["1396051200"], "row 0 is '1396051200', expected a time as in"),

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.errors import FileFormatError, ParameterError
+from fuzzykf.cli.reading import Reading, row_times
+from fuzzykf.datasets.table import INDEX
+from fuzzykf.errors import ParameterError
 from fuzzykf.texts import listed, uncomputed
 
 if TYPE_CHECKING:
@@ -17,12 +19,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.datasets import Table
 
-__all__ = ["TIME_COLUMNS", "Rows", "as_csv", "components", "read_rows", "time_column"]
-
-#: Columns that are taken for the time of a row, in this order, unless another is named.
-TIME_COLUMNS = ("time", "timestamp", "datetime", "date")
+__all__ = ["Rows", "as_csv", "components", "read_rows"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +35,8 @@ class Rows:
         By option; NaN where a cell is empty.
     index_name : str
     index : sequence
-        The text of the column of times, or of the one that was named; else 0, 1, ...
+        The text of the column that was named, or of that of the times, or of a first column without
+        a name; else 0, 1, ...
     notes : list of str
         What a reader should know about the rows.
     """
@@ -53,13 +52,9 @@ class Rows:
         return len(self.index)
 
 
-def time_column(table: Table) -> str | None:
-    """Return the first column that is called as a time usually is, or None."""
-    lower = {name.lower(): name for name in table.columns}
-    return next((lower[name] for name in TIME_COLUMNS if name in lower), None)
-
-
-def read_rows(path: Path, columns: Mapping[str, Sequence[str]], index: str | None) -> Rows:
+def read_rows(
+    path: Path, columns: Mapping[str, Sequence[str]], index: str | None, reading: Reading | None = None
+) -> Rows:
     """Read columns of numbers that may have gaps.
 
     Parameters
@@ -69,17 +64,19 @@ def read_rows(path: Path, columns: Mapping[str, Sequence[str]], index: str | Non
         Names of columns, by the option that named them.
     index : str, optional
         Column to be kept as it is; by default the column of times, if there is one.
+    reading : Reading, optional
+        How the file is to be read.
 
     Raises
     ------
     ParameterError
         If a column is not there, is named twice, or none is named.
     FileFormatError
-        If a cell is neither empty nor a finite number, or the file is no table.
+        If a cell is neither empty nor a finite number, the file is no table, or times are needed
+        and cannot be read, or are not in order.
     """
-    from fuzzykf.datasets import read_table
-
-    table = read_table(path)
+    reading = reading or Reading()
+    table = reading.table(path)
     seen: dict[str, str] = {}
     for option, names in columns.items():
         if not names:
@@ -96,24 +93,14 @@ def read_rows(path: Path, columns: Mapping[str, Sequence[str]], index: str | Non
         option: np.column_stack([table.numbers(name, gaps=True) for name in names])
         for option, names in columns.items()
     }
-    kept = time_column(table) if index is None else index
+    found = row_times(table, reading, index, needed=index is None, gaps=True)
+    notes = [*table.notes, *found.notes]
+    kept = found.column if index is None else index
+    if kept is None and table.has_index:
+        kept = INDEX
     if kept is None:
-        return Rows(path.name, values, "row", range(len(table)), [])
-    return Rows(path.name, values, kept, table.text(kept), _step_notes(table, kept))
-
-
-def _step_notes(table: Table, name: str) -> list[str]:
-    """Say whether the rows are unequally far apart, if the column holds times."""
-    try:
-        steps = np.diff(table.times(name))
-    except FileFormatError:  # an index of another kind says nothing about steps
-        return []
-    if not steps.size or steps.min() == steps.max():
-        return []
-    return [
-        f"the steps between rows last from {steps.min().item()} to {steps.max().item()} (column {name}), and "
-        "a model knows steps of one length: give missing times a row with empty cells"
-    ]
+        return Rows(path.name, values, "row", range(len(table)), notes)
+    return Rows(path.name, values, kept, table.text(kept), notes)
 
 
 def components(name: str, values: FloatArray, suffix: str = "") -> dict[str, FloatArray]:

@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
-from fuzzykf.cli.columns import TIME_COLUMNS, time_column
 from fuzzykf.cli.output import check_file, check_folder, progress_bar, report_errors, say, say_written
+from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat, row_times
 from fuzzykf.errors import ParameterError
 from fuzzykf.files import write_bytes, write_text
 from fuzzykf.switching.laws.registry import learned_laws
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison import Comparison
+    from fuzzykf.times import Times
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -64,8 +65,9 @@ class Source:
     observation: FloatArray
     state_label: str
     unit: str
-    time: NDArray[np.datetime64] | None
+    time: NDArray[np.datetime64] | Times | None
     workday: NDArray[np.bool_] | None
+    notes: tuple[str, ...] = ()
 
 
 def command(
@@ -73,7 +75,7 @@ def command(
         Path | None,
         typer.Argument(
             metavar="[DATA.csv]",
-            help="Comma-separated values with a line of names; without it, hourly electricity demand and "
+            help="Delimited text with a line of names; without it, hourly electricity demand and "
             "temperature in Victoria, 2014, which come with the package.",
             show_default=False,
         ),
@@ -103,16 +105,10 @@ def command(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
-    time: Annotated[
-        str | None,
-        typer.Option(
-            "--time",
-            metavar="COL",
-            help="Column with the time of each row (ISO 8601); by default the first of "
-            f"{', '.join(TIME_COLUMNS)} that there is.",
-            show_default=False,
-        ),
-    ] = None,
+    time: Time = None,
+    time_format: TimeFormat = None,
+    sep: Sep = None,
+    decimal: Decimal = None,
     profile: Annotated[
         bool | None,
         typer.Option(
@@ -164,14 +160,20 @@ def command(
     from fuzzykf.comparison.report import check_installed, report_page
 
     with report_errors():
-        source = _packaged(state, obs, time) if data is None else _from_file(data, state, obs, time)
+        reading = Reading(time, time_format, sep, decimal)
+        profile = data is None if profile is None else profile
+        if data is None:
+            source = _packaged(state, obs, reading)
+        else:
+            needed = profile or switch is SwitchSource.CLOCK
+            source = _from_file(data, state, obs, reading, needs_time=needed)
         task = comparison.prepare(
             source.state,
             source.observation,
             train=train,
             time=source.time,
             workday=source.workday,
-            profile=data is None if profile is None else profile,
+            profile=profile,
             switch=switch.value,
         )
         methods = (*comparison.main_methods(law.value), *map(comparison.candidate, also or []))
@@ -198,7 +200,7 @@ def command(
                     "--nodes": nodes,
                     "--seed": seed,
                 }
-                settings = _settings(result, source, data, time, repeat, also or [])
+                settings = _settings(result, source, data, reading, repeat, also or [])
                 page = report_page(
                     result, title=source.title, state_label=label, unit=source.unit, settings=settings
                 )
@@ -216,9 +218,15 @@ def command(
 # --------------------------------------------------------------------------- input
 
 
-def _packaged(state: str | None, obs: str | None, time: str | None) -> Source:
+def _packaged(state: str | None, obs: str | None, reading: Reading) -> Source:
     from fuzzykf.datasets import load_victoria
 
+    if reading.time is not None:
+        raise ParameterError("--time: the packaged data bring their own times; give a file to name a column")
+    for word in reading.words():
+        raise ParameterError(
+            f"{word}: the packaged data are no file of yours; give one to say how to read it"
+        )
     v = load_victoria(hourly=True)
     columns = {
         "demand_gw": (v.demand, "demand", "GW"),
@@ -230,27 +238,36 @@ def _packaged(state: str | None, obs: str | None, time: str | None) -> Source:
             raise ParameterError(
                 f"{option}: the packaged data have no column {name!r}; their columns are {', '.join(columns)}"
             )
-    if time is not None:
-        raise ParameterError("--time: the packaged data bring their own times; give a file to name a column")
     values, label, unit = columns[state]
     return Source(
         "Victoria, 2014, hourly means", state, obs, values, columns[obs][0], label, unit, v.time, v.workday
     )
 
 
-def _from_file(path: Path, state: str | None, obs: str | None, time: str | None) -> Source:
-    from fuzzykf.datasets import read_table
-
-    table = read_table(path)
+def _from_file(
+    path: Path, state: str | None, obs: str | None, reading: Reading, *, needs_time: bool
+) -> Source:
+    table = reading.table(path)
     if state is None or obs is None:
         missing = "--state" if state is None else "--obs"
         raise ParameterError(
             f"{missing}: name a column of {path.name}; its columns are {listed(table.columns)}"
         )
-    time = time_column(table) if time is None else time
-    times = None if time is None else table.times(time)
+    values, observation = table.numbers(state), table.numbers(obs)
+    found = row_times(table, reading, needed=needs_time)
     workday = table.numbers("workday") == 1.0 if "workday" in table.columns else None
-    return Source(path.name, state, obs, table.numbers(state), table.numbers(obs), state, "", times, workday)
+    return Source(
+        path.name,
+        state,
+        obs,
+        values,
+        observation,
+        state,
+        "",
+        found.times,
+        workday,
+        (*table.notes, *found.notes),
+    )
 
 
 # --------------------------------------------------------------------------- output
@@ -267,7 +284,7 @@ def _settings(
     result: Comparison,
     source: Source,
     data: Path | None,
-    time: str | None,
+    reading: Reading,
     options: dict[str, object],
     also: list[str],
 ) -> dict[str, str]:
@@ -280,7 +297,7 @@ def _settings(
     task = result.task
     words = ["fuzzykf", "compare", *([] if data is None else [str(data)])]
     words += ["--state", source.state_column, "--obs", source.observation_column]
-    words += [] if time is None else ["--time", time]
+    words += reading.words()
     words += [str(word) for pair in options.items() for word in pair]
     words += [f"--also={name}" for name in also]
     words += ["--profile" if task.profile else "--no-profile"]
@@ -327,6 +344,8 @@ def _print(result: Comparison, source: Source, label: str, files: list[Path]) ->
     say(console, about_intervals(result), "dim")
     for sentence in about_choices(result):
         say(console, sentence)
+    for note in source.notes:
+        say(console, f"Note: {note}.")
     say(console, result.verdict(source.unit), "bold")
     for file in files:
         say_written(console, file)

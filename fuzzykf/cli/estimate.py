@@ -11,6 +11,7 @@ import typer
 
 from fuzzykf.cli.columns import Rows, as_csv, components, read_rows
 from fuzzykf.cli.output import check_file, console_beside, progress_bar, report_errors, say, say_written
+from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat
 from fuzzykf.errors import ParameterError
 from fuzzykf.files import write_text
 
@@ -30,7 +31,7 @@ Data = Annotated[
     Path,
     typer.Argument(
         metavar="DATA.csv",
-        help="Comma-separated values with a line of names, rows as far apart as those that were learned on; "
+        help="Delimited text with a line of names, rows as far apart as those that were learned on; "
         "empty cells where something is missing.",
     ),
 ]
@@ -85,13 +86,18 @@ def filter_command(
     nodes: Nodes = None,
     level: Level = 0.9,
     formulas: Formulas = False,
+    time: Time = None,
+    time_format: TimeFormat = None,
+    sep: Sep = None,
+    decimal: Decimal = None,
 ) -> None:
     """Estimate the state of each row from its observation and the earlier ones.
 
     Writes a row for each row of the data: estimate, standard deviation, interval, switch, and the log-density
     of the observation given the earlier ones (an empty cell where nothing was observed).
     """
-    _run("filter", model, data, obs or [], output, index, nodes, level, formulas)
+    reading = Reading(time, time_format, sep, decimal)
+    _run("filter", model, data, obs or [], output, index, nodes, level, formulas, reading)
 
 
 def smooth_command(
@@ -103,12 +109,17 @@ def smooth_command(
     nodes: Nodes = None,
     level: Level = 0.9,
     formulas: Formulas = False,
+    time: Time = None,
+    time_format: TimeFormat = None,
+    sep: Sep = None,
+    decimal: Decimal = None,
 ) -> None:
     """Estimate the state of each row from all observations, earlier and later ones.
 
     Writes what filter writes, and the most likely path of the switch.
     """
-    _run("smooth", model, data, obs or [], output, index, nodes, level, formulas)
+    reading = Reading(time, time_format, sep, decimal)
+    _run("smooth", model, data, obs or [], output, index, nodes, level, formulas, reading)
 
 
 def _run(
@@ -121,12 +132,13 @@ def _run(
     nodes: int | None,
     level: float,
     formulas: bool,
+    reading: Reading,
 ) -> None:
     with report_errors():
         from fuzzykf.io import load_model
 
         model: Any = load_model(model_file)
-        rows = read_rows(data, {"--obs": obs}, index)
+        rows = read_rows(data, {"--obs": obs}, index, reading)
         zs = rows.values["--obs"]
         if zs.shape[1] != model.dim_z:
             raise ParameterError(

@@ -11,6 +11,7 @@ import typer
 
 from fuzzykf.cli.columns import Rows, read_rows
 from fuzzykf.cli.output import check_file, console_beside, progress_bar, report_errors, say, say_written
+from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.laws.registry import learned_laws
 
@@ -46,7 +47,7 @@ def command(
         Path,
         typer.Argument(
             metavar="DATA.csv",
-            help="Comma-separated values with a line of names, rows in the order of time, equally far apart; "
+            help="Delimited text with a line of names, rows in the order of time, equally far apart; "
             "empty cells where something is missing.",
         ),
     ],
@@ -116,6 +117,10 @@ def command(
     tolerance: Annotated[
         float, typer.Option(help="Gain in log-likelihood per row and iteration at which to stop.")
     ] = 1e-6,
+    time: Time = None,
+    time_format: TimeFormat = None,
+    sep: Sep = None,
+    decimal: Decimal = None,
 ) -> None:
     """Learn a switching model from rows in which the state was measured, and write it to a file.
 
@@ -123,7 +128,8 @@ def command(
     model describes the data, and what they cannot support.
     """
     with report_errors():
-        rows = read_rows(data, {"--state": state or [], "--obs": obs or []}, None)
+        columns = {"--state": state or [], "--obs": obs or []}
+        rows = read_rows(data, columns, None, Reading(time, time_format, sep, decimal))
         if regimes is not None and switches is not None and regimes != switches:
             raise ParameterError(
                 f"--regimes, --switches: got {regimes} and {switches}, two names of the number of regimes; "

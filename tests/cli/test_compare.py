@@ -326,9 +326,9 @@ def test_text_in_a_column_is_named_with_its_line(write, rows, tmp_path) -> None:
 
 
 def test_times_that_cannot_be_read_or_go_back_are_named(write, rows, tmp_path) -> None:
-    refused(
-        tmp_path, write(changed(rows, 3, 0, "noon")), message="line 5: time is 'noon', expected a time as in"
-    )
+    noon = write(changed(rows, 3, 0, "noon"))
+    for needs in (["--switch", "clock"], ["--profile"], ["--time", "time"]):  # else a note says it
+        refused(tmp_path, noon, *needs, message="line 5: time is 'noon', expected a time as in")
     refused(
         tmp_path, write(changed(rows, 3, 0, "2013-12-31")), message="line 5: time is '2013-12-31', not later"
     )

@@ -1,0 +1,183 @@
+"""How a command reads the file that it is given: the options, and the times of the rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fuzzykf.datasets.table import INDEX, read_table
+from fuzzykf.errors import FileFormatError, ParameterError
+from fuzzykf.steps import step_note
+from fuzzykf.times import is_time
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from fuzzykf.datasets import Table
+    from fuzzykf.times import Times
+
+__all__ = ["TIME_COLUMNS", "Decimal", "Reading", "RowTimes", "Sep", "Time", "TimeFormat", "row_times"]
+
+#: Columns that are taken for the time of a row, in this order, unless another is named.
+TIME_COLUMNS = ("time", "timestamp", "datetime", "date")
+
+#: What --time says if there are no times.
+NONE = "none"
+
+#: Words for separators that are hard to write.
+_WORDS = {"tab": "\t", "\\t": "\t"}
+
+Time = Annotated[
+    str | None,
+    typer.Option(
+        "--time",
+        metavar="COL",
+        help="Column with the time of each row; by default the first of "
+        f"{', '.join(TIME_COLUMNS)} that there is, or a first column of times without a name. "
+        f"{NONE}: none, whatever columns there are.",
+        show_default=False,
+    ),
+]
+TimeFormat = Annotated[
+    str | None,
+    typer.Option(
+        "--time-format",
+        metavar="FORMAT",
+        help="How times are written that are not as in 2014-01-31T16:30 (ISO 8601): %d.%m.%Y %H:%M or the "
+        "like, unix (seconds since 1970) or unix_ms.",
+        show_default=False,
+    ),
+]
+Sep = Annotated[
+    str | None,
+    typer.Option(
+        "--sep",
+        metavar="CHAR",
+        help="What separates cells: , ; | tab. By default what cuts all rows into as many cells as there are "
+        "names.",
+        show_default=False,
+    ),
+]
+Decimal = Annotated[
+    str | None,
+    typer.Option(
+        "--decimal",
+        metavar="CHAR",
+        help="What separates decimals: a point or a comma. By default what the numbers show.",
+        show_default=False,
+    ),
+]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the options say of a file: `Time`, `TimeFormat`, `Sep` and `Decimal`."""
+
+    time: str | None = None
+    time_format: str | None = None
+    sep: str | None = None
+    decimal: str | None = None
+
+    def table(self, path: Path) -> Table:
+        """Read the file."""
+        sep = self.sep if self.sep is None else _WORDS.get(self.sep, self.sep)
+        return read_table(path, sep=sep, decimal=self.decimal)
+
+    def words(self) -> list[str]:
+        """Return the options as they are given."""
+        options = {
+            "--time": self.time,
+            "--time-format": self.time_format,
+            "--sep": self.sep,
+            "--decimal": self.decimal,
+        }
+        return [f"{option}={value}" for option, value in options.items() if value is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class RowTimes:
+    """The times of the rows of a table.
+
+    Attributes
+    ----------
+    column : str or None
+        Where they stand.
+    times : Times or None
+        None if there are none, or they cannot be read and are not needed.
+    notes : tuple of str
+    """
+
+    column: str | None = None
+    times: Times | None = None
+    notes: tuple[str, ...] = ()
+
+
+def row_times(
+    table: Table, reading: Reading, index: str | None = None, *, needed: bool = True, gaps: bool = False
+) -> RowTimes:
+    """Read the times of the rows, if there are any.
+
+    A column that is called as times usually are, and that nobody has named, stops nothing unless its
+    times are needed, or show that the rows are not in order.
+
+    Parameters
+    ----------
+    table : Table
+    reading : Reading
+    index : str, optional
+        A column that is kept beside the results; if no other is called as times are and it holds
+        times, it is taken for these.
+    needed : bool
+        Whether the command does something with them.
+    gaps : bool
+        Whether rows may have no time.
+
+    Raises
+    ------
+    ParameterError
+        If there is no column of that name, or a format and nothing to read.
+    FileFormatError
+        If a cell is no time, or not later than the one before it.
+    """
+    if reading.time is not None and reading.time.lower() == NONE:
+        if reading.time_format is not None:
+            raise ParameterError(
+                f"--time-format: got {reading.time_format!r}, but --time none leaves out all times"
+            )
+        return RowTimes()
+    column = _time_column(table, index) if reading.time is None else reading.time
+    if column is None:
+        if reading.time_format is not None:
+            raise ParameterError(
+                f"--time-format: got {reading.time_format!r}, but {table.source} has no column "
+                f"{', '.join(TIME_COLUMNS)}; name one by --time"
+            )
+        return RowTimes()
+    guessed = reading.time is None and reading.time_format is None
+    try:
+        if guessed and not needed:
+            try:
+                table.read_times(column, gaps=gaps, ordered=False)
+            except FileFormatError as error:
+                return RowTimes(column, None, (f"the times are not used: {error}",))
+        times = table.read_times(column, format=reading.time_format, gaps=gaps)
+    except FileFormatError as error:
+        if not guessed:
+            raise
+        raise FileFormatError(f"{error}; --time none leaves the column alone") from error
+    note = step_note(times, column, table.text(column))
+    return RowTimes(column, times, () if note is None else (note,))
+
+
+def _time_column(table: Table, index: str | None) -> str | None:
+    """Return the first column that is called as a time usually is, or an index of times, or None."""
+    lower = {name.lower(): name for name in table.columns}
+    named = next((lower[name] for name in TIME_COLUMNS if name in lower), None)
+    kept = INDEX if index is None and table.has_index else index
+    if named is None and kept is not None:
+        first = next(filter(None, table.text(kept)), "")
+        if is_time(first) and not first.isdigit():  # numbers may be those of anything
+            return kept
+    return named
