@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["DailyProfile", "Standardizer", "hour_of_day"]
 
+#: So many units of its last digit a number may be off by rounding alone.
+ROUNDING = 4.0
+
 
 def hour_of_day(time: Any) -> FloatArray:
     """Hours since midnight on the clock on the spot, fractions included.
@@ -95,17 +98,10 @@ class Standardizer:
         Raises
         ------
         ShapeError, ParameterError
-            If ``values`` has another shape, is infinite, or a column is constant or empty.
+            If ``values`` has another shape, is infinite, or a column is empty or constant: all of
+            its numbers are one, but for the last digits that double precision has there.
         """
-        columns = as_columns("values", values)
-        mean, scale = np.empty((2, columns.shape[1]))
-        for k, column in enumerate(columns.T):
-            there = column[~np.isnan(column)]
-            if there.size == 0 or np.ptp(there) == 0.0:
-                what = "holds no number" if there.size == 0 else f"is {there[0]:g} in every row"
-                raise ParameterError(f"values: column {k} {what}, so it has no scale")
-            mean[k], scale[k] = there.mean(), there.std()
-        self.mean_, self.scale_ = mean, scale
+        self.mean_, self.scale_ = mean_and_scale("values", as_columns("values", values))
         return self
 
     def transform(self, values: ArrayLike) -> Any:
@@ -341,6 +337,54 @@ def as_columns(name: str, values: Any) -> FloatArray:
         row = int(np.argwhere(np.isinf(array))[0, 0])
         raise ParameterError(f"{name}: row {row} is infinite, expected finite numbers (NaN where missing)")
     return array if array.ndim == 2 else array[:, None]
+
+
+def is_constant(values: FloatArray) -> bool:
+    """Whether all numbers are one, but for rounding: what double precision cannot tell apart.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Without anything missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> is_constant(np.array([0.3, 0.1 + 0.2])), is_constant(1e7 + np.array([0.0, 5e-4]))
+    (True, False)
+    """
+    return bool(np.ptp(values) <= ROUNDING * np.spacing(np.abs(values).max()))
+
+
+def mean_and_scale(name: str, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of the columns of an array (n, k), NaN where missing.
+
+    They are right wherever the numbers lie: deviations are taken from the mean, and squared in
+    a unit of their own size, so that neither level nor unit takes their digits.
+
+    Raises
+    ------
+    ParameterError
+        If a column holds no number, or one and the same in all rows.
+    """
+    mean, scale = np.empty((2, columns.shape[1]))
+    for k, column in enumerate(columns.T):
+        there = column[~np.isnan(column)]
+        if there.size == 0:
+            raise ParameterError(f"{name}: column {k} holds no number, so it has no scale")
+        if is_constant(there):
+            but = "" if np.ptp(there) == 0.0 else ", but for rounding"
+            raise ParameterError(f"{name}: column {k} is {there[0]:g} in every row{but}, so it has no scale")
+        unit = np.ldexp(1.0, np.frexp(np.abs(there).max())[1] - 1)  # a power of two: nothing is rounded
+        there = there / unit
+        centre = there.mean()
+        deviation = there - centre
+        rest = deviation.mean()  # what the rounding of the mean has left
+        centre, deviation = centre + rest, deviation - rest
+        largest = np.abs(deviation).max()
+        mean[k] = centre * unit
+        scale[k] = np.sqrt(((deviation / largest) ** 2).mean()) * largest * unit
+    return mean, scale
 
 
 def _like(values: Any, columns: FloatArray) -> Any:

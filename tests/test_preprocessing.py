@@ -9,8 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from fuzzykf import compare_models
+from fuzzykf.comparison import prepare, quantile_switch
+from fuzzykf.comparison.scores import block_length
 from fuzzykf.errors import ParameterError, SequenceError, ShapeError
-from fuzzykf.preprocessing import DailyProfile, Standardizer, hour_of_day
+from fuzzykf.preprocessing import DailyProfile, Standardizer, hour_of_day, is_constant
 
 HOUR = np.timedelta64(3600, "s")
 
@@ -72,6 +75,79 @@ def test_a_pandas_object_keeps_its_index_and_its_names() -> None:
 def test_what_has_no_scale_is_refused(values, message) -> None:
     with pytest.raises(ParameterError, match=message):
         Standardizer().fit(values)
+
+
+NOISE = np.random.default_rng(0).normal(size=400)
+
+#: Columns that vary, by their level and by how much.
+VARYING = {
+    "a level and noise": (1e7, 5e-4),
+    "a clock of 10 MHz": (1e7, 1e-2),
+    "coordinates from the middle of the earth": (6378137.0, 1e-3),
+    "seconds since 1970": (1.4e9, 1e-3),
+    "a negative level": (-1e12, 1.0),
+    "the last digits": (1.0, 1e-14),
+    "a small unit": (0.0, 1e-200),
+    "a large unit": (1e150, 1e160),
+    "near the end of the range": (0.0, 1e306),
+}
+
+
+@pytest.mark.parametrize("name", VARYING)
+def test_columns_that_vary_are_not_constant_and_have_a_scale(name) -> None:
+    level, size = VARYING[name]
+    column = level + size * NOISE
+    # Oracle: the deviations from the level as they were rounded, which are exact, in a unit of their own.
+    rounded = (column - level) / size
+    standardizer = Standardizer().fit(column)
+    np.testing.assert_allclose(standardizer.scale_ / size, rounded.std(), rtol=1e-9)
+    np.testing.assert_allclose(
+        (standardizer.mean_ - level) / size, rounded.mean(), atol=1e-15 * abs(level) / size + 1e-9
+    )
+    standard = standardizer.transform(column)
+    assert abs(standard.std() - 1.0) < 0.05
+    assert not is_constant(column)
+    assert prepare(column, NOISE).n_train == prepare(NOISE, column).n_train == 240
+    assert np.diff(quantile_switch(column)) > 0.0
+    assert block_length(np.convolve(column, np.ones(20) / 20, "valid")) > 1
+
+
+CONSTANT = {
+    "one number": np.full(400, 2.5),
+    "nothing": np.zeros(400),
+    "rounding": np.where(NOISE > 0, 0.3, 0.1 + 0.2),
+    "rounding at a level": np.where(NOISE > 0, 1e7, np.nextafter(1e7, 2e7)),
+}
+
+
+@pytest.mark.parametrize("name", CONSTANT)
+def test_columns_that_vary_by_rounding_alone_are_constant(name) -> None:
+    column = CONSTANT[name]
+    assert is_constant(column)
+    with pytest.raises(ParameterError, match=r"column 0 is .* in every row.*, so it has no scale"):
+        Standardizer().fit(column)
+    with pytest.raises(ParameterError, match=r"state: it is .* in all 240 rows to learn on"):
+        prepare(column, NOISE)
+    with pytest.raises(ParameterError, match=r"observation: it is .* in all 240 rows to learn on"):
+        prepare(NOISE, column)
+    with pytest.raises(ParameterError, match=r"are both .*, so they cannot make the switch"):
+        quantile_switch(column)
+    assert block_length(column) == 1
+    with pytest.raises(ParameterError, match=r"x: column 1 is .* in every row"):
+        compare_models(
+            np.column_stack([NOISE, column]), NOISE, np.random.default_rng(0), candidates=["regression"]
+        )
+
+
+def test_two_states_are_compared_each_in_its_own_scale() -> None:
+    # A coordinate in metres and one in the smallest of units count alike.
+    y = NOISE + np.random.default_rng(1).normal(size=400)
+    x = np.column_stack([6378137.0 + 1e-3 * NOISE, 1e-200 * NOISE])
+    options = {"candidates": ["regression"], "n_folds": 1, "n_resamples": 100}
+    (score,) = compare_models(x, y, np.random.default_rng(0), **options).scores
+    plain = np.column_stack([NOISE, NOISE])
+    (expected,) = compare_models(plain, y, np.random.default_rng(0), **options).scores
+    assert score.rmse == pytest.approx(expected.rmse, rel=1e-4)
 
 
 def test_other_columns_than_in_training_are_refused() -> None:

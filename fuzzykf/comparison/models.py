@@ -21,7 +21,7 @@ from fuzzykf.comparison.evaluation import Fold, HeldOut, restore, summarise
 from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
 from fuzzykf.gaussian import as_choice, as_count, as_flag, as_real, check_generator
-from fuzzykf.preprocessing import DailyProfile, as_columns, as_times
+from fuzzykf.preprocessing import DailyProfile, as_columns, as_times, mean_and_scale
 from fuzzykf.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -102,7 +102,8 @@ def compare_models(
     Raises
     ------
     ShapeError, ParameterError
-        If shapes do not agree, a name is unknown, or there are too few rows.
+        If shapes do not agree, a name is unknown, there are too few rows, or one of several columns
+        of x is constant in the part that the first fold learns on.
     FuzzykfError
         If no candidate could be learned.
 
@@ -138,7 +139,7 @@ def compare_models(
         raise ShapeError(f"workday: got shape {days.shape}, expected ({n},)")
     if n_resamples < 100:
         raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
-    scale = np.ones(1) if states.shape[1] == 1 else np.nanstd(states[: folds[0].split], axis=0)
+    scale = np.ones(1) if states.shape[1] == 1 else mean_and_scale("x", states[: folds[0].split])[1]
 
     progress = None if progress is None else as_flag("progress", progress)
     pieces = n_folds * sum(method.pieces for method in methods) + 1

@@ -10,7 +10,7 @@ import numpy as np
 from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_choice, as_real
-from fuzzykf.preprocessing import DailyProfile, as_times, hour_of_day
+from fuzzykf.preprocessing import DailyProfile, as_times, hour_of_day, is_constant
 
 if TYPE_CHECKING:
     from typing import Self
@@ -119,7 +119,7 @@ def quantile_switch(learning: FloatArray) -> tuple[float, float]:
     Raises
     ------
     ParameterError
-        If the two coincide.
+        If the two coincide, but for rounding.
 
     Examples
     --------
@@ -131,7 +131,7 @@ def quantile_switch(learning: FloatArray) -> tuple[float, float]:
     if not learning.size:
         raise ParameterError("learning: got no observation, expected at least one")
     low, high = (float(level) for level in np.quantile(learning, QUANTILES))
-    if low == high:
+    if is_constant(np.array([low, high])):
         raise ParameterError(
             f"switch: the quantiles of {QUANTILES[0]:.0%} and {QUANTILES[1]:.0%} of the observation are "
             f"both {low:g}, so they cannot make the switch"
@@ -228,7 +228,7 @@ def prepare(
         raise ShapeError(f"workday: got shape {days.shape}, expected ({n},)")
     n_train = _split(n, train)
     for name, values in (("state", x), ("observation", y)):
-        if np.ptp(values[:n_train]) == 0.0:
+        if is_constant(values[:n_train]):
             raise ParameterError(f"{name}: it is {values[0]:g} in all {n_train} rows to learn on")
     as_choice("switch", switch, ("learned", "clock", "quantiles"))
     if times is None and (profile or switch == "clock"):

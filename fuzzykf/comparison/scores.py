@@ -11,6 +11,7 @@ import numpy as np
 from fuzzykf.comparison.candidates import Named
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_count, as_numbers, brief, check_generator, is_whole
+from fuzzykf.preprocessing import is_constant
 from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
@@ -135,7 +136,7 @@ def block_length(series: FloatArray) -> int:
     largest = np.abs(deviation).max()
     if not 1e-100 < largest < 1e100:  # squares would leave the range of double precision
         deviation = deviation / (largest or 1.0)
-    if not deviation.any():
+    if is_constant(series):
         return 1
     run = int(max(5, np.ceil(np.sqrt(np.log10(n)))))
     last = min(int(np.ceil(np.sqrt(n))) + run, n - 1)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import FuzzykfError
+from fuzzykf.preprocessing import mean_and_scale
 from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ class LearningPart:
     def trial_error(self, learned: Learned, cut: int) -> float:
         """Return the RMSE, in standard deviations, after ``cut`` rows, of what was learned on them."""
         missed = learned.restore(self.y[:cut], self.y[cut:]).mean - self.x[cut:]
-        return float(np.sqrt(np.nanmean((missed / np.nanstd(self.x, axis=0)) ** 2)))
+        return float(np.sqrt(np.nanmean((missed / mean_and_scale("x", self.x)[1]) ** 2)))
 
     @property
     def _effort(self) -> dict[str, Any]:
