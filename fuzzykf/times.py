@@ -41,6 +41,11 @@ _YEARS = ("%Y", "%y", "%G", "%c", "%x")
 #: Digits of a second in a number of seconds, and of milliseconds.
 _UNIX = {"unix": 9, "unix_ms": 6}
 
+_1970, _MICROSECOND = datetime(1970, 1, 1), timedelta(microseconds=1)
+
+#: What NumPy takes for no time.
+_NOT_A_TIME = int(np.iinfo(np.int64).min)
+
 #: Until this hour of the night clocks are put back or forward, in whatever country.
 NIGHT = 4
 
@@ -240,13 +245,15 @@ def _each(
 ) -> tuple[NDArray[np.datetime64], NDArray[np.datetime64] | None]:
     """Read one after the other; return clocks and, of stamps with offsets, instants."""
     n = len(stamps)
-    clocks: list[datetime | None] = [None] * n
-    shift = np.zeros(n, dtype="timedelta64[us]")
-    rest = np.zeros(n, dtype=np.int64)  # nanoseconds that a datetime cannot hold
+    clocks, offsets = (
+        [_NOT_A_TIME] * n,
+        [0] * n,
+    )  # microseconds, which NumPy takes ten times as fast as objects
+    rest: dict[int, int] = {}  # nanoseconds that a datetime cannot hold
     zoned: bool | None = None
-    for row, stamp in enumerate(stamps):
+    for row, stamp in enumerate(stamps.tolist()):
         try:
-            moment, rest[row] = _moment(stamp, format)
+            moment, nanoseconds = _moment(stamp, format)
         except _NoTimeError as fault:
             raise error(f"{place(row)} is {_shown(stamp)}, {fault}{remedy}") from None
         if moment is None:
@@ -254,15 +261,20 @@ def _each(
                 continue
             raise error(f"{place(row)} is not a time ({_shown(stamp)}): expected one in every row")
         offset = moment.utcoffset()
-        if zoned is not None and zoned != (offset is not None):
-            raise error(f"{place(row)} is {_shown(stamp)}, expected an offset in every row or in none")
-        zoned = offset is not None
-        clocks[row] = moment.replace(tzinfo=None)
-        shift[row] = timedelta(0) if offset is None else offset
-    clock = np.array(clocks, dtype="datetime64[us]")
-    if rest.any():
-        clock = clock.astype("datetime64[ns]") + rest.astype("timedelta64[ns]")
-    return clock, (clock - shift if zoned else None)
+        if (offset is not None) != zoned:
+            if zoned is not None:
+                raise error(f"{place(row)} is {_shown(stamp)}, expected an offset in every row or in none")
+            zoned = offset is not None
+        if offset is not None:
+            moment, offsets[row] = moment.replace(tzinfo=None), offset // _MICROSECOND
+        clocks[row] = (moment - _1970) // _MICROSECOND
+        if nanoseconds:
+            rest[row] = nanoseconds
+    clock = np.array(clocks, dtype=np.int64).view("datetime64[us]")
+    if rest:
+        clock = clock.astype("datetime64[ns]")
+        clock[list(rest)] += np.array(list(rest.values()), dtype="timedelta64[ns]")
+    return clock, (clock - np.array(offsets, dtype=np.int64).view("timedelta64[us]") if zoned else None)
 
 
 def _moment(stamp: Any, format: str | None) -> tuple[datetime | None, int]:
@@ -299,22 +311,25 @@ def _from_text(text: str, format: str | None) -> tuple[datetime | None, int]:
             return datetime.strptime(text, format), 0
         except (ValueError, OverflowError):
             raise _NoTimeError(f"expected a time in the format {format!r}") from None
-    if _MONTH.fullmatch(text):
+    if len(text) == 7 and _MONTH.fullmatch(text):
         text += "-01"
     found = _ISO.fullmatch(text)
     expected = "expected a time as in 2014-01-31T16:30"
     if not found:
         raise _NoTimeError(expected)
     day, clock, digits, offset = found.groups()
-    digits = (digits or "").ljust(9, "0")
-    if digits[9:].strip("0"):
-        raise _NoTimeError("expected no digits beyond those of a nanosecond")
-    clock = "" if clock is None else "T" + clock.replace(",", ".").split(".")[0]
+    if digits is None:
+        plain, nanoseconds = text, 0
+    else:
+        digits = digits.ljust(9, "0")
+        if digits[9:].strip("0"):
+            raise _NoTimeError("expected no digits beyond those of a nanosecond")
+        whole = clock.replace(",", ".").split(".")[0]
+        plain, nanoseconds = f"{day}T{whole}.{digits[:6]}{offset or ''}", int(digits[6:9])
     try:
-        moment = datetime.fromisoformat(day + clock + (offset or ""))
+        return datetime.fromisoformat(plain), nanoseconds
     except ValueError as error:
         raise _NoTimeError(f"{expected} ({error})") from None
-    return moment + timedelta(microseconds=int(digits[:6])), int(digits[6:9])
 
 
 def _from_digits(text: str, places: int) -> tuple[datetime, int]:
