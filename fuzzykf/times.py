@@ -223,6 +223,8 @@ def _array(name: str, stamps: Any) -> NDArray[Any]:
         values = stamps.data.copy() if stamps.dtype.kind == "M" else stamps.data.astype(object)
         values[np.ma.getmaskarray(stamps)] = None  # NaT, where the array is one of times
         stamps = values
+    if isinstance(stamps, list | tuple):  # NumPy warns of what is masked in them
+        stamps = [None if one is np.ma.masked else one for one in stamps]
     try:
         given = np.asarray(stamps)
     except ValueError as error:

@@ -140,6 +140,7 @@ def test_missing_times_are_let_in_only_where_they_may_be() -> None:
         ["2014-01-30", "", "2014-02-03"],
         [DAYS[0], None, DAYS[2]],
         pd.Series(DAYS).where([True, False, True]),
+        [DAYS[0], np.ma.masked, DAYS[2]],
         masked,
     ):
         with pytest.raises(ParameterError, match=r"time: row 1 is not a time.*: expected one in every row"):

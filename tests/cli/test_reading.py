@@ -109,14 +109,14 @@ def test_what_is_filtered_is_what_is_in_the_file(
         assert f"Note: {note}" in printed
 
 
-#: File, options, and why every command that reads rows refuses it.
+#: File, options, and why every command that reads rows refuses it (parts of what it says).
 REFUSED = [
     (
         "us_dates",
         "",
-        "us_dates.csv, line 2: date is '03/27/2024', expected a time as in 2014-01-31T16:30; say format=",
+        "us_dates.csv, line 2: date is '03/27/2024', expected a time as in 2014-01-31T16:30; say format="
+        " ... --time none leaves the column alone",
     ),
-    ("us_dates", "", "--time none leaves the column alone"),
     ("us_dates", "--time date", "line 2: date is '03/27/2024', expected a time as in"),
     (
         "us_dates",
@@ -134,9 +134,9 @@ REFUSED = [
     (
         "autumn",
         "",
-        "line 4: time is '2014-10-26 01:00', not later than '2014-10-26 01:30' in the row before; if clocks",
+        "line 4: time is '2014-10-26 01:00', not later than '2014-10-26 01:30' in the row before; if clocks"
+        " ... give one in every row",
     ),
-    ("autumn", "", "give one in every row"),
     ("plain", "--time hour", "plain.csv has no column 'hour'; its columns are time, y"),
     (
         "plain",
@@ -161,8 +161,7 @@ REFUSED = [
         "--decimal .",
         "line 2: y is '0,5', expected decimals after '.'; say decimal=',' (--decimal)",
     ),
-    ("two_ways", "", "two_ways.csv: ',' and ';' cut all rows into as many cells"),
-    ("two_ways", "", "say which: sep=... and decimal=... (--sep and --decimal)"),
+    ("two_ways", "", "two_ways.csv: ',' and ';' cut all rows into as many cells ... (--sep and --decimal)"),
     (
         "point_and_comma",
         "",
@@ -189,7 +188,8 @@ def test_what_cannot_be_read_is_refused_by_all_commands_alike(
         words = [*COMMANDS[command](model), TABLES / f"{name}.csv", *options.split()]
         result = run(*words, "--out" if command == "compare" else "-o", tmp_path / "out")
         assert result.exit_code == 1, (command, result.output)
-        assert message in " ".join(result.output.split()), command
+        printed = " ".join(result.output.split())
+        assert all(part in printed for part in message.split(" ... ")), (command, printed)
         assert list(tmp_path.iterdir()) == []
 
 

@@ -188,7 +188,7 @@ def test_errors_name_the_line_of_the_file(read, end) -> None:
         read(end.join(lines).replace("\r\n", "\n")).numbers("b")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     values=st.lists(
         st.one_of(st.none(), st.floats(allow_nan=False, allow_infinity=False)), min_size=1, max_size=8
