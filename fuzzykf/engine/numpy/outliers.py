@@ -63,8 +63,7 @@ def is_in_range(table: FloatArray) -> BoolArray:
     e = (isqrt(4 * table.shape[-2] - 3) - 1) // 2
     mean, covariance = np.abs(table[..., 1 : 1 + e, :]), np.abs(table[..., 1 + e :, :])
     fits = (mean <= LARGEST_MEAN).all(axis=(-2, -1)) & (covariance <= LARGEST_COVARIANCE).all(axis=(-2, -1))
-    known: BoolArray = fits & ~np.isnan(table[..., 0, :]).any(axis=-1)
-    return known
+    return np.asarray(fits & ~np.isnan(table[..., 0, :]).any(axis=-1))
 
 
 def far_weights(rows: FloatArray, small: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, float]:
