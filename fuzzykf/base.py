@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
+from contextlib import contextmanager
 from functools import partial
 from math import isfinite, prod
+from threading import RLock
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -22,10 +24,11 @@ from fuzzykf.arrays import FloatArray
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import brief, is_complex
 from fuzzykf.missing import as_floats
+from fuzzykf.overrides import follows_copies
 from fuzzykf.results import FIELDS, FilterResult, field_shapes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -38,6 +41,7 @@ __all__ = [
     "as_observations",
     "check_keep",
     "index_of",
+    "set_aside",
 ]
 
 # --------------------------------------------------------------------------- observations
@@ -241,6 +245,34 @@ def _shows(filter_: Filter, name: str, shape: tuple[int, ...]) -> bool:
     return np.asarray(value).dtype.kind in "fiu" and np.size(value) == prod(shape)
 
 
+#: Held while a filter that cannot be copied lends itself.
+_LENT = RLock()
+
+
+def set_aside(filter_: Any, *shared: Any) -> Callable[[], None]:
+    """Let a filter go on with copies of its attributes.
+
+    Parameters
+    ----------
+    filter_ : object
+    *shared : object
+        What its attributes hold that is not to be copied.
+
+    Returns
+    -------
+    callable
+        Puts the attributes of now back, which nobody has touched meanwhile.
+    """
+    before = filter_.__dict__.copy()
+    filter_.__dict__.update(copy.deepcopy(before, {id(one): one for one in (filter_, *shared)}))
+
+    def put_back() -> None:
+        filter_.__dict__.clear()
+        filter_.__dict__.update(before)
+
+    return put_back
+
+
 class Filter(ABC):
     """What every filter of fuzzykf does; subclass it to write your own.
 
@@ -385,7 +417,7 @@ class Filter(ABC):
         series = as_many(zs, self.dim_z)
         if not len(series):
             raise ShapeError(f"zs: got shape {series.shape}, expected at least one series")
-        results = [self.copy().filter(one) for one in series]
+        results = self._filter_each(series)
         filled = tuple(
             name for name, value in vars(results[0]).items() if value is not None and name != "index"
         )
@@ -393,6 +425,37 @@ class Filter(ABC):
             keep = [name for name in USUAL_FIELDS if name in filled]
         names = check_keep(keep, filled)
         return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
+
+    def _filter_each(
+        self, series: FloatArray, arguments: Sequence[Mapping[str, Any]] | None = None
+    ) -> list[FilterResult]:
+        """Filter series one after another, with the arguments of each; the filter stays as it is."""
+        results = []
+        for k, one in enumerate(series):
+            with self._lent() as spare:
+                results.append(spare.filter(one, **(arguments[k] if arguments else {})))
+        return results
+
+    @contextmanager
+    def _lent(self) -> Iterator[Self]:
+        """Lend a filter that stands where this one does; what happens to it leaves this one as it is."""
+        if self._follows_copies():
+            yield self.copy()
+            return
+        with _LENT:  # itself, as a function in place of a verb may know this object alone
+            put_back = self._set_aside()
+            try:
+                yield self
+            finally:
+                put_back()
+
+    def _follows_copies(self) -> bool:
+        """Whether the verbs of a copy act on the copy."""
+        return follows_copies(self)
+
+    def _set_aside(self) -> Callable[[], None]:
+        """Keep all that the verbs change, and return what puts it back."""
+        return set_aside(self)
 
     def copy(self) -> Self:
         """Return an independent copy; immutable parts (models, laws) are shared."""

@@ -48,6 +48,7 @@ MODULES = {
     "fuzzykf.engine.scales": "fuzzykf.engine.numpy.grid",
     "fuzzykf.engine.stepper": "fuzzykf.kalman.stepper",
     "fuzzykf.engine.switching_many": "fuzzykf.engine.numpy.series",
+    "fuzzykf.kalman.overrides": "fuzzykf.overrides",
     "fuzzykf.model_choice": "fuzzykf.comparison.models",
     "fuzzykf.plotting.comparison": "fuzzykf.comparison.picture",
     "fuzzykf.possibility.attributes": "fuzzykf.possibility.estimator",

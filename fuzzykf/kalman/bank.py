@@ -15,6 +15,7 @@ from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError, as_squar
 from fuzzykf.kalman.extended import ExtendedKalmanFilter
 from fuzzykf.kalman.kalman_filter import KalmanFilter
 from fuzzykf.kalman.series import unchanged_on_error
+from fuzzykf.overrides import follows_copies, is_patched
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,9 +39,9 @@ __all__ = [
 def linear_model(filters: Sequence[Any], names: Sequence[str]) -> dict[str, FloatArray] | None:
     """Stack matrices of the members, (K, ...); None unless all are plain Kalman filters of one shape.
 
-    A subclass may do anything in its verbs, and so may an ``inv`` of the user's.
+    A subclass may do anything in its verbs, and so may one object with a verb or an ``inv`` of the user's.
     """
-    if not all(type(f) is KalmanFilter and f.inv is np.linalg.inv for f in filters):
+    if not all(type(f) is KalmanFilter and f._is_plain() for f in filters):
         return None
     n, m = filters[0].dim_x, filters[0].dim_z
     shapes = {"F": (n, n), "Q": (n, n), "H": (m, n), "R": (m, m)}
@@ -189,5 +190,17 @@ def clone(f: Any) -> Any:
 
     The verbs of this package write into no array that anybody else holds, so that a
     shallow copy will do; of others nothing is known.
+
+    Raises
+    ------
+    ParameterError
+        If a function that may know the original alone stands in place of a verb.
     """
-    return copy.copy(f) if type(f) in {KalmanFilter, ExtendedKalmanFilter} else copy.deepcopy(f)
+    if not follows_copies(f):
+        raise ParameterError(
+            f"filters: a {type(f).__name__} has a function in place of its predict or update, and "
+            "method='gpb2' works with copies, on which it need not act; expected a method of the filter: "
+            "types.MethodType(function, filter)"
+        )
+    shallow = type(f) in {KalmanFilter, ExtendedKalmanFilter} and not is_patched(f)
+    return copy.copy(f) if shallow else copy.deepcopy(f)

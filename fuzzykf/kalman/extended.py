@@ -24,12 +24,12 @@ from fuzzykf.kalman.series import (
     as_result,
     collect,
     field_shapes,
-    filter_each,
     given_per_step,
     per_step,
+    stack_results,
     unchanged_on_error,
 )
-from fuzzykf.kalman.smoothing import smooth_result
+from fuzzykf.kalman.smoothing import check_motion, smooth_result
 from fuzzykf.kalman.updates import condition, observed
 
 if TYPE_CHECKING:
@@ -321,17 +321,23 @@ class ExtendedKalmanFilter(GaussianFilter):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `predict` and `update`; the filter is then as it was before.
         """
-        return as_result(self._collect(zs, us, fx_args, hx_args, field_shapes(self.dim_x)), zs)
+        return as_result(self._collect(zs, us, fx_args, hx_args), zs)
 
     def _collect(
-        self, zs: Any, us: Any, fx_args: Any, hx_args: Any, shapes: dict[str, tuple[int, ...]]
+        self,
+        zs: Any,
+        us: Any,
+        fx_args: Any,
+        hx_args: Any,
+        moved: Callable[[int, FloatArray, FloatArray], None] | None = None,
     ) -> dict[str, FloatArray]:
         series = as_observations(zs, self.dim_z)
         n = len(series)
         before, after = per_step("fx_args", fx_args, n), per_step("hx_args", hx_args, n)
         moves = [dict(**control, **(before[k] or {})) for k, control in enumerate(given_per_step(n, us=us))]
         self.remember_origin()
-        return collect(self, series, shapes, moves, [after[k] or {} for k in range(n)])
+        looks = [after[k] or {} for k in range(n)]
+        return collect(self, series, field_shapes(self.dim_x), moves, looks, moved=moved)
 
     def smooth(
         self,
@@ -357,12 +363,21 @@ class ExtendedKalmanFilter(GaussianFilter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `filter`.
+            As from `filter`; if a `predict` of a subclass moves P in another way than F and Q say,
+            which the way back could not know.
         """
         d = self.dim_x
-        out = self._collect(zs, us, fx_args, hx_args, {**field_shapes(d), "F": (d, d)})
-        F = out.pop("F")
-        return smooth_result(as_result(out, zs), F, as_square("Q", self.Q, d))
+        motions: list[tuple[FloatArray, FloatArray]] = []
+
+        def moved(k: int, x: FloatArray, P: FloatArray) -> None:
+            """Keep how the state moved, which changes from step to step."""
+            F, Q = as_matrix("F", self.F, (d, d)).copy(), as_square("Q", self.Q, d).copy()
+            check_motion(self, k, None, predict_stack(P, F, Q, 1.0), "F and Q")
+            motions.append((F, Q))
+
+        forward = as_result(self._collect(zs, us, fx_args, hx_args, moved), zs)
+        F, Q = np.array(motions).reshape(len(motions), 2, d, d).swapaxes(0, 1)
+        return smooth_result(forward, F, Q)
 
     def batch_filter(
         self,
@@ -385,7 +400,7 @@ class ExtendedKalmanFilter(GaussianFilter):
             (n, dim_x) if x is flat.
         """
         x, _ = self._state()
-        return as_batch(self._collect(zs, us, fx_args, hx_args, field_shapes(self.dim_x)), x.ndim == 1)
+        return as_batch(self._collect(zs, us, fx_args, hx_args), x.ndim == 1)
 
     def filter_many(
         self,
@@ -420,4 +435,5 @@ class ExtendedKalmanFilter(GaussianFilter):
             As from `filter`; or an unknown name in ``keep``.
         """
         names = check_keep(keep, FIELDS)
-        return filter_each(self, as_many(zs, self.dim_z), names, us=us, fx_args=fx_args, hx_args=hx_args)
+        series, given = as_many(zs, self.dim_z), {"us": us, "fx_args": fx_args, "hx_args": hx_args}
+        return stack_results(self._filter_each(series, [given] * len(series)), names)

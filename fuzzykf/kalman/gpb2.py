@@ -15,6 +15,7 @@ from fuzzykf.kalman.bank import (
     update_members,
 )
 from fuzzykf.kalman.series import unchanged_on_error
+from fuzzykf.overrides import VERBS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,7 +81,8 @@ class PairBranches:
         reached = log_modes > -np.inf
         xs, Ps = _merge_pairs(weights, [(x, P) for _, x, P in updated])
         for j, f in enumerate(filters):
-            prior = {name: value for name, value in f.__dict__.items() if name in ("x_prior", "P_prior")}
+            kept = ("x_prior", "P_prior", *VERBS)  # verbs of one object are bound to it
+            prior = {name: value for name, value in f.__dict__.items() if name in kept}
             f.__dict__.update(self.banks[int(np.argmax(weights[:, j]))][j].__dict__)
             f.__dict__.update(prior)
             put_moments(f, "post", xs[j], Ps[j])

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fuzzykf.base import Filter, FilterResult, as_many, as_observation, as_observations, check_keep
+from fuzzykf.base import (
+    Filter,
+    FilterResult,
+    as_many,
+    as_observation,
+    as_observations,
+    check_keep,
+    set_aside,
+)
 from fuzzykf.engine.selected import log_mixing, merge_modes, mix_modes, weigh_modes
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_choice, as_numbers, brief
@@ -17,21 +25,21 @@ from fuzzykf.kalman.arguments import SingularInnovationError
 from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD
 from fuzzykf.kalman.gpb2 import PairBranches
-from fuzzykf.kalman.overrides import lookups, overrides
 from fuzzykf.kalman.series import (
     BANK_FIELDS,
     as_batch,
     as_result,
     collect,
     field_shapes,
-    filter_each,
     given_per_step,
+    stack_results,
     unchanged_on_error,
 )
 from fuzzykf.kalman.stepper import BankStepper
+from fuzzykf.overrides import VERBS, follows_copies, is_patched, lookups, overrides
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import ArrayLike
 
@@ -293,9 +301,7 @@ class IMMEstimator(BankStepper, Filter):
         return self.x
 
     def _is_plain(self) -> bool:
-        return (
-            type(self)._overrides() == 0 and "predict" not in self.__dict__ and "update" not in self.__dict__
-        )
+        return type(self)._overrides() == 0 and not is_patched(self)
 
     @classmethod
     def _overrides(cls) -> int:
@@ -405,15 +411,27 @@ class IMMEstimator(BankStepper, Filter):
         series = as_many(zs, self.dim_z)
         if not len(series):
             raise ShapeError("zs: got no series, expected at least one")
-        model = bank_series.whole_model(self.filters)
+        model = bank_series.whole_model(self.filters) if self._is_plain() else None
         if model is None or self._log_cbar is not None:
-            return filter_each(self, series, names)
+            return stack_results(self._filter_each(series), names)
         weights, every_pair = (self._log_weights(), self._log_transition()), self.method == "gpb2"
         try:
             found = bank_series.filter_many(self.filters, model, series, weights, every_pair, names)
         except SingularInnovationError:  # or what an observation beyond all numbers leaves looks like it
-            return filter_each(self, series, names)
+            return stack_results(self._filter_each(series), names)
         return FilterResult(**found)
+
+    def _follows_copies(self) -> bool:
+        return all(map(follows_copies, (self, *self.filters)))
+
+    def _set_aside(self) -> Callable[[], None]:
+        back = [set_aside(self, self.filters), *map(set_aside, self.filters)]
+
+        def put_back() -> None:
+            for one in back:
+                one()
+
+        return put_back
 
     # ------------------------------------------------------------------ reset
 
@@ -470,7 +488,7 @@ def _observation_dimension(f: Any) -> int:
 
 
 #: What the verbs are, and what they call or read, before anybody changes it.
-_VERBS = lookups(IMMEstimator, ("predict", "update"))
+_VERBS = lookups(IMMEstimator, VERBS)
 _HOOKS = lookups(
     IMMEstimator,
     (

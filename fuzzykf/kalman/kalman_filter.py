@@ -22,7 +22,6 @@ from fuzzykf.kalman.arguments import (
 )
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD, GaussianFilter
 from fuzzykf.kalman.linear_series import LinearModel, control_terms, filter_many, filter_one
-from fuzzykf.kalman.overrides import lookups, overrides
 from fuzzykf.kalman.series import (
     FIELDS,
     as_batch,
@@ -32,9 +31,10 @@ from fuzzykf.kalman.series import (
     field_shapes,
     given_per_step,
     run_batch,
+    stack_results,
     unchanged_on_error,
 )
-from fuzzykf.kalman.smoothing import rts_smoother, smooth_result
+from fuzzykf.kalman.smoothing import check_motion, rts_smoother, smooth_result
 from fuzzykf.kalman.stepper import LinearStepper
 from fuzzykf.kalman.updates import condition, condition_linear, log_density, observed, zero_where_missing
 from fuzzykf.kalman.variants import (
@@ -44,6 +44,7 @@ from fuzzykf.kalman.variants import (
     update_with_gain,
     whole_observation,
 )
+from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -275,7 +276,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             type(self)._overrides() == 0
             and not overrides(type(self), _READ)
             and self.inv is np.linalg.inv
-            and self.__dict__.keys().isdisjoint(("predict", "update", "get_prediction"))
+            and not is_patched(self, _PATCHED)
         )
 
     @classmethod
@@ -509,7 +510,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `filter`.
+            As from `filter`; if a `predict` of a subclass moves the state in another way than
+            the attributes say, which the way back could not know.
 
         Examples
         --------
@@ -517,9 +519,27 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> result.x.ravel().round(3)
         array([0.909, 1.273, 1.636])
         """
-        forward, d = self.filter(zs, us), self.dim_x
-        F = np.broadcast_to(as_matrix("F", self.F, (d, d)), (len(forward), d, d))
-        return smooth_result(forward, F, as_square("Q", self.Q, d), self._alpha_sq)
+        d = self.dim_x
+        if us is None and self._is_plain():
+            forward = self.filter(zs)
+            F = np.broadcast_to(as_matrix("F", self.F, (d, d)), (len(forward), d, d))
+            return smooth_result(forward, F, as_square("Q", self.Q, d), self._alpha_sq)
+        series = as_observations(zs, self.dim_z)
+        moves = given_per_step(len(series), us=us)
+        F, noise = np.empty((2, len(series), d, d))
+
+        def moved(k: int, x: FloatArray, P: FloatArray) -> None:
+            """Keep how the state moved: verbs of somebody else may change that from step to step."""
+            F[k], Q = as_matrix("F", self.F, (d, d)), as_square("Q", self.Q, d)
+            expected, covariance = predict_linear(x, P, F[k], Q, self._alpha_sq)
+            if moves[k].get("u") is not None:
+                expected = expected + control_term(self.B, moves[k]["u"], x)
+            check_motion(self, k, expected, covariance, "F, Q, B, alpha and us")
+            noise[k] = Q + (self._alpha_sq - 1.0) * F[k].dot(P).dot(F[k].T)
+
+        self.remember_origin()
+        stored = collect(self, series, field_shapes(d), moves, moved=moved)
+        return smooth_result(as_result(stored, zs), F, noise)
 
     def filter_many(
         self,
@@ -562,7 +582,14 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         names = check_keep(keep, FIELDS)
         series, model = as_many(zs, self.dim_z), self._model()
         terms = None if us is None else control_terms(self.B, us, series.shape[:2], self.dim_x)
-        return FilterResult(**filter_many(model, series, names, terms))
+        if self._is_plain():
+            return FilterResult(**filter_many(model, series, names, terms))
+        if us is None:
+            return stack_results(self._filter_each(series), names)
+        column = () if model.x.ndim == 1 else (1,)
+        controls = np.broadcast_to(as_numbers("us", us), (*series.shape[:2], np.shape(us)[-1]))
+        each = [{"us": one.reshape(*one.shape, *column)} for one in controls]
+        return stack_results(self._filter_each(series, each), names)
 
     def batch_filter(
         self,
@@ -747,7 +774,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
 
 #: What the verbs are, and what they call or read, before anybody changes it.
-_VERBS = lookups(KalmanFilter, ("predict", "update"))
+_VERBS = lookups(KalmanFilter, VERBS)
+_PATCHED = (*VERBS, "get_prediction")
 _HOOKS = lookups(
     KalmanFilter,
     (

@@ -26,10 +26,10 @@ __all__ = [
     "collect",
     "empty_fields",
     "field_shapes",
-    "filter_each",
     "given_per_step",
     "per_step",
     "run_batch",
+    "stack_results",
     "unchanged_on_error",
 ]
 
@@ -102,16 +102,23 @@ def collect(
     moves: Sequence[Mapping[str, Any]],
     looks: Sequence[Mapping[str, Any]] | None = None,
     members: Iterable[Any] = (),
+    moved: Callable[[int, FloatArray, FloatArray], None] | None = None,
 ) -> dict[str, FloatArray]:
     """Run a filter along a series and store the attributes named in ``shapes``.
 
-    Its verbs are given the keyword arguments ``moves`` and ``looks`` of each step.  An error
+    Its verbs are given the keyword arguments ``moves`` and ``looks`` of each step; ``moved`` is called
+    between them, with the number of the step and copies of x and P before it.  An error
     leaves the filter and its ``members`` as they were.
     """
     stored = empty_fields(shapes, shapes, len(series))
     with unchanged_on_error(filter_, *members):
         for k, z in enumerate(series):
-            filter_.predict(**moves[k])
+            if moved is None:
+                filter_.predict(**moves[k])
+            else:
+                x, P = (value.copy() for value in filter_._state())
+                filter_.predict(**moves[k])
+                moved(k, x, P)
             filter_.update(z, **(looks[k] if looks else {}))
             for name, values in stored.items():
                 values[k] = np.reshape(getattr(filter_, name), shapes[name])
@@ -156,9 +163,8 @@ def run_batch(
     return means, covariances, means_p, covariances_p
 
 
-def filter_each(filter_: Any, series: FloatArray, names: Iterable[str], **arguments: Any) -> FilterResult:
-    """Filter many series one after another, each with a copy of the filter."""
-    results = [filter_.copy().filter(zs, **arguments) for zs in series]
+def stack_results(results: Sequence[FilterResult], names: Iterable[str]) -> FilterResult:
+    """Return the fields named of many series, each with a leading axis for them."""
     if not results:
         raise ShapeError("zs: got no series, expected at least one")
     return FilterResult(**{name: np.stack([getattr(result, name) for result in results]) for name in names})

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["rts_smoother", "smooth_moments", "smooth_result"]
+__all__ = ["check_motion", "rts_smoother", "smooth_moments", "smooth_result"]
+
+#: How far, in parts of the largest number, what was predicted may be off what the attributes say.
+_ROUNDING = 1e-9
 
 
 def rts_smoother(
@@ -118,7 +121,7 @@ def smooth_moments(
     x, x_prior : ndarray, shape (n, d)
     P, P_prior, F : ndarray, shape (n, d, d)
         ``F[k]`` leads to step k (the Jacobian, in the extended filter).
-    Q : ndarray, shape (d, d)
+    Q : ndarray, shape (d, d) or (n, d, d)
     alpha_sq : float
         Square of the fading memory; it acts as process noise (alpha^2 - 1) F P F' more.
 
@@ -126,9 +129,9 @@ def smooth_moments(
     -------
     x, P : ndarray, shapes (n, d) and (n, d, d)
     """
+    noise = np.broadcast_to(Q, F.shape)[1:]
     F, before = F[1:], P[:-1]
     C = rts_gains(before, P_prior[1:], F)
-    noise = np.broadcast_to(Q, F.shape)
     if alpha_sq != 1.0:
         noise = noise + (alpha_sq - 1.0) * (F @ before @ np.swapaxes(F, -1, -2))
     return smooth_linear(x, P, x_prior, C, F, noise)
@@ -139,3 +142,39 @@ def smooth_result(forward: FilterResult, F: FloatArray, Q: FloatArray, alpha_sq:
     x, P, x_prior, P_prior = (getattr(forward, name) for name in FIELDS[:4])
     x, P = smooth_moments(x, P, x_prior, P_prior, F, Q, alpha_sq)
     return FilterResult(x=x, P=P, log_likelihood=forward.log_likelihood, index=forward.index)
+
+
+def check_motion(
+    filter_: Any, k: int, expected: FloatArray | None, covariance: FloatArray, motion: str
+) -> None:
+    """Refuse to smooth where a predict of somebody else's did something that the way back does not know.
+
+    Parameters
+    ----------
+    filter_ : GaussianFilter
+        After its prediction.
+    k : int
+        Number of the step.
+    expected : ndarray or None
+        What x should be; None where any will do.
+    covariance : ndarray, shape (d, d)
+        What P should be.
+    motion : str
+        The attributes that say so.
+
+    Raises
+    ------
+    ParameterError
+        If x or P are others, or ``x_prior`` and ``P_prior`` are not what they are now.
+    """
+    f, same = filter_, [("P", filter_.P, covariance), ("P_prior", filter_.P_prior, covariance)]
+    same += [("x_prior", f.x_prior, f.x)] + ([] if expected is None else [("x", f.x, expected)])
+    for name, got, value in same:
+        shape = np.shape(value)
+        size = max(np.abs(value).max(initial=0.0), np.finfo(np.float64).tiny)
+        if np.shape(got) != shape or not (np.abs(np.subtract(got, value)) <= _ROUNDING * size).all():
+            raise ParameterError(
+                f"smooth: after predict of step {k}, {name} of this {type(f).__name__} is "
+                f"{np.asarray(got).tolist()}, but {motion} lead to {np.asarray(value).tolist()}; the way "
+                "back knows of no other motion: let predict set these attributes, or override smooth as well"
+            )

@@ -1,6 +1,7 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
 """The state of a switching filter, and its streaming step."""
 
+from cpython.dict cimport PyDict_GetItemWithError
 from cpython.float cimport PyFloat_AS_DOUBLE, PyFloat_Check
 from libc.math cimport isfinite
 from libc.string cimport memcpy, memmove, memset
@@ -18,6 +19,16 @@ import numpy as np
 
 cnp.import_array()
 
+cdef extern from *:
+    """
+    /* Python gives a class a new number, or none for a while, whenever it or one of its bases is changed. */
+    static inline unsigned int fk_version_of(PyTypeObject *type) { return type->tp_version_tag; }
+    """
+    unsigned int fk_version_of(type) noexcept
+
+cdef extern from "Python.h":
+    dict PyObject_GenericGetDict(object, void *)
+
 
 cdef inline const fk_engine *engine() noexcept nogil:
     return versions + level
@@ -27,7 +38,8 @@ cdef class Stepper:
     """The state of a switching filter, and `step`; see `fuzzykf.switching.filters.stepper.Stepper`.
 
     Once `_arm` has handed over a state and the tables of all steps to come, observations that
-    are complete go through the compiled step alone.  The attributes are made when they are read.
+    are complete go through the compiled step alone, as long as the verbs are those that they were
+    then.  The attributes are made when they are read.
     """
 
     cdef Kernel kernel  # None unless armed
@@ -40,6 +52,7 @@ cdef class Stepper:
     cdef fk_state *spare
     cdef double *kept  # u of the step before
     cdef bint ahead  # whether the compiled state is newer than the attributes
+    cdef unsigned int version  # of the class, when the tables were handed over
     cdef Py_ssize_t n
     cdef bint predicted
     cdef object mixture, before, z, tables
@@ -68,7 +81,16 @@ cdef class Stepper:
         memcpy(self.window, at(w), kernel.k.w * sizeof(double))
         self.now, self.old, self.spare = &self.work.one, &self.work.two, &self.work.three
         self.tables, self.kernel, self.ahead = tables, kernel, False
+        self.version = fk_version_of(type(self))
         return True
+
+    cdef bint _has_own_verbs(self) except -1:
+        """Whether the class has been changed since, or one of the verbs of this object."""
+        cdef dict d = PyObject_GenericGetDict(self, NULL)
+        return (
+            self.version == 0 or fk_version_of(type(self)) != self.version
+            or PyDict_GetItemWithError(d, "predict") != NULL or PyDict_GetItemWithError(d, "update") != NULL
+        )
 
     def step(self, z):
         """Predict, then update with ``z``.
@@ -91,7 +113,7 @@ cdef class Stepper:
         cdef double *window
         cdef fk_state *swap
         cdef cnp.npy_intp shape[2]
-        if self.kernel is None or self.predicted:
+        if self.kernel is None or self.predicted or self._has_own_verbs():
             return self._step_any(z)
         k = &self.kernel.k
         q = k.q

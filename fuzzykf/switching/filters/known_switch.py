@@ -10,10 +10,18 @@ import numpy as np
 from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_flag, as_numbers
+from fuzzykf.overrides import lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.switching.dynamics.pairs import Ahead
-from fuzzykf.switching.filters.switching_filter import SwitchingFilter
-from fuzzykf.switching.inference.series import SHOWN, Trajectory, filter_one, result_of, smoothed_result
+from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
+from fuzzykf.switching.inference.series import (
+    SHOWN,
+    Trajectory,
+    check_explained,
+    filter_one,
+    result_of,
+    smoothed_result,
+)
 from fuzzykf.switching.models.base import SwitchingModel
 
 if TYPE_CHECKING:
@@ -98,6 +106,10 @@ class KnownSwitchFilter(SwitchingFilter):
         m, q = self.dim_x, self.dim_z
         nothing = np.full(m, np.nan), np.full((m, m), np.nan), np.full(q, np.nan), np.full((q, q), np.nan)
         return Ahead(np.ones(1), *nothing)
+
+    @classmethod
+    def _overrides(cls) -> bool:
+        return SwitchingFilter._overrides() or overrides(cls, _OWN)
 
     # ------------------------------------------------------------------ verbs
 
@@ -218,8 +230,11 @@ class KnownSwitchFilter(SwitchingFilter):
         """
         ys, path = self._read(zs, r)
         keep_nodes = as_flag("keep_nodes", keep_nodes)
-        trajectory = filter_one(self._method, path, ys, SHOWN, states=keep_nodes)
-        self._adopt_path(trajectory, ys, path)
+        if self._is_plain():
+            trajectory = filter_one(self._method, path, ys, SHOWN, states=keep_nodes)
+            self._adopt_path(trajectory, ys, path)
+        else:
+            trajectory, _ = self._by_verbs(ys, path.r, states=keep_nodes)
         result = result_of(path.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))
         return replace(result, nodes=None, switch=path.r, switch_mean=path.r)
 
@@ -239,9 +254,16 @@ class KnownSwitchFilter(SwitchingFilter):
         """
         ys, path = self._read(zs, r)
         keep_nodes = as_flag("keep_nodes", keep_nodes)
-        trajectory = filter_one(self._method, path, ys, ("log_likelihood",), states=True)
-        smoothed = self._method.smooth(path, trajectory, ys)
-        self._adopt_path(trajectory, ys, path)
+        if self._is_plain():
+            trajectory = filter_one(self._method, path, ys, ("log_likelihood",), states=True)
+            smoothed = self._method.smooth(path, trajectory, ys)
+            self._adopt_path(trajectory, ys, path)
+        else:
+            with self._as_it_was_on_error():
+                walked, ys = self._by_verbs(ys, path.r)
+                trajectory = filter_one(self._method, path, ys, SHOWN, states=True)
+                check_explained(type(self).__name__, walked, trajectory)
+                smoothed = self._method.smooth(path, trajectory, ys)
         result = smoothed_result(path.chain, trajectory, smoothed, keep_nodes, index_of(zs))
         return replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
 
@@ -267,7 +289,7 @@ class KnownSwitchFilter(SwitchingFilter):
         if switches.shape != series.shape[:2]:
             got = "nothing" if r is None else f"shape {switches.shape}"
             raise ShapeError(f"r: got {got}, expected the switches, shape {series.shape[:2]}")
-        results = [self.copy().filter(one, path) for one, path in zip(series, switches, strict=True)]
+        results = self._filter_each(series, [{"r": path} for path in switches])
         return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
 
     def forecast(self, steps: int) -> FilterResult:
@@ -324,3 +346,7 @@ class KnownSwitchFilter(SwitchingFilter):
 
 def _as_switches(r: ArrayLike) -> FloatArray:
     return as_numbers("r", r).copy()
+
+
+#: What the verbs are, what they call and what is read after each, before anybody changes it.
+_OWN = lookups(KnownSwitchFilter, READ)

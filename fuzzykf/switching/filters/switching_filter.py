@@ -19,6 +19,7 @@ from fuzzykf.base import (
 )
 from fuzzykf.errors import ParameterError, SequenceError
 from fuzzykf.gaussian import as_count, as_flag
+from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.switching.filters.stepper import STREAMS, Stepper
 from fuzzykf.switching.inference.exact import EXACT
@@ -28,6 +29,8 @@ from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_swi
 from fuzzykf.switching.inference.series import (
     SHOWN,
     Trajectory,
+    allocate,
+    check_explained,
     filter_many,
     filter_one,
     result_of,
@@ -35,14 +38,17 @@ from fuzzykf.switching.inference.series import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables, SwitchingSystem
 
-__all__ = ["SwitchingFilter"]
+__all__ = ["READ", "SwitchingFilter"]
+
+#: The verbs, what they call, and what is read after each step of a series.
+READ = (*VERBS, "_take", "_initial_law", "_next_tables", "_ahead", *SHOWN)
 
 
 class SwitchingFilter(Stepper, Filter):
@@ -161,14 +167,23 @@ class SwitchingFilter(Stepper, Filter):
         if y is not None and self._hand_over() and not np.isnan(y).any():
             estimate: FloatArray = self.step(y)
             return estimate
-        return self._step_by_verbs(np.full(self.dim_z, np.nan) if y is None else y)
+        return self._step_by_verbs(z)
 
-    def _step_by_verbs(self, y: FloatArray) -> FloatArray:
+    def _step_by_verbs(self, z: ArrayLike | None) -> FloatArray:
         """Predict and update; an error leaves the filter as it was."""
         with self._as_it_was_on_error():
             self.predict()
-            self._take(y)
+            self.update(z)
         return self.x
+
+    def _is_plain(self) -> bool:
+        """Whether the engine may take steps and series, the verbs being those of fuzzykf."""
+        return not (type(self)._overrides() or is_patched(self))
+
+    @classmethod
+    def _overrides(cls) -> bool:
+        """Whether a subclass, or who patched the class, has changed a verb or what it calls or shows."""
+        return overrides(cls, _OWN)
 
     #: What a verb changes.  It stands in the stepper where that is compiled, and not in ``__dict__``.
     _STATE: ClassVar[tuple[str, ...]] = (
@@ -183,13 +198,29 @@ class SwitchingFilter(Stepper, Filter):
 
     @contextmanager
     def _as_it_was_on_error(self) -> Iterator[None]:
-        before = {name: getattr(self, name) for name in self._STATE}
+        put_back = self._kept()
         try:
             yield
         except BaseException:
-            for name, value in before.items():
-                setattr(self, name, value)
+            put_back()
             raise
+
+    def _kept(self) -> Callable[[], None]:
+        """Return what puts attributes and state of now back."""
+        attributes, state = self.__dict__.copy(), {name: getattr(self, name) for name in self._STATE}
+
+        def put_back() -> None:
+            self.__dict__.clear()
+            self.__dict__.update(attributes)
+            for name, value in state.items():
+                setattr(self, name, value)
+
+        return put_back
+
+    def _set_aside(self) -> Callable[[], None]:
+        put_back = self._kept()  # the state is of values that no verb writes into
+        super()._set_aside()
+        return put_back
 
     if not STREAMS:
         step = _step_any
@@ -201,10 +232,7 @@ class SwitchingFilter(Stepper, Filter):
             return False
         if steady_from is None or self._n <= steady_from or self._predicted or self._system.chain.is_signed:
             return False
-        own, base = type(self), SwitchingFilter
-        if own.predict is base.predict and own.update is base.update and own._take is base._take:
-            return self._arm(self._next_tables(), known.table, known.window, known.mass)
-        return False
+        return self._is_plain() and self._arm(self._next_tables(), known.table, known.window, known.mass)
 
     @staticmethod
     def _as_mixture(table: FloatArray, window: FloatArray, mass: FloatArray) -> Mixture:
@@ -248,9 +276,50 @@ class SwitchingFilter(Stepper, Filter):
         """
         ys, index = as_observations(zs, self.dim_z), index_of(zs)
         keep_nodes = as_flag("keep_nodes", keep_nodes)
-        trajectory = filter_one(self._method, self._system, ys, SHOWN, states=keep_nodes)
-        self._adopt(trajectory, ys)
+        if self._is_plain():
+            trajectory = filter_one(self._method, self._system, ys, SHOWN, states=keep_nodes)
+            self._adopt(trajectory, ys)
+        else:
+            trajectory, _ = self._by_verbs(ys, states=keep_nodes)
         return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index)
+
+    def _by_verbs(
+        self, ys: FloatArray, moves: FloatArray | None = None, *, states: bool = False
+    ) -> tuple[Trajectory, FloatArray]:
+        """Filter a series by the verbs, which somebody has changed; an error leaves the filter as it was.
+
+        Parameters
+        ----------
+        ys : ndarray, shape (n, dim_z)
+        moves : ndarray, shape (n,), optional
+            What `predict` is given.
+        states : bool
+            Whether the states of the nodes are wanted as well.
+
+        Returns
+        -------
+        trajectory : Trajectory
+        taken : ndarray, shape (n, dim_z)
+            The observations that the filter took: a verb may have passed on others.
+        """
+        out, taken = allocate(self._system, (1, len(ys)), SHOWN, states), np.empty_like(ys)
+        with self._as_it_was_on_error():
+            self.reset()
+            for n, y in enumerate(ys):
+                self.predict(*(() if moves is None else (moves[n],)))
+                self.update(y)
+                for name in SHOWN:
+                    out[name][0, n] = np.reshape(getattr(self, name), out[name].shape[2:])
+                taken[n] = self._z
+                if states:
+                    if self._mixture is None or self._predicted:
+                        raise ParameterError(
+                            f"keep_nodes: this {type(self).__name__} has no state at observation {n}, as its "
+                            "update does not call that of fuzzykf; expected False"
+                        )
+                    out["table"][0, n] = self._mixture.state_table(self.dim_x)
+        fields = {name: out[name][0] for name in (*SHOWN, *(["table"] if states else []))}
+        return Trajectory(fields, {}, self._mixture, self._before), taken
 
     def _adopt(self, trajectory: Trajectory, ys: FloatArray) -> None:
         """Stay at the last observation of a series."""
@@ -275,12 +344,25 @@ class SwitchingFilter(Stepper, Filter):
         FilterResult
             With ``x``, ``P``, ``mu``, ``nodes``, ``switch``, ``switch_mean``, the most
             likely ``switch_path``, and the ``log_likelihood`` of the filter.
+
+        Raises
+        ------
+        ParameterError
+            If the method has no smoother, or verbs of a subclass do more than to pass on other
+            observations (an outlier as missing, for instance): the way back knows the system alone.
         """
         ys, index = as_observations(zs, self.dim_z), index_of(zs)
         keep_nodes = as_flag("keep_nodes", keep_nodes)
-        trajectory = filter_one(self._method, self._system, ys, ("log_likelihood",), states=True)
-        smoothed = self._method.smooth(self._system, trajectory, ys)
-        self._adopt(trajectory, ys)
+        if self._is_plain():
+            trajectory = filter_one(self._method, self._system, ys, ("log_likelihood",), states=True)
+            smoothed = self._method.smooth(self._system, trajectory, ys)
+            self._adopt(trajectory, ys)
+        else:
+            with self._as_it_was_on_error():
+                walked, ys = self._by_verbs(ys)
+                trajectory = filter_one(self._method, self._system, ys, SHOWN, states=True)
+                check_explained(type(self).__name__, walked, trajectory)
+                smoothed = self._method.smooth(self._system, trajectory, ys)
         return smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index)
 
     @property
@@ -319,7 +401,11 @@ class SwitchingFilter(Stepper, Filter):
         threads = as_count("threads", threads, 1, MOST_THREADS)
         names = check_keep(keep, SHOWN)
         series = as_many(zs, self.dim_z)
-        out = filter_many(self._method, self._system, series, names, threads)
+        if self._is_plain() or not len(series):
+            out = filter_many(self._method, self._system, series, names, threads)
+        else:
+            results = self._filter_each(series)
+            out = {name: np.stack([getattr(result, name) for result in results]) for name in names}
         return FilterResult(**out, nodes=self.nodes if "mu" in out else None)
 
     def forecast(self, steps: int) -> FilterResult:
@@ -463,3 +549,7 @@ class SwitchingFilter(Stepper, Filter):
         )
         model = getattr(self, "model", None)
         return head if model is None else f"{head}\n  model: {value_text(model, 2 * WIDTH)}"
+
+
+#: What the verbs are, before anybody changes it.
+_OWN = lookups(SwitchingFilter, READ)

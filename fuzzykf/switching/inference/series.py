@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.engine import selected as engine
+from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import mixture_moments
 from fuzzykf.results import FilterResult, field_shapes
 from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_switch
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 __all__ = [
     "SHOWN",
     "Trajectory",
+    "allocate",
+    "check_explained",
     "filter_many",
     "filter_one",
     "result_of",
@@ -39,6 +42,9 @@ __all__ = [
 
 #: What a switching filter shows of every observation of a series.
 SHOWN = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood")
+
+#: How far, in parts of the largest number, verbs and whole series may be apart.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -79,7 +85,7 @@ def filter_one(
     states : bool
         Whether the states are wanted as well.
     """
-    out = _allocate(system, (1, len(ys)), names, states)
+    out = allocate(system, (1, len(ys)), names, states)
     trajectory = _filter_block(method, system, ys[None], out)
     return Trajectory(
         {name: values[0] for name, values in out.items()}, trajectory.gaps, trajectory.last, trajectory.before
@@ -93,7 +99,7 @@ def filter_many(
 
     Complete ones go side by side, those with gaps alone; ``threads`` share the complete ones.
     """
-    out = _allocate(system, series.shape[:2], names, False)
+    out = allocate(system, series.shape[:2], names, False)
     alone = np.isnan(series).any(axis=(1, 2)) | system.chain.is_signed
     if not alone.any():
         cuts = [len(series) * k // threads for k in range(threads + 1)]
@@ -110,14 +116,14 @@ def filter_many(
         for name, values in together.items():
             out[name][~alone] = values
     for k in np.flatnonzero(alone):
-        part = _allocate(system, (1, series.shape[1]), names, False)
+        part = allocate(system, (1, series.shape[1]), names, False)
         _filter_block(method, system, series[k : k + 1], part)
         for name in names:
             out[name][k] = part[name][0]
     return {name: out[name] for name in names}  # without the states, which signed weights need
 
 
-def _allocate(
+def allocate(
     system: SwitchingSystem, lead: tuple[int, int], names: tuple[str, ...], states: bool
 ) -> dict[str, FloatArray]:
     """Return arrays (*lead, ...) in one block: new pages of memory cost more than what fills them."""
@@ -237,6 +243,36 @@ def _mixture(ys: FloatArray, table: FloatArray, sign: FloatArray | None, k: int,
     """Return what is known of the last series after observation ``k``, its window being complete."""
     window = ys[-1, max(0, k + 1 - order) : k + 1][::-1].reshape(-1).copy()
     return Mixture(table[-1].copy(), window, None if sign is None else sign[-1].copy())
+
+
+def check_explained(name: str, walked: Trajectory, explained: Trajectory) -> None:
+    """Refuse to smooth what a filter found whose verbs somebody has changed, unless its system explains it.
+
+    Parameters
+    ----------
+    name : str
+        Of its class.
+    walked : Trajectory
+        What it found by its verbs.
+    explained : Trajectory
+        What its system says of the observations that it took.
+
+    Raises
+    ------
+    ParameterError
+        If they differ by more than rounding.
+    """
+    for field in ("x", "P", "mu"):
+        got, expected = walked.fields[field], explained.fields[field]
+        off = np.abs(got - expected).reshape(len(got), -1).max(axis=1, initial=0.0)
+        size = np.abs(expected).max(initial=0.0)
+        wrong = np.flatnonzero(~(off <= _ROUNDING * size))
+        if wrong.size:
+            raise ParameterError(
+                f"smooth: after observation {wrong[0]}, {field} of this {name} is {got[wrong[0]].tolist()}, "
+                f"but its system leads to {expected[wrong[0]].tolist()}; the way back knows the system alone: "
+                "let predict and update do no more than pass on other observations, or override smooth as well"
+            )
 
 
 def windows_of(ys: FloatArray, order: int) -> FloatArray:
