@@ -40,6 +40,7 @@ def types(session: nox.Session) -> None:
     """Check the types, strictly."""
     session.install("-e", ".[cli,compare]", "--group", "types")
     session.run("mypy", *session.posargs)
+    session.run("python", "tests/typing")
 
 
 @nox.session

@@ -1,0 +1,102 @@
+"""What users write, and mypy accepts; a comment says the type that it finds."""
+
+from __future__ import annotations
+
+from typing import assert_type
+
+import numpy as np
+import pandas as pd
+
+from fuzzykf import (
+    CGOMSMFilter,
+    CGOMSModel,
+    ExtendedKalmanFilter,
+    Filter,
+    FilterResult,
+    FuzzyRelationEstimator,
+    IMMEstimator,
+    KalmanFilter,
+    KnownSwitchFilter,
+    OFSRFilter,
+)
+from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
+
+
+def observations(f: KalmanFilter, table: pd.DataFrame, column: pd.Series[float]) -> None:
+    """Take one observation in every form."""
+    f.step(1)
+    f.step(1.5)
+    f.step(None)
+    f.step(np.float32(1.0))
+    f.step(np.int64(1))
+    f.step([1.0, None])
+    f.step((1, 2))
+    f.step([[1.0], [None]])
+    f.step(np.zeros(2))
+    f.step(np.zeros(2, dtype=np.int16))
+    f.step(np.array([1.0, None], dtype=object))
+    f.step(np.ma.masked_invalid(np.zeros(2)))
+    f.step(column)
+    f.step(pd.NA)
+    f.update([np.zeros(1), np.zeros(1)])
+    f.update(1.0, R=2.0, H=[[1.0, 0.0]])
+    f.filter([1.0, None, 2.0])
+    f.filter([[1.0, 2.0], None, [None, 3.0]])
+    f.filter(z for z in [1.0, 2.0])
+    f.filter(table)
+    f.filter(column, resume=True)
+    f.filter_many(np.zeros((3, 4, 2)), keep=["x"], resume=True)
+    f.filter_many([[[1.0], [2.0]], [[3.0], [4.0]]])
+    f.batch_filter([1.0, None])
+
+
+def results(
+    f: KalmanFilter,
+    ekf: ExtendedKalmanFilter,
+    imm: IMMEstimator,
+    hard: CGOMSMFilter,
+    fuzzy: OFSRFilter,
+    known: KnownSwitchFilter,
+    est: FuzzyRelationEstimator,
+    own: Filter,
+) -> None:
+    """Get arrays and results."""
+    assert_type(f.step(1.0), FloatArray)
+    assert_type(ekf.step(1.0), FloatArray)
+    assert_type(imm.step(1.0), FloatArray)
+    assert_type(hard.step(1.0), FloatArray)
+    assert_type(fuzzy.step(1.0), FloatArray)
+    assert_type(known.step(1.0, 0.5), FloatArray)
+    assert_type(est.step(1.0), FloatArray)
+    assert_type(own.step(1.0), FloatArray)
+    assert_type(f.filter([1.0]), FilterResult)
+    assert_type(ekf.filter([1.0], resume=True), FilterResult)
+    assert_type(imm.filter([1.0], resume=True), FilterResult)
+    assert_type(hard.filter([1.0], keep_nodes=True, resume=True), FilterResult)
+    assert_type(known.filter([1.0], [0.5], resume=True), FilterResult)
+    assert_type(est.filter([1.0], resume=True), FilterResult)
+    assert_type(own.filter_many([[1.0]], resume=True), FilterResult)
+
+
+class Gated(KalmanFilter):
+    """A verb of one's own."""
+
+    def update(self, z: Numbers, R: Numbers = None, H: Numbers = None) -> None:
+        """Pass it on."""
+        super().update(z, R, H)
+
+
+class Doubled(CGOMSMFilter):
+    """The same of a switching filter."""
+
+    def __init__(self, model: CGOMSModel) -> None:
+        super().__init__(model)
+
+    def update(self, z: Numbers) -> None:
+        """Pass it on."""
+        super().update(z)
+
+
+def whole(f: Filter, zs: ManyNumbers) -> FilterResult:
+    """Hand on what users give."""
+    return f.filter(zs)
