@@ -22,7 +22,7 @@ import numpy as np
 
 from fuzzykf.arrays import FloatArray
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import brief, is_complex
+from fuzzykf.gaussian import as_flag, brief, is_complex
 from fuzzykf.missing import as_floats
 from fuzzykf.overrides import follows_copies
 from fuzzykf.results import FIELDS, FilterResult, field_shapes
@@ -30,7 +30,7 @@ from fuzzykf.results import FIELDS, FilterResult, field_shapes
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from numpy.typing import ArrayLike
+    from fuzzykf.arrays import ManyNumbers, Numbers
 
 __all__ = [
     "Filter",
@@ -47,7 +47,7 @@ __all__ = [
 # --------------------------------------------------------------------------- observations
 
 
-def as_observation(z: ArrayLike | None, dim_z: int) -> FloatArray | None:
+def as_observation(z: Numbers, dim_z: int) -> FloatArray | None:
     """Turn one observation into a flat vector, or None where all of it is missing.
 
     Parameters
@@ -100,7 +100,7 @@ def as_observation(z: ArrayLike | None, dim_z: int) -> FloatArray | None:
     return None if np.isnan(value).all() else value
 
 
-def as_observations(zs: Iterable[ArrayLike | None] | ArrayLike, dim_z: int) -> FloatArray:
+def as_observations(zs: ManyNumbers, dim_z: int) -> FloatArray:
     """Turn a series of observations into an array, NaN where something is missing.
 
     Parameters
@@ -135,7 +135,8 @@ def as_observations(zs: Iterable[ArrayLike | None] | ArrayLike, dim_z: int) -> F
         raise ParameterError("zs: got complex numbers, expected real ones")
     if not isinstance(zs, np.ndarray):
         try:
-            zs = zs.to_numpy() if hasattr(zs, "to_numpy") else list(zs)  # type: ignore[arg-type]
+            given: Any = zs
+            zs = given.to_numpy() if hasattr(given, "to_numpy") else list(given)
         except TypeError as error:
             raise ShapeError(f"zs: got {brief(zs)}, expected a series of observations") from error
     if isinstance(zs, list) or zs.dtype == object:
@@ -301,10 +302,10 @@ class Filter(ABC):
         """Move the estimate to the time of the next observation."""
 
     @abstractmethod
-    def update(self, z: ArrayLike | None, *args: Any, **kwargs: Any) -> None:
+    def update(self, z: Numbers, *args: Any, **kwargs: Any) -> None:
         """Take the observation ``z`` into account; None or NaN means missing."""
 
-    def step(self, z: ArrayLike | None) -> Any:
+    def step(self, z: Numbers) -> FloatArray:
         """Predict, then update with ``z``.
 
         Parameters
@@ -325,7 +326,7 @@ class Filter(ABC):
         as_observation(z, self.dim_z)  # before anything moves
         return self._step_or_stay(z)
 
-    def _step_or_stay(self, z: ArrayLike | None) -> Any:
+    def _step_or_stay(self, z: Numbers) -> FloatArray:
         """Do a step by the verbs; an error leaves the attributes as they were."""
         before = self.__dict__.copy()
         try:
@@ -335,15 +336,21 @@ class Filter(ABC):
             self.__dict__.clear()
             self.__dict__.update(before)
             raise
-        return self.x
+        estimate: FloatArray = self.x
+        return estimate
 
-    def filter(self, zs: Iterable[ArrayLike | None] | ArrayLike) -> FilterResult:
-        """Run `step` along a series and collect what it finds.
+    def filter(self, zs: ManyNumbers, *, resume: bool = False) -> FilterResult:
+        """Run `step` along a series, from where the filter stands, and collect what it finds.
+
+        The filter ends at the last observation, so that `step` continues the series.
 
         Parameters
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
+        resume : bool
+            Go on from where the filter stands.  A filter that starts with its x and P, and not with a law
+            of its own, does so in any case.
 
         Returns
         -------
@@ -353,6 +360,7 @@ class Filter(ABC):
             probabilistic filter, ``log_likelihood``; from a possibilistic one,
             ``possibility``, ``lower`` and ``upper``; with a switch, ``mu`` and ``switch``.
         """
+        as_flag("resume", resume)
         series = as_observations(zs, self.dim_z)
         sizes = {"state": self.dim_x, "observation": self.dim_z, "node": np.size(getattr(self, "mu", ()))}
         shapes = {name: shape for name, shape in _shapes(**sizes).items() if _shows(self, name, shape)}
@@ -370,9 +378,7 @@ class Filter(ABC):
         nodes = getattr(self, "nodes", None) if "mu" in collected else None
         return FilterResult(**collected, nodes=nodes, index=index_of(zs))
 
-    def batch_filter(
-        self, zs: Sequence[ArrayLike | None] | ArrayLike, *args: Any, **kwargs: Any
-    ) -> tuple[FloatArray, ...]:
+    def batch_filter(self, zs: ManyNumbers, *args: Any, **kwargs: Any) -> tuple[FloatArray, ...]:
         """Filter a series and return filterpy's four arrays.
 
         Parameters
@@ -392,7 +398,9 @@ class Filter(ABC):
             raise NotImplementedError(f"{type(self).__name__} keeps no x, P, x_prior and P_prior")
         return x[..., None], P, x_prior[..., None], P_prior
 
-    def filter_many(self, zs: ArrayLike, keep: Iterable[str] = USUAL_FIELDS) -> FilterResult:
+    def filter_many(
+        self, zs: ManyNumbers, keep: Iterable[str] = USUAL_FIELDS, *, resume: bool = False
+    ) -> FilterResult:
         """Filter many series, each as `filter` would; the filter stays as it is.
 
         Parameters
@@ -403,6 +411,8 @@ class Filter(ABC):
         keep : sequence of str, optional
             The fields of `FilterResult` to store: by default ``x``, ``P`` and, from a
             probabilistic filter, ``log_likelihood``.
+        resume : bool
+            Let every series go on from where the filter stands, see `filter`.
 
         Returns
         -------
@@ -417,7 +427,8 @@ class Filter(ABC):
         series = as_many(zs, self.dim_z)
         if not len(series):
             raise ShapeError(f"zs: got shape {series.shape}, expected at least one series")
-        results = self._filter_each(series)
+        given = {"resume": True} if as_flag("resume", resume) else {}
+        results = self._filter_each(series, [given] * len(series))
         filled = tuple(
             name for name, value in vars(results[0]).items() if value is not None and name != "index"
         )

@@ -69,7 +69,7 @@ RANK_TOLERANCE = 1e-13
 SHOWN = 200
 
 
-def as_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+def as_array(name: str, value: Any, shape: tuple[int | None, ...]) -> FloatArray:
     """Copy ``value`` into a float array after checking its shape and finiteness.
 
     Parameters

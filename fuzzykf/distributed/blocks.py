@@ -41,6 +41,8 @@ class Block:
         The other arguments of ``filter_many``, and how many such dimensions each has.
     loops : tuple of hashable
         The dimensions that count series.
+    resume : bool
+        Whether every series goes on from where the filter stands.
     """
 
     __name__: ClassVar[str] = "filter_many"  # what dask calls its tasks
@@ -51,6 +53,7 @@ class Block:
     core: int
     inputs: dict[str, int]
     loops: tuple[Hashable, ...]
+    resume: bool = False
 
     def __call__(self, zs: FloatArray, *arrays: FloatArray) -> FloatArray | tuple[FloatArray, ...]:
         """Filter observations (series..., n[, q]).
@@ -63,10 +66,12 @@ class Block:
         """
         lead = zs.shape[: zs.ndim - self.core]
         values, positions = arrays[: len(self.inputs)], arrays[len(self.inputs) :]
-        others = {
+        others: dict[str, Any] = {
             key: _flat(value, lead, core)
             for (key, core), value in zip(self.inputs.items(), values, strict=True)
         }
+        if self.resume:  # filters of yesterday do not know the argument
+            others["resume"] = True
         filter_ = self.make() if self.is_factory else self.make
         try:
             found = filter_.filter_many(_flat(zs, lead, self.core), keep=self.names, **others)
@@ -113,6 +118,7 @@ def apply(
     others: Mapping[str, xr.DataArray],
     core: tuple[Hashable, ...],
     shapes: Mapping[str, tuple[int, ...]],
+    resume: bool = False,
 ) -> xr.Dataset:
     """Set up the work on all blocks; nothing is computed.
 
@@ -128,6 +134,8 @@ def apply(
         The dimensions of time and, if there is one, of the components.
     shapes : mapping of str to tuple of int
         The fields to compute, and the shape of each at one step.
+    resume : bool
+        As in `Block`.
 
     Returns
     -------
@@ -151,6 +159,7 @@ def apply(
         len(core),
         {key: len(dims) for key, dims in zip(others, own, strict=True)},
         loops,
+        resume,
     )
     positions = [xr.DataArray(da.arange(series.sizes[d], chunks=(chunks[d],)), dims=d) for d in loops]
     sizes = {d: n for name, shape in shapes.items() for d, n in zip(DIMS[name], shape, strict=True)}

@@ -10,6 +10,7 @@ from fuzzykf.distributed.inputs import check_components, find_filter, find_input
 from fuzzykf.distributed.outputs import DIMS, check_names, describe
 from fuzzykf.distributed.stores import check_chunks, check_store, refuse_cut_short, write
 from fuzzykf.errors import MissingDependencyError, ParameterError
+from fuzzykf.gaussian import as_flag
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -39,6 +40,7 @@ def filter_dataset(
     mode: str = "w-",
     encoding: Mapping[str, Mapping[str, Any]] | None = None,
     missing_chunks: Literal["raise", "fill"] = "raise",
+    resume: bool = False,
 ) -> xr.Dataset:
     """Filter all series of a Dataset, block by block, on the Dask scheduler that is in use.
 
@@ -54,7 +56,8 @@ def filter_dataset(
         Series that are not chunked are cut into blocks that take 128 MiB with their results.
     model : CGOFMSModel, CGOMSModel, Filter or callable
         A model is filtered with `OFSRFilter` or `CGOMSMFilter`; any object with ``filter_many``
-        will do, and each series starts from where this object stands.  A callable without
+        will do, and each series starts where its ``filter_many`` starts: from the initial law of a
+        switching filter, from x and P of another.  A callable without
         arguments returns such an object; it is called once for each block, on the worker, for
         filters that cannot be pickled.
     observations : hashable, optional
@@ -93,6 +96,8 @@ def filter_dataset(
         its own, its chunks have a checksum, by which damage is found when they are read.
     missing_chunks : {"raise", "fill"}
         Whether a chunk of ``ds`` that is not in its Zarr store is an error, or stands for fill values.
+    resume : bool
+        Let every series go on from where the filter stands, as in ``filter_many``.
 
     Returns
     -------
@@ -164,7 +169,7 @@ def filter_dataset(
     loops = tuple(d for d in series.dims if d not in core)
     if store is not None:
         check_store(ds, series, loops, store, mode)
-    result = apply(make, is_factory, series, others, core, shapes)
+    result = apply(make, is_factory, series, others, core, shapes, as_flag("resume", resume))
     result = describe(result, ds, series.name, filter_, found, states, units)
     if store is None:
         return result

@@ -9,7 +9,7 @@ import numpy as np
 from fuzzykf.base import as_many, as_observations, check_keep
 from fuzzykf.engine.selected import predict_stack, seen_components
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import brief
+from fuzzykf.gaussian import as_flag, brief
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square, as_state, as_vector, control_term
 from fuzzykf.kalman.gaussian_filter import GaussianFilter
 from fuzzykf.kalman.linearization import (
@@ -35,9 +35,7 @@ from fuzzykf.kalman.updates import condition, observed
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from numpy.typing import ArrayLike
-
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
     from fuzzykf.base import FilterResult
 
 __all__ = ["ExtendedKalmanFilter"]
@@ -120,11 +118,11 @@ class ExtendedKalmanFilter(GaussianFilter):
         hx: Callable[..., Any] | None = None,
         HJacobian: Callable[..., Any] | None = None,
         residual: Callable[[Any, Any], Any] = np.subtract,
-        x: ArrayLike | None = None,
-        P: ArrayLike | None = None,
-        F: ArrayLike | None = None,
-        Q: ArrayLike | None = None,
-        R: ArrayLike | None = None,
+        x: Numbers = None,
+        P: Numbers = None,
+        F: Numbers = None,
+        Q: Numbers = None,
+        R: Numbers = None,
     ) -> None:
         functions = {"fx": fx, "FJacobian": FJacobian, "hx": hx, "HJacobian": HJacobian, "residual": residual}
         for name, function in functions.items():
@@ -193,10 +191,10 @@ class ExtendedKalmanFilter(GaussianFilter):
 
     def update(
         self,
-        z: ArrayLike | None,
+        z: Numbers,
         HJacobian: Callable[..., Any] | None = None,
         Hx: Callable[..., Any] | None = None,
-        R: ArrayLike | None = None,
+        R: Numbers = None,
         args: Any = (),
         hx_args: Any = (),
         residual: Callable[[Any, Any], Any] | None = None,
@@ -268,7 +266,7 @@ class ExtendedKalmanFilter(GaussianFilter):
 
     def predict_update(
         self,
-        z: ArrayLike | None,
+        z: Numbers,
         HJacobian: Callable[..., Any] | None = None,
         Hx: Callable[..., Any] | None = None,
         args: Any = (),
@@ -293,10 +291,12 @@ class ExtendedKalmanFilter(GaussianFilter):
 
     def filter(
         self,
-        zs: Iterable[ArrayLike | None] | ArrayLike,
+        zs: ManyNumbers,
         us: Sequence[Any] | None = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        *,
+        resume: bool = False,
     ) -> FilterResult:
         """Run predict and update along a series, from the current x and P on.
 
@@ -310,6 +310,8 @@ class ExtendedKalmanFilter(GaussianFilter):
             Given to `predict` one by one.
         fx_args, hx_args : sequence of n dict, optional
             Keyword arguments of each prediction and of each update.
+        resume : bool
+            Go on from where the filter stands.  That is its x and P, from which it starts in any case.
 
         Returns
         -------
@@ -321,6 +323,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `predict` and `update`; the filter is then as it was before.
         """
+        as_flag("resume", resume)
         return as_result(self._collect(zs, us, fx_args, hx_args), zs)
 
     def _collect(
@@ -341,7 +344,7 @@ class ExtendedKalmanFilter(GaussianFilter):
 
     def smooth(
         self,
-        zs: Iterable[ArrayLike | None] | ArrayLike,
+        zs: ManyNumbers,
         us: Sequence[Any] | None = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
@@ -381,7 +384,7 @@ class ExtendedKalmanFilter(GaussianFilter):
 
     def batch_filter(
         self,
-        zs: Sequence[ArrayLike | None] | ArrayLike,
+        zs: ManyNumbers,
         us: Sequence[Any] | None = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
@@ -404,11 +407,13 @@ class ExtendedKalmanFilter(GaussianFilter):
 
     def filter_many(
         self,
-        zs: ArrayLike,
+        zs: ManyNumbers,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
         us: Sequence[Any] | None = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        *,
+        resume: bool = False,
     ) -> FilterResult:
         """Filter many series, each from the current x and P on.
 
@@ -423,6 +428,8 @@ class ExtendedKalmanFilter(GaussianFilter):
             What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
         us, fx_args, hx_args
             As in `filter`; the same for every series.
+        resume : bool
+            As in `filter`.
 
         Returns
         -------
@@ -434,6 +441,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `filter`; or an unknown name in ``keep``.
         """
+        as_flag("resume", resume)
         names = check_keep(keep, FIELDS)
         series, given = as_many(zs, self.dim_z), {"us": us, "fx_args": fx_args, "hx_args": hx_args}
         return stack_results(self._filter_each(series, [given] * len(series)), names)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, Numbers
 
 __all__ = ["batch_filter", "predict", "predict_steadystate", "update", "update_steadystate"]
 
@@ -111,7 +111,7 @@ def predict(
 def update(
     x: ArrayLike,
     P: ArrayLike,
-    z: ArrayLike | None,
+    z: Numbers,
     R: ArrayLike,
     H: ArrayLike | None = None,
     return_all: bool = False,
@@ -189,7 +189,7 @@ def predict_steadystate(x: ArrayLike, F: ArrayLike = 1, u: ArrayLike = 0, B: Arr
     return _like(moved, x)
 
 
-def update_steadystate(x: ArrayLike, z: ArrayLike | None, K: ArrayLike, H: ArrayLike | None = None) -> Any:
+def update_steadystate(x: ArrayLike, z: Numbers, K: ArrayLike, H: ArrayLike | None = None) -> Any:
     """Update the state with a gain that is given: x + K (z - H x).
 
     Parameters
@@ -215,7 +215,7 @@ def update_steadystate(x: ArrayLike, z: ArrayLike | None, K: ArrayLike, H: Array
 def batch_filter(
     x: ArrayLike,
     P: ArrayLike,
-    zs: Sequence[ArrayLike | None],
+    zs: Sequence[Numbers],
     Fs: Sequence[Any],
     Qs: Sequence[Any],
     Hs: Sequence[Any],

@@ -19,9 +19,7 @@ from fuzzykf.kalman.updates import distance, log_density
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import ArrayLike
-
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, Numbers
 
 __all__ = ["LEAST_LIKELIHOOD", "LEAST_LOG_LIKELIHOOD", "GaussianFilter"]
 
@@ -82,11 +80,11 @@ class GaussianFilter(Filter):
         dim_z: int,
         dim_u: int = 0,
         *,
-        x: ArrayLike | None = None,
-        P: ArrayLike | None = None,
-        F: ArrayLike | None = None,
-        Q: ArrayLike | None = None,
-        R: ArrayLike | None = None,
+        x: Numbers = None,
+        P: Numbers = None,
+        F: Numbers = None,
+        Q: Numbers = None,
+        R: Numbers = None,
     ) -> None:
         self.dim_x = dimension("dim_x", dim_x, 1)
         self.dim_z = dimension("dim_z", dim_z, 1)

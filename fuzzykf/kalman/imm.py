@@ -19,7 +19,7 @@ from fuzzykf.base import (
 )
 from fuzzykf.engine.selected import log_mixing, merge_modes, mix_modes, weigh_modes
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_choice, as_numbers, brief
+from fuzzykf.gaussian import as_array, as_choice, as_flag, as_numbers, brief
 from fuzzykf.kalman import bank, bank_series
 from fuzzykf.kalman.arguments import SingularInnovationError
 from fuzzykf.kalman.describe import describe
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
 
 __all__ = ["IMMEstimator"]
 
@@ -249,7 +249,7 @@ class IMMEstimator(BankStepper, Filter):
         self.x, self.P = x, P
         self.x_prior, self.P_prior = x.copy(), P.copy()
 
-    def update(self, z: ArrayLike | None) -> None:
+    def update(self, z: Numbers) -> None:
         """Update the filter of each mode, then the probabilities of the modes.
 
         Parameters
@@ -293,12 +293,13 @@ class IMMEstimator(BankStepper, Filter):
         self.x, self.P = x, P
         self.x_post, self.P_post = x.copy(), P.copy()
 
-    def _step_any(self, z: ArrayLike | None) -> Any:
+    def _step_any(self, z: Numbers) -> FloatArray:
         """Do a step with any observation, by the verbs; an error leaves the bank as it was."""
         with unchanged_on_error(self, *self.filters):
             self.predict()
             self.update(z)
-        return self.x
+        estimate: FloatArray = self.x
+        return estimate
 
     def _is_plain(self) -> bool:
         return type(self)._overrides() == 0 and not is_patched(self)
@@ -310,7 +311,11 @@ class IMMEstimator(BankStepper, Filter):
     # ------------------------------------------------------------------ whole series
 
     def filter(
-        self, zs: Iterable[ArrayLike | None] | ArrayLike, us: Sequence[Any] | None = None
+        self,
+        zs: ManyNumbers,
+        us: Sequence[Any] | None = None,
+        *,
+        resume: bool = False,
     ) -> FilterResult:
         """Run predict and update along a series, from the current estimates on.
 
@@ -322,6 +327,9 @@ class IMMEstimator(BankStepper, Filter):
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
         us : sequence of n controls, optional
             Given to `predict` one by one.
+        resume : bool
+            Go on from where the bank stands.  That is mu and the estimates of its filters, from which
+            it starts in any case.
 
         Returns
         -------
@@ -335,6 +343,7 @@ class IMMEstimator(BankStepper, Filter):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `predict` and `update`; the bank is then as it was before.
         """
+        as_flag("resume", resume)
         stored = self._collect(zs, us)
         modes = np.arange(self.N, dtype=np.float64)
         return as_result(stored, zs, nodes=modes, switch=modes[stored["mu"].argmax(axis=1)])
@@ -368,7 +377,7 @@ class IMMEstimator(BankStepper, Filter):
         self.likelihood = np.exp(state["modes"])
         return stored
 
-    def batch_filter(self, zs: Sequence[ArrayLike | None] | ArrayLike) -> tuple[FloatArray, ...]:
+    def batch_filter(self, zs: ManyNumbers) -> tuple[FloatArray, ...]:
         """Run `filter` and return filterpy's four arrays.
 
         Parameters
@@ -384,7 +393,13 @@ class IMMEstimator(BankStepper, Filter):
         """
         return as_batch(self._collect(zs, None), np.ndim(self.x) == 1)
 
-    def filter_many(self, zs: ArrayLike, keep: Iterable[str] = ("x", "P", "log_likelihood")) -> FilterResult:
+    def filter_many(
+        self,
+        zs: ManyNumbers,
+        keep: Iterable[str] = ("x", "P", "log_likelihood"),
+        *,
+        resume: bool = False,
+    ) -> FilterResult:
         """Filter many series, each from the current estimates on.
 
         A bank of plain Kalman filters of one shape takes all series at once; any
@@ -396,6 +411,8 @@ class IMMEstimator(BankStepper, Filter):
             NaN where missing; pad series of unequal length with NaN.
         keep : sequence of str
             What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``log_likelihood``.
+        resume : bool
+            As in `filter`.
 
         Returns
         -------
@@ -407,6 +424,7 @@ class IMMEstimator(BankStepper, Filter):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `filter`; or an unknown name in ``keep``.
         """
+        as_flag("resume", resume)
         names = check_keep(keep, BANK_FIELDS)
         series = as_many(zs, self.dim_z)
         if not len(series):

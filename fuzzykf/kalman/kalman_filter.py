@@ -9,7 +9,7 @@ import numpy as np
 from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine.selected import predict_linear
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_numbers, as_real, brief
+from fuzzykf.gaussian import as_array, as_flag, as_numbers, as_real, brief
 from fuzzykf.kalman.arguments import (
     as_covariance,
     as_matrix,
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
 
 __all__ = ["KalmanFilter"]
 
@@ -152,13 +152,13 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         dim_z: int,
         dim_u: int = 0,
         *,
-        x: ArrayLike | None = None,
-        P: ArrayLike | None = None,
-        F: ArrayLike | None = None,
-        H: ArrayLike | None = None,
-        Q: ArrayLike | None = None,
-        R: ArrayLike | None = None,
-        B: ArrayLike | None = None,
+        x: Numbers = None,
+        P: Numbers = None,
+        F: Numbers = None,
+        H: Numbers = None,
+        Q: Numbers = None,
+        R: Numbers = None,
+        B: Numbers = None,
     ) -> None:
         super().__init__(dim_x, dim_z, dim_u, x=x, P=P, F=F, Q=Q, R=R)
         self.H = np.zeros((dim_z, dim_x)) if H is None else as_array("H", H, (dim_z, dim_x))
@@ -186,10 +186,10 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
     def predict(
         self,
-        u: ArrayLike | None = None,
-        B: ArrayLike | None = None,
-        F: ArrayLike | None = None,
-        Q: ArrayLike | None = None,
+        u: Numbers = None,
+        B: Numbers = None,
+        F: Numbers = None,
+        Q: Numbers = None,
     ) -> None:
         """Move the estimate to the time of the next observation.
 
@@ -218,7 +218,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         self.remember_origin()
         self._set_prior(*self.get_prediction(u, B, F, Q))
 
-    def update(self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None) -> None:
+    def update(self, z: Numbers, R: Numbers = None, H: Numbers = None) -> None:
         """Take an observation into account.
 
         Parameters
@@ -267,7 +267,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             (x, P), H, R = self._state(), as_matrix("H", H, (m, n)), as_square("R", R, m)
         return x, P, H, R
 
-    def _step_any(self, z: ArrayLike | None) -> Any:
+    def _step_any(self, z: Numbers) -> FloatArray:
         """Do a step with any observation, by the verbs; an error leaves the filter as it was."""
         return self._step_or_stay(z)
 
@@ -285,7 +285,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
     # ------------------------------------------------------------------ other verbs
 
-    def predict_steadystate(self, u: ArrayLike | None = None, B: ArrayLike | None = None) -> None:
+    def predict_steadystate(self, u: Numbers = None, B: Numbers = None) -> None:
         """Predict the state and leave its covariance as it is.
 
         Use it with `update_steadystate`, after K and P have converged.
@@ -320,7 +320,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         x = F.dot(x) + control_term(self.B if B is None else B, u, x)
         self._set_prior(x, P.copy())
 
-    def update_steadystate(self, z: ArrayLike | None) -> None:
+    def update_steadystate(self, z: Numbers) -> None:
         """Update the state with the gain K as it is; P, S and K stay.
 
         Parameters
@@ -348,9 +348,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         if seen is not None:
             self._log_likelihood = log_density(y, as_square("S", self.S, self.dim_z), seen)
 
-    def update_correlated(
-        self, z: ArrayLike | None, R: ArrayLike | None = None, H: ArrayLike | None = None
-    ) -> None:
+    def update_correlated(self, z: Numbers, R: Numbers = None, H: Numbers = None) -> None:
         """Update where the noise of the observation correlates with the error of the prediction.
 
         With M = Cov(x - x_prior, v), the gain is K = (P H' + M) S^-1 with
@@ -393,9 +391,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         x, P, S, SI, K = condition(x, P, y, H, R, self._I, self.inv, seen, M)
         self._set_innovation(x, P, value, y, S, SI, K)
 
-    def update_sequential(
-        self, start: int, z_i: ArrayLike, R_i: ArrayLike | None = None, H_i: ArrayLike | None = None
-    ) -> None:
+    def update_sequential(self, start: int, z_i: Numbers, R_i: Numbers = None, H_i: Numbers = None) -> None:
         """Update with some neighbouring components of an observation.
 
         Where R is block diagonal, one call per block gives the same estimate as one
@@ -443,7 +439,11 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     # ------------------------------------------------------------------ whole series
 
     def filter(
-        self, zs: Iterable[ArrayLike | None] | ArrayLike, us: Sequence[Any] | None = None
+        self,
+        zs: ManyNumbers,
+        us: Sequence[Any] | None = None,
+        *,
+        resume: bool = False,
     ) -> FilterResult:
         """Run predict and update along a series, from the current x and P on.
 
@@ -455,6 +455,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
         us : sequence of n controls, optional
             Given to `predict` one by one.
+        resume : bool
+            Go on from where the filter stands.  That is its x and P, from which it starts in any case.
 
         Returns
         -------
@@ -472,6 +474,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> result.x.ravel().round(3)
         array([0.667, 0.667, 1.636])
         """
+        as_flag("resume", resume)
         series = as_observations(zs, self.dim_z)
         self.remember_origin()
         if us is None and len(series) and self._is_plain():
@@ -492,9 +495,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         H, R = as_matrix("H", self.H, (m, n)), as_square("R", self.R, m)
         return LinearModel(x, P, F, Q, H, R, self._alpha_sq)
 
-    def smooth(
-        self, zs: Iterable[ArrayLike | None] | ArrayLike, us: Sequence[Any] | None = None
-    ) -> FilterResult:
+    def smooth(self, zs: ManyNumbers, us: Sequence[Any] | None = None) -> FilterResult:
         """Run `filter`, then the smoother of Rauch, Tung and Striebel backwards.
 
         Parameters
@@ -543,9 +544,11 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
     def filter_many(
         self,
-        zs: ArrayLike,
+        zs: ManyNumbers,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
-        us: ArrayLike | None = None,
+        us: Numbers = None,
+        *,
+        resume: bool = False,
     ) -> FilterResult:
         """Filter many series at once, each from the current x and P on.
 
@@ -559,6 +562,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
         us : array_like, shape (series, n, dim_u) or (n, dim_u), optional
             Controls; the latter are the same for every series.
+        resume : bool
+            As in `filter`.
 
         Returns
         -------
@@ -579,6 +584,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         array([[0.667, 1.5  , 2.429],
                [0.667, 0.667, 0.667]])
         """
+        as_flag("resume", resume)
         names = check_keep(keep, FIELDS)
         series, model = as_many(zs, self.dim_z), self._model()
         terms = None if us is None else control_terms(self.B, us, series.shape[:2], self.dim_x)
@@ -587,13 +593,14 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         if us is None:
             return stack_results(self._filter_each(series), names)
         column = () if model.x.ndim == 1 else (1,)
-        controls = np.broadcast_to(as_numbers("us", us), (*series.shape[:2], np.shape(us)[-1]))
+        controls = as_numbers("us", us)
+        controls = np.broadcast_to(controls, (*series.shape[:2], controls.shape[-1]))
         each = [{"us": one.reshape(*one.shape, *column)} for one in controls]
         return stack_results(self._filter_each(series, each), names)
 
     def batch_filter(
         self,
-        zs: Sequence[ArrayLike | None] | ArrayLike,
+        zs: ManyNumbers,
         Fs: Sequence[Any] | None = None,
         Qs: Sequence[Any] | None = None,
         Hs: Sequence[Any] | None = None,
@@ -635,7 +642,9 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> means.shape, means.ravel().round(3)
         ((2, 1, 1), array([0.667, 1.273]))
         """
-        observations: Any = zs.to_numpy() if hasattr(zs, "to_numpy") else zs
+        observations: Any = zs
+        if hasattr(observations, "to_numpy"):
+            observations = observations.to_numpy()
         if not hasattr(observations, "__len__"):
             if not hasattr(observations, "__iter__"):
                 raise ShapeError(f"zs: got {brief(zs)}, expected a series of observations")
@@ -691,10 +700,10 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
     def get_prediction(
         self,
-        u: ArrayLike | None = None,
-        B: ArrayLike | None = None,
-        F: ArrayLike | None = None,
-        Q: ArrayLike | None = None,
+        u: Numbers = None,
+        B: Numbers = None,
+        F: Numbers = None,
+        Q: Numbers = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Return x and P that `predict` with the same arguments would lead to."""
         n, x, P = self.dim_x, self.x, self.P
@@ -708,7 +717,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             moved = moved + control_term(self.B if B is None else B, u, x)
         return moved, P
 
-    def get_update(self, z: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
+    def get_update(self, z: Numbers = None) -> tuple[FloatArray, FloatArray]:
         """Return x and P that ``update(z)`` would lead to."""
         x, P, H, R = self._observation(None, None)
         value = observed(z, self.dim_z, x)
@@ -717,7 +726,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         x, P, *_ = condition_linear(x, P, value, H, R, self._I, self.inv)
         return x, P
 
-    def residual_of(self, z: ArrayLike) -> FloatArray:
+    def residual_of(self, z: Numbers) -> FloatArray:
         """Return z - H x_prior, NaN where z is missing."""
         x = as_state(self.x_prior, self.dim_x)
         H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
@@ -734,7 +743,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         measurement: FloatArray = H.dot(state)
         return measurement
 
-    def log_likelihood_of(self, z: ArrayLike | None) -> float:
+    def log_likelihood_of(self, z: Numbers) -> float:
         """Return the log-density of z under N(H x, S), with x and S as they are now.
 
         For None it is ``log(sys.float_info.min)``, as in filterpy.
@@ -750,11 +759,11 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
     def test_matrix_dimensions(
         self,
-        z: ArrayLike | None = None,
-        H: ArrayLike | None = None,
-        R: ArrayLike | None = None,
-        F: ArrayLike | None = None,
-        Q: ArrayLike | None = None,
+        z: Numbers = None,
+        H: Numbers = None,
+        R: Numbers = None,
+        F: Numbers = None,
+        Q: Numbers = None,
     ) -> None:
         """Check the shapes of x, P, Q, F, H, R and, if it is given, z.
 

@@ -15,8 +15,6 @@ from fuzzykf.kalman.series import empty_fields, field_shapes
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import ArrayLike
-
     from fuzzykf.arrays import FloatArray
 
 __all__ = ["LinearModel", "control_terms", "filter_many", "filter_one"]
@@ -69,7 +67,7 @@ def filter_many(
     return out
 
 
-def control_terms(B: Any, us: ArrayLike, shape: tuple[int, ...], dim_x: int) -> FloatArray:
+def control_terms(B: Any, us: Any, shape: tuple[int, ...], dim_x: int) -> FloatArray:
     """Return the terms B u (series or 1, n, dim_x) for many observations of the shape (series, n)."""
     controls = as_numbers("us", us)
     if B is None or np.ndim(B) != 2:

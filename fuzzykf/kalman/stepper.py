@@ -6,13 +6,12 @@ as much, so the classes that own it come in two versions.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fuzzykf import engine
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
+    from fuzzykf.arrays import FloatArray, Numbers
 
 __all__ = ["BankStepper", "LinearStepper"]
 
@@ -25,7 +24,7 @@ if TYPE_CHECKING or engine.info().name == "numpy":
         verbs offer their work to the stepper first.
         """
 
-        def step(self, z: ArrayLike | None) -> Any:
+        def step(self, z: Numbers) -> FloatArray:
             """Predict, then update with ``z``.
 
             Parameters
@@ -40,14 +39,14 @@ if TYPE_CHECKING or engine.info().name == "numpy":
             """
             return self._step_any(z)
 
-        def _step_any(self, z: ArrayLike | None) -> Any:
+        def _step_any(self, z: Numbers) -> FloatArray:
             raise NotImplementedError
 
         def _predict_at_once(self) -> bool:
             """Predict if all attributes are usual, and say whether that was done: never in NumPy."""
             return False
 
-        def _update_at_once(self, z: ArrayLike | None) -> bool:
+        def _update_at_once(self, z: Numbers) -> bool:
             """Update if ``z`` is complete and all attributes are usual, and say whether that was done."""
             return False
 

@@ -22,16 +22,14 @@ from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import ArrayLike
-
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, Numbers
 
 __all__ = ["condition", "condition_linear", "distance", "log_density", "observed", "zero_where_missing"]
 
 _NUMPY_INVERSE = np.linalg.inv
 
 
-def observed(z: ArrayLike | None, m: int, x: FloatArray) -> FloatArray | None:
+def observed(z: Numbers, m: int, x: FloatArray) -> FloatArray | None:
     """Return an observation of m components in the form of x, flat or column; None where all are missing."""
     value = as_observation(z, m)
     return value.reshape(-1, 1) if value is not None and x.ndim == 2 else value

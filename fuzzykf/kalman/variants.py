@@ -14,9 +14,7 @@ from fuzzykf.kalman.updates import condition, distance, log_density, observed, z
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import ArrayLike
-
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, Numbers
 
 __all__ = ["block_matrices", "block_of", "update_block", "update_with_gain", "whole_observation"]
 
@@ -70,7 +68,7 @@ def whole_observation(
 def update_block(
     x: FloatArray,
     P: FloatArray,
-    z_i: ArrayLike,
+    z_i: Numbers,
     H: FloatArray,
     R: FloatArray,
     block: slice,

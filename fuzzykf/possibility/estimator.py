@@ -31,9 +31,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.arrays import FloatArray, IntArray, Numbers
     from fuzzykf.possibility.closed_form import Posterior
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TConorm, TNorm
@@ -238,10 +237,10 @@ class FuzzyRelationEstimator(Filter):
 
     def predict(
         self,
-        u: ArrayLike | None = None,
-        B: ArrayLike | None = None,
-        F: ArrayLike | None = None,
-        Q: ArrayLike | None = None,
+        u: Numbers = None,
+        B: Numbers = None,
+        F: Numbers = None,
+        Q: Numbers = None,
         **fx_arguments: Any,
     ) -> None:
         """Move the membership to the time of the next measurement.
@@ -290,9 +289,9 @@ class FuzzyRelationEstimator(Filter):
 
     def update(
         self,
-        z: ArrayLike | None,
-        R: ArrayLike | None = None,
-        H: ArrayLike | None = None,
+        z: Numbers,
+        R: Numbers = None,
+        H: Numbers = None,
         **hx_arguments: Any,
     ) -> None:
         """Take a measurement into account.
@@ -406,7 +405,7 @@ class FuzzyRelationEstimator(Filter):
         return self._belief.moments()[0]
 
     @x.setter
-    def x(self, value: ArrayLike) -> None:
+    def x(self, value: Numbers) -> None:
         self._require_closed_form("x", "membership")
         x = as_center(value, self.dim_x)
         if x.shape != self.x.shape:  # flat or column: everything follows x
@@ -420,7 +419,7 @@ class FuzzyRelationEstimator(Filter):
         return self._belief.moments()[1]
 
     @P.setter
-    def P(self, value: ArrayLike) -> None:
+    def P(self, value: Numbers) -> None:
         self._require_closed_form("P", "membership")
         self._belief = QuadraticBelief(self.representation, self.x, as_matrix("P", value, self.dim_x))
 
@@ -508,7 +507,7 @@ class FuzzyRelationEstimator(Filter):
         return getattr(self._process_noise, "matrix", None) if self.is_closed_form else None
 
     @Q.setter
-    def Q(self, value: ArrayLike) -> None:
+    def Q(self, value: Numbers) -> None:
         self._process_noise = self._with_matrix("Q", self._process_noise, value)
 
     @property
@@ -517,7 +516,7 @@ class FuzzyRelationEstimator(Filter):
         return getattr(self._measurement_noise, "matrix", None) if self.is_closed_form else None
 
     @R.setter
-    def R(self, value: ArrayLike) -> None:
+    def R(self, value: Numbers) -> None:
         self._measurement_noise = self._with_matrix("R", self._measurement_noise, value)
 
     @property
@@ -546,7 +545,7 @@ class FuzzyRelationEstimator(Filter):
         """Return a noise after edits of its matrix in place, as `Q` and `R` allow them."""
         return as_used("noise", noise, self.representation) if self.is_closed_form else noise
 
-    def _with_matrix(self, name: Literal["Q", "R"], noise: Membership, value: ArrayLike) -> Membership:
+    def _with_matrix(self, name: Literal["Q", "R"], noise: Membership, value: Numbers) -> Membership:
         """Return the noise with another matrix."""
         self._require_closed_form(name, "process_noise" if name == "Q" else "measurement_noise")
         return FAMILIES[self.representation](noise.peak, as_matrix(name, value, noise.dim))

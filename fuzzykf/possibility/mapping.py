@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import BoolArray, FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray, Numbers
 
 __all__ = ["Mapping", "as_map", "control", "grid_points", "matrix_of"]
 
@@ -249,7 +249,7 @@ def as_map(name: str, value: Any, shape: tuple[int, int]) -> FloatArray:
     return as_array(name, array.reshape(1, 1) if array.ndim == 0 and shape == (1, 1) else array, shape)
 
 
-def control(u: ArrayLike | None, B: ArrayLike | None, dim: int) -> FloatArray:
+def control(u: Numbers, B: Numbers, dim: int) -> FloatArray:
     """Return B u (dim,), or zero without one of them, as in filterpy."""
     if u is None or B is None:
         return np.zeros(dim)

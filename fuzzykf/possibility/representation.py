@@ -25,9 +25,7 @@ from fuzzykf.possibility.memberships.derived import as_membership
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike
-
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, Numbers
     from fuzzykf.possibility.norms import TNorm
 
 __all__ = [
@@ -220,7 +218,7 @@ def as_used(name: str, noise: Membership, representation: Representation) -> Mem
     return FAMILIES[representation](*required_quadratic(name, noise, representation))
 
 
-def as_matrix(name: str, value: ArrayLike, dim: int) -> FloatArray:
+def as_matrix(name: str, value: Any, dim: int) -> FloatArray:
     """Check a covariance-like matrix; a number stands for that multiple of the identity.
 
     Raises
@@ -232,7 +230,7 @@ def as_matrix(name: str, value: ArrayLike, dim: int) -> FloatArray:
     return check_covariance(name, array * np.eye(dim) if array.ndim == 0 else array, (dim, dim))
 
 
-def as_center(value: ArrayLike, dim: int) -> FloatArray:
+def as_center(value: Numbers, dim: int) -> FloatArray:
     """Copy a state that a user assigns, flat or a column; a number will do in one dimension.
 
     Raises

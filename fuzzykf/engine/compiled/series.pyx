@@ -1,7 +1,8 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
 """Whole series, filtered and summarised in one go; see `fuzzykf.engine.numpy.series`."""
 
-from libc.string cimport memcpy
+from libc.math cimport NAN
+from libc.string cimport memcpy, memset
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, at_or_null, doubles
 from fuzzykf.engine.compiled.processor cimport level
@@ -45,8 +46,26 @@ cdef fk_output outputs(dict out, Py_ssize_t s, Py_ssize_t n, int m, int M) excep
     return o
 
 
+cdef void load_mass(fk_state *state, const double *mass, int M) noexcept nogil:
+    """Let a state go on with probabilities, if they were kept and none is too small for them."""
+    cdef int i
+    for i in range(M):
+        if not mass[i] > 1e-250:
+            return
+    memcpy(state.table, mass, M * sizeof(double))
+    memset(state.table + M, 0, (fk_padded(M) - M) * sizeof(double))
+    state.linear = 1
+
+
+cdef void store_mass(double *mass, const fk_state *state, int M) noexcept nogil:
+    cdef int i
+    for i in range(M):
+        mass[i] = state.table[i] if state.linear else NAN
+
+
 def filter_series(
-    Kernel kernel not None, Summary summary not None, tuple begin, ys, Py_ssize_t start, Py_ssize_t stop, dict out
+    Kernel kernel not None, Summary summary not None, tuple begin, ys, Py_ssize_t start, Py_ssize_t stop, dict out,
+    mass=None,
 ):
     cdef fk_kernel *k = &kernel.k
     cdef int M = k.M1, m = k.m, q = k.q, d = k.m + k.q, rows = 1 + k.m + k.m * k.m, swapped
@@ -66,7 +85,12 @@ def filter_series(
         tables = doubles(begin[0], "table", (s, rows, M))
         if k.is_signed:
             signs = doubles(np.ones((s, M)) if begin[1] is None else begin[1], "sign", (s, M))
-    cdef cnp.ndarray before = np.empty((s, rows, M)), last = np.empty((s, rows, M))
+    cdef cnp.ndarray before = np.empty((s, rows, M)), last = np.empty((s, rows, M)), mass_ = None
+    if mass is not None:
+        if not (mass.dtype == np.float64 and mass.flags.carray and mass.shape == (2, s, M)):
+            raise ValueError(f"mass: expected a contiguous array of float64, shape {(2, s, M)}")
+        mass_ = mass
+    cdef double *to_mass = at_or_null(mass_)
     if "sign" in out and not k.is_signed:
         raise ValueError("sign: the tables have no negative weights")
     cdef fk_output o = outputs(out, s, n, m, M)
@@ -104,6 +128,8 @@ def filter_series(
                 work.one.linear, work.one.log_known, work.one.total = 0, 1, 0.0
                 if k.is_signed:
                     memcpy(work.one.sign, from_signs + a * M, M * sizeof(double))
+                if to_mass != NULL and k.is_scalar:
+                    load_mass(&work.one, to_mass + (s + a) * M, M)
             now = &work.one
             old = &work.one
             if stop > first:
@@ -113,6 +139,9 @@ def filter_series(
                 )
                 now = &work.two if swapped else &work.one
                 old = &work.one if swapped else &work.two
+            if to_mass != NULL:
+                store_mass(to_mass + a * M, old, M)
+                store_mass(to_mass + (s + a) * M, now, M)
             fk_to_logs(now, M)
             fk_to_logs(old, M)
             store(to_last + a * rows * M, now.table, rows, M)

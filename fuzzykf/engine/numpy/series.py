@@ -27,9 +27,6 @@ __all__ = [
     "summarise",
 ]
 
-#: Masses along a series are brought back to one when their total has left e^-100 to e^100.
-_DRIFT = 100.0
-
 #: How many numbers the tables of a chunk of observations may hold.
 _TABLES = 1 << 15
 
@@ -49,8 +46,11 @@ def filter_series(
     start: int,
     stop: int,
     out: dict[str, FloatArray],
+    mass: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Filter complete observations start, ..., stop - 1 of each series with constant tables.
+
+    One series gives the same numbers to the bit whether it is filtered at once or in parts.
 
     Parameters
     ----------
@@ -66,6 +66,9 @@ def filter_series(
     out : dict of str to ndarray, shape (s, n, ...)
         Filled in from start to stop: fields of a result, ``table`` and, with negative weights,
         ``sign``.  ``x_prior`` and ``P_prior`` of the first observation of all are not.
+    mass : ndarray, shape (2, s, M), optional
+        Probabilities of the nodes of ``before`` and ``last``, NaN where an engine has their logarithms
+        alone, as here: filled in, and ``mass[1]`` read as that of the states before.
 
     Returns
     -------
@@ -155,27 +158,17 @@ def run(
             mix = kernel.few.mix
             pairs = np.empty((len(part), 3 * p))
             pairs[:, :p] = log_w
-            np.matmul(part, kernel.rows[p:].T, out=pairs[:, p : 2 * p])
+            pairs[:, p : 2 * p] = by_rows(part, kernel.rows[p:].T)
             pairs[:, 2 * p :] = kernel.C.ravel()
-            log_totals, carried, bests = np.zeros((3, len(part)))
-            log_total = 0.0
             for k, row in enumerate(pairs):
-                if not -_DRIFT < log_total < _DRIFT:
-                    table[0] -= log_total
-                    log_total = 0.0
-                carried[k] = log_total
                 np.add(row, mix.dot(table.ravel()), row)
-                table, log_total, bests[k] = collapse_few(
+                table, log_total, best = collapse_few(
                     kernel, row[:p], row[p : 2 * p], row[2 * p :], table[0], part[k]
                 )
-                log_totals[k] = log_total
-                tables[start + k] = table
-            block = slice(start, start + len(part))
-            log_likelihood[block] = log_totals - carried + bests
-            tables[block, 0] -= log_totals[:, None]
-            table = tables[start + len(part) - 1]
+                table[0] -= log_total
+                tables[start + k], log_likelihood[start + k] = table, log_total + best
         else:
-            offsets = (part @ kernel.rows[q * p :].T).reshape(-1, m, p)
+            offsets = by_rows(part, kernel.rows[q * p :].T).reshape(-1, m, p)
             for k, (u, row, offset) in enumerate(zip(part, log_w, offsets, strict=True), start):
                 table, sign, log_likelihood[k] = collapse(kernel, row, offset, table, sign, u)
                 tables[k] = table
@@ -288,7 +281,7 @@ def summarise(
     if "switch" in out:
         fields["switch"] = most_likely(p, nodes, weights, atoms)
     if "switch_mean" in out:
-        fields["switch_mean"] = p @ nodes
+        fields["switch_mean"] = by_rows(p, nodes[:, None])[..., 0]
     for name, values in fields.items():
         if name in out:
             out[name][:, at] = values
@@ -326,16 +319,17 @@ def prior_moments(
     """
     lead, (M1, M2), m = p.shape[:-1], summary.transition.shape, x.shape[-1]
     # x_ij of each pair, and the central moments of their mixture
-    constant = summary.offset[0] + window @ summary.offset[1:]
-    mean = (constant + x.reshape(*lead, M1 * m) @ summary.carried).reshape(*lead, M1 * M2, m)
+    constant = summary.offset[0] + by_rows(window, summary.offset[1:])
+    mean = (constant + by_rows(x.reshape(*lead, M1 * m), summary.carried)).reshape(*lead, M1 * M2, m)
     weights = (p[..., :, None] * summary.transition).reshape(*lead, M1 * M2)
     first = np.take_along_axis(mean, weights.argmax(axis=-1)[..., None, None], axis=-2)
     mean -= first
-    beyond = np.einsum("...p,...pk->...k", weights, mean)
+    beyond = (weights[..., None, :] @ mean)[..., 0, :]
     centre = first[..., 0, :] + beyond
     mean -= beyond[..., None, :]
-    between = np.einsum("...pk,...pl->...kl", weights[..., None] * mean, mean)
-    within = (p[..., None, None] * P).reshape(*lead, -1) @ summary.twice + p @ summary.noise
+    between = np.swapaxes(weights[..., None] * mean, -1, -2) @ mean
+    inside = by_rows((p[..., None, None] * P).reshape(*lead, -1), summary.twice)
+    within = inside + by_rows(p, summary.noise)
     P = between + within.reshape(*lead, m, m)
     return centre, 0.5 * (P + np.swapaxes(P, -1, -2))
 
@@ -386,3 +380,12 @@ def state_table(table: FloatArray, m: int) -> FloatArray:
     rows = np.arange(e * e).reshape(e, e)[:m, :m].ravel()
     state: FloatArray = table[np.concatenate([np.arange(1 + m), 1 + e + rows])]
     return state
+
+
+def by_rows(rows: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Products (..., l) of rows (..., k) with a matrix (k, l), whatever rows stand beside them.
+
+    Multiplied all at once, the last bit of each would depend on how many they are.
+    """
+    products: FloatArray = (rows[..., None, :] @ matrix)[..., 0, :]
+    return products

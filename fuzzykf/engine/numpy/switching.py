@@ -283,7 +283,7 @@ def log_pairs(kernel: Kernel, U: FloatArray) -> FloatArray:
     """Return log |P_ij| + log N(y'; Ayy w + Ny, Qyy) for rows (1, w, y') of U: (n, M1 M2)."""
     M1, M2, _, q = kernel.shape
     p = M1 * M2
-    white = U @ kernel.rows[: q * p].T
+    white = (U[:, None] @ kernel.rows[: q * p].T)[:, 0]  # row by row, see `by_rows` of whole series
     white *= white
     log_w: FloatArray = kernel.log_scale - (white if q == 1 else white.reshape(-1, q, p).sum(axis=1))
     return log_w

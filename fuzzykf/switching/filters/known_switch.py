@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
 from fuzzykf.switching.inference.series import (
     SHOWN,
+    Stand,
     Trajectory,
     check_explained,
     filter_one,
@@ -29,12 +30,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
     from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
     from fuzzykf.switching.dynamics.placed import KnownPath
 
 __all__ = ["KnownSwitchFilter"]
 
+_NEVER_GIVEN = "r: the value of the switch at the missing observation was never given"
 _GIVEN_ONCE = "r: got {} after {}; the switch is given once per observation"
 
 
@@ -131,7 +133,7 @@ class KnownSwitchFilter(SwitchingFilter):
         value, n, now = None if r is None else self._checked(r), self._n, self._r
         if self._predicted and n > 0:  # the observation at the value given before is missing
             if self._r_next is None:
-                raise ParameterError("r: the value of the switch at the missing observation was never given")
+                raise ParameterError(_NEVER_GIVEN)
             n, now = n + 1, self._r_next
         elif value is not None and self._r_next not in (None, value):
             raise ParameterError(_GIVEN_ONCE.format(value, self._r_next))
@@ -141,7 +143,7 @@ class KnownSwitchFilter(SwitchingFilter):
             self._r_next, self._tables = value, tables
         self._told_at_predict = self._r_next is not None
 
-    def update(self, z: ArrayLike | None, r: float | None = None) -> None:
+    def update(self, z: Numbers, r: float | None = None) -> None:
         """Take an observation into account.
 
         Parameters
@@ -179,7 +181,7 @@ class KnownSwitchFilter(SwitchingFilter):
         assert self._r_next is not None
         self._r, self._r_next, self._tables = self._r_next, None, None
 
-    def step(self, z: ArrayLike | None, r: float | None = None) -> FloatArray:
+    def step(self, z: Numbers, r: float | None = None) -> FloatArray:
         """Predict, then update with ``z``, at the value ``r`` of the switch.
 
         Parameters
@@ -211,9 +213,14 @@ class KnownSwitchFilter(SwitchingFilter):
         return float(value.reshape(()))
 
     def filter(  # type: ignore[override]
-        self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike, *, keep_nodes: bool = False
+        self,
+        zs: ManyNumbers,
+        r: ArrayLike,
+        *,
+        keep_nodes: bool = False,
+        resume: bool = False,
     ) -> FilterResult:
-        """Filter a whole series with its switches, from the initial law on.
+        """Filter a series from the initial law on, or with ``resume`` from where the filter stands.
 
         Parameters
         ----------
@@ -221,25 +228,32 @@ class KnownSwitchFilter(SwitchingFilter):
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1.
         r : array_like, shape (n,)
             Values of the switch.
-        keep_nodes : bool
+        keep_nodes, resume : bool
             As in `SwitchingFilter.filter`.
 
         Returns
         -------
         FilterResult
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If ``r`` does not go with ``zs``, or, with ``resume``, with what was given to `predict`.
         """
-        ys, path = self._read(zs, r)
-        keep_nodes = as_flag("keep_nodes", keep_nodes)
+        keep_nodes, resume = as_flag("keep_nodes", keep_nodes), as_flag("resume", resume)
+        ys, path = self._read(zs, r, resume)
+        r = path.r[len(path.r) - len(ys) :]
         if self._is_plain():
-            trajectory = filter_one(self._method, path, ys, SHOWN, states=keep_nodes)
-            self._adopt_path(trajectory, ys, path)
+            stand = self._stand() if resume else None
+            trajectory = filter_one(self._method, path, ys, SHOWN, states=keep_nodes, stand=stand)
+            self._adopt_path(trajectory, ys, path, stand)
         else:
-            trajectory, _ = self._by_verbs(ys, path.r, states=keep_nodes)
+            trajectory, _ = self._by_verbs(ys, r, states=keep_nodes, resume=resume)
         result = result_of(path.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))
-        return replace(result, nodes=None, switch=path.r, switch_mean=path.r)
+        return replace(result, nodes=None, switch=r, switch_mean=r)
 
     def smooth(  # type: ignore[override]
-        self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike, *, keep_nodes: bool = False
+        self, zs: ManyNumbers, r: ArrayLike, *, keep_nodes: bool = False
     ) -> FilterResult:
         """Estimate every state of a series from all of it, and its switches.
 
@@ -268,9 +282,14 @@ class KnownSwitchFilter(SwitchingFilter):
         return replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
 
     def filter_many(  # type: ignore[override]
-        self, zs: ArrayLike, keep: Iterable[str] = ("x", "P", "log_likelihood"), *, r: ArrayLike | None = None
+        self,
+        zs: ManyNumbers,
+        keep: Iterable[str] = ("x", "P", "log_likelihood"),
+        *,
+        r: ArrayLike | None = None,
+        resume: bool = False,
     ) -> FilterResult:
-        """Filter many series with their switches; the filter stays as it is.
+        """Filter many series with their switches, each as `filter` would; the filter stays as it is.
 
         Parameters
         ----------
@@ -278,6 +297,8 @@ class KnownSwitchFilter(SwitchingFilter):
             As in `SwitchingFilter.filter_many`.
         r : array_like, shape (series, n)
             Values of the switch.
+        resume : bool
+            As in `filter`.
 
         Returns
         -------
@@ -289,7 +310,8 @@ class KnownSwitchFilter(SwitchingFilter):
         if switches.shape != series.shape[:2]:
             got = "nothing" if r is None else f"shape {switches.shape}"
             raise ShapeError(f"r: got {got}, expected the switches, shape {series.shape[:2]}")
-        results = self._filter_each(series, [{"r": path} for path in switches])
+        given: dict[str, Any] = {"resume": True} if as_flag("resume", resume) else {}
+        results = self._filter_each(series, [{"r": path, **given} for path in switches])
         return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
 
     def forecast(self, steps: int) -> FilterResult:
@@ -305,15 +327,31 @@ class KnownSwitchFilter(SwitchingFilter):
             "or forecast with an OFSRFilter or a CGOMSMFilter"
         )
 
-    def _read(self, zs: Iterable[ArrayLike | None] | ArrayLike, r: ArrayLike) -> tuple[FloatArray, KnownPath]:
+    def _read(self, zs: ManyNumbers, r: ArrayLike, resume: bool = False) -> tuple[FloatArray, KnownPath]:
+        """Return observations and path of the switch, which begins where the filter is if it resumes."""
         ys = as_observations(zs, self.dim_z)
         switches = _as_switches(r).reshape(-1)
         if switches.shape != (len(ys),):
             raise ShapeError(f"r: got {switches.size} values, expected {len(ys)}, one per observation")
-        return ys, self.model.along(switches)
+        if not resume:
+            return ys, self.model.along(switches)
+        if self._n == 0:
+            if len(switches) and self._r_next not in (None, switches[0]):
+                raise ParameterError(_GIVEN_ONCE.format(switches[0], self._r_next))
+            return ys, self.model.along(switches)
+        if self._predicted and self._r_next is None:
+            raise ParameterError(_NEVER_GIVEN)
+        begin = [self._r] if self._r_next is None else [self._r, self._r_next]
+        return ys, self.model.along(np.concatenate([begin, switches]), start=self._n - 1)
 
-    def _adopt_path(self, trajectory: Trajectory, ys: FloatArray, path: KnownPath) -> None:
-        self._adopt(trajectory, ys)
+    def _stand(self) -> Stand | None:
+        stand = super()._stand()
+        return None if stand is None else replace(stand, origin=stand.n - 1)
+
+    def _adopt_path(
+        self, trajectory: Trajectory, ys: FloatArray, path: KnownPath, stand: Stand | None = None
+    ) -> None:
+        self._adopt(trajectory, ys, stand)
         if len(ys):
             self._r, self._told_at_predict = float(path.r[-1]), True
 

@@ -28,6 +28,7 @@ from fuzzykf.switching.inference.method import Method
 from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_switch
 from fuzzykf.switching.inference.series import (
     SHOWN,
+    Stand,
     Trajectory,
     allocate,
     check_explained,
@@ -40,9 +41,7 @@ from fuzzykf.switching.inference.series import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from numpy.typing import ArrayLike
-
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
     from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables, SwitchingSystem
 
 __all__ = ["READ", "SwitchingFilter"]
@@ -136,7 +135,7 @@ class SwitchingFilter(Stepper, Filter):
             self._take(np.full(self.dim_z, np.nan))
         self._predicted = True
 
-    def update(self, z: ArrayLike | None) -> None:
+    def update(self, z: Numbers) -> None:
         """Take the observation ``z`` into account.
 
         Parameters
@@ -161,7 +160,7 @@ class SwitchingFilter(Stepper, Filter):
         y = as_observation(z, self.dim_z)
         self._take(np.full(self.dim_z, np.nan) if y is None else y)
 
-    def _step_any(self, z: ArrayLike | None) -> FloatArray:
+    def _step_any(self, z: Numbers) -> FloatArray:
         """Do a step with any observation; `step` comes here unless it can be compiled."""
         y = as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
         if y is not None and self._hand_over() and not np.isnan(y).any():
@@ -169,7 +168,7 @@ class SwitchingFilter(Stepper, Filter):
             return estimate
         return self._step_by_verbs(z)
 
-    def _step_by_verbs(self, z: ArrayLike | None) -> FloatArray:
+    def _step_by_verbs(self, z: Numbers) -> FloatArray:
         """Predict and update; an error leaves the filter as it was."""
         with self._as_it_was_on_error():
             self.predict()
@@ -256,8 +255,14 @@ class SwitchingFilter(Stepper, Filter):
         self._n += 1
         self._predicted = False
 
-    def filter(self, zs: Iterable[ArrayLike | None] | ArrayLike, *, keep_nodes: bool = False) -> FilterResult:
-        """Filter a whole series from the initial law on.
+    def filter(
+        self,
+        zs: ManyNumbers,
+        *,
+        keep_nodes: bool = False,
+        resume: bool = False,
+    ) -> FilterResult:
+        """Filter a whole series from the initial law on, or with ``resume`` from where the filter stands.
 
         Parameters
         ----------
@@ -266,6 +271,10 @@ class SwitchingFilter(Stepper, Filter):
         keep_nodes : bool
             Keep mean and covariance of the state given each node, from which
             `FilterResult.interval` takes its quantiles.
+        resume : bool
+            Go on from where the filter stands, as `step` would: parts of a series then give what
+            the whole gives, to the bit.  If `predict` was called since the latest observation, that of
+            the time in between is missing.
 
         Returns
         -------
@@ -275,16 +284,17 @@ class SwitchingFilter(Stepper, Filter):
             observation, so that `step` continues.
         """
         ys, index = as_observations(zs, self.dim_z), index_of(zs)
-        keep_nodes = as_flag("keep_nodes", keep_nodes)
+        keep_nodes, resume = as_flag("keep_nodes", keep_nodes), as_flag("resume", resume)
         if self._is_plain():
-            trajectory = filter_one(self._method, self._system, ys, SHOWN, states=keep_nodes)
-            self._adopt(trajectory, ys)
+            stand = self._stand() if resume else None
+            trajectory = filter_one(self._method, self._system, ys, SHOWN, states=keep_nodes, stand=stand)
+            self._adopt(trajectory, ys, stand)
         else:
-            trajectory, _ = self._by_verbs(ys, states=keep_nodes)
+            trajectory, _ = self._by_verbs(ys, states=keep_nodes, resume=resume)
         return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index)
 
     def _by_verbs(
-        self, ys: FloatArray, moves: FloatArray | None = None, *, states: bool = False
+        self, ys: FloatArray, moves: FloatArray | None = None, *, states: bool = False, resume: bool = False
     ) -> tuple[Trajectory, FloatArray]:
         """Filter a series by the verbs, which somebody has changed; an error leaves the filter as it was.
 
@@ -295,6 +305,8 @@ class SwitchingFilter(Stepper, Filter):
             What `predict` is given.
         states : bool
             Whether the states of the nodes are wanted as well.
+        resume : bool
+            Whether to go on from where the filter stands.
 
         Returns
         -------
@@ -304,7 +316,8 @@ class SwitchingFilter(Stepper, Filter):
         """
         out, taken = allocate(self._system, (1, len(ys)), SHOWN, states), np.empty_like(ys)
         with self._as_it_was_on_error():
-            self.reset()
+            if not resume:
+                self.reset()
             for n, y in enumerate(ys):
                 self.predict(*(() if moves is None else (moves[n],)))
                 self.update(y)
@@ -321,14 +334,21 @@ class SwitchingFilter(Stepper, Filter):
         fields = {name: out[name][0] for name in (*SHOWN, *(["table"] if states else []))}
         return Trajectory(fields, {}, self._mixture, self._before), taken
 
-    def _adopt(self, trajectory: Trajectory, ys: FloatArray) -> None:
-        """Stay at the last observation of a series."""
+    def _stand(self) -> Stand | None:
+        """Return where the filter stands; None before any observation, where the initial law is."""
+        return None if self._mixture is None else Stand(self._n, self._mixture, self._predicted)
+
+    def _adopt(self, trajectory: Trajectory, ys: FloatArray, stand: Stand | None = None) -> None:
+        """Stay at the last observation of a series, which began at ``stand``."""
+        if stand is not None and not len(ys):
+            return
         self._start()
         if len(ys):
-            self._n, self._mixture, self._before = len(ys), trajectory.last, trajectory.before
+            before = 0 if stand is None else stand.n + stand.skips
+            self._n, self._mixture, self._before = before + len(ys), trajectory.last, trajectory.before
             self._z, self._log_likelihood = ys[-1].copy(), float(trajectory.fields["log_likelihood"][-1])
 
-    def smooth(self, zs: Iterable[ArrayLike | None] | ArrayLike, *, keep_nodes: bool = False) -> FilterResult:
+    def smooth(self, zs: ManyNumbers, *, keep_nodes: bool = False) -> FilterResult:
         """Estimate every state of a series from all of it.
 
         Exact for complete observations, see `fuzzykf.switching.inference.smoother`; the filter
@@ -372,12 +392,15 @@ class SwitchingFilter(Stepper, Filter):
 
     def filter_many(
         self,
-        zs: ArrayLike,
+        zs: ManyNumbers,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
         *,
         threads: int = 1,
+        resume: bool = False,
     ) -> FilterResult:
-        """Filter many series, each from the initial law on; the filter stays as it is.
+        """Filter many series, each from the initial law or, with ``resume``, from where the filter stands.
+
+        The filter stays as it is.
 
         Complete series go side by side, many times faster than one after the other; a
         series with gaps, or padded at its end, goes alone.
@@ -392,6 +415,8 @@ class SwitchingFilter(Stepper, Filter):
         threads : int
             How many threads the compiled engine shares complete series among; results are
             the same to the bit.  NumPy uses one.
+        resume : bool
+            As in `filter`.
 
         Returns
         -------
@@ -401,10 +426,12 @@ class SwitchingFilter(Stepper, Filter):
         threads = as_count("threads", threads, 1, MOST_THREADS)
         names = check_keep(keep, SHOWN)
         series = as_many(zs, self.dim_z)
+        resume = as_flag("resume", resume)
         if self._is_plain() or not len(series):
-            out = filter_many(self._method, self._system, series, names, threads)
+            stand = self._stand() if resume else None
+            out = filter_many(self._method, self._system, series, names, threads, stand)
         else:
-            results = self._filter_each(series)
+            results = self._filter_each(series, [{"resume": True} if resume else {}] * len(series))
             out = {name: np.stack([getattr(result, name) for result in results]) for name in names}
         return FilterResult(**out, nodes=self.nodes if "mu" in out else None)
 

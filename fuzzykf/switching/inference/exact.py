@@ -126,13 +126,14 @@ class Exact(Method):
         start: int,
         stop: int,
         out: dict[str, FloatArray],
+        mass: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Filter complete observations start, ..., stop - 1 of series (s, n, q) under constant tables."""
         own = type(self)
         if own.first is not Exact.first or own.advance is not Exact.advance or own.ahead is not Exact.ahead:
-            return super().series(system, tables, begin, ys, start, stop, out)
+            return super().series(system, tables, begin, ys, start, stop, out, mass)
         summary = tables.summary(system.chain)
-        found = engine.filter_series(tables.kernel, summary, begin, ys, start, stop, out)
+        found = engine.filter_series(tables.kernel, summary, begin, ys, start, stop, out, mass)
         if "sign" in out:
             part = slice(start, stop)
             check_signed(out["table"][:, part], out["sign"][:, part])

@@ -64,12 +64,15 @@ class Method(Protocol):
         start: int,
         stop: int,
         out: dict[str, FloatArray],
+        mass: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Filter complete observations start, ..., stop - 1 of series (s, n, q) under constant tables.
 
         Parameters, and what is returned, are those of `fuzzykf.engine.numpy.series.filter_series`.
         """
         states: list[tuple[FloatArray, FloatArray]] = []
+        if mass is not None:
+            mass[:] = np.nan
         for k in range(len(ys)):
             mixture = None
             if start:

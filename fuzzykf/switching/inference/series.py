@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SHOWN",
+    "Stand",
     "Trajectory",
     "allocate",
     "check_explained",
@@ -70,10 +71,43 @@ class Trajectory:
     before: Source | None
 
 
+@dataclass(frozen=True)
+class Stand:
+    """Where a filter stands, so that a series can go on from there.
+
+    Attributes
+    ----------
+    n : int
+        Number of observations taken, missing ones included; at least one.
+    mixture : Mixture
+        What is known after them.
+    skips : bool
+        Whether the filter has predicted since: there is no observation of that time, then.
+    origin : int
+        Number of the observation from which the first tables of the system lead.
+    """
+
+    n: int
+    mixture: Mixture
+    skips: bool = False
+    origin: int = 0
+
+    def lead(self, q: int) -> FloatArray:
+        """Return the observations (k, q) that the steps to come look at, and NaN for one that was skipped."""
+        window = self.mixture.window.reshape(-1, q)[::-1]
+        return np.concatenate([window, np.full((1, q), np.nan)]) if self.skips else window
+
+
 def filter_one(
-    method: Method, system: SwitchingSystem, ys: FloatArray, names: tuple[str, ...], *, states: bool = False
+    method: Method,
+    system: SwitchingSystem,
+    ys: FloatArray,
+    names: tuple[str, ...],
+    *,
+    states: bool = False,
+    stand: Stand | None = None,
 ) -> Trajectory:
-    """Filter a series (n, q), NaN where missing, from the initial law on.
+    """Filter a series (n, q), NaN where missing, from the initial law on or from where a filter stands.
 
     Parameters
     ----------
@@ -84,40 +118,65 @@ def filter_one(
         The fields that are wanted.
     states : bool
         Whether the states are wanted as well.
+    stand : Stand, optional
     """
-    out = allocate(system, (1, len(ys)), names, states)
-    trajectory = _filter_block(method, system, ys[None], out)
-    return Trajectory(
-        {name: values[0] for name, values in out.items()}, trajectory.gaps, trajectory.last, trajectory.before
-    )
+    lead = np.empty((0, ys.shape[1])) if stand is None else stand.lead(ys.shape[1])
+    out = allocate(system, (1, len(lead) + len(ys)), names, states)
+    trajectory = _filter_block(method, system, np.concatenate([lead, ys])[None], out, stand)
+    fields = {name: values[0, len(lead) :] for name, values in out.items()}
+    return Trajectory(fields, trajectory.gaps, trajectory.last, trajectory.before)
 
 
 def filter_many(
-    method: Method, system: SwitchingSystem, series: FloatArray, names: tuple[str, ...], threads: int = 1
+    method: Method,
+    system: SwitchingSystem,
+    series: FloatArray,
+    names: tuple[str, ...],
+    threads: int = 1,
+    stand: Stand | None = None,
 ) -> dict[str, FloatArray]:
-    """Filter many series (s, n, q), each from the initial law on.
+    """Filter many series (s, n, q), each from the initial law on or from where a filter stands.
 
     Complete ones go side by side, those with gaps alone; ``threads`` share the complete ones.
     """
+    if stand is not None:
+        lead = stand.lead(series.shape[2])
+        led = np.concatenate([np.broadcast_to(lead, (len(series), *lead.shape)), series], axis=1)
+        whole = _filter_many(method, system, led, names, threads, stand)
+        return {name: values[:, len(lead) :] for name, values in whole.items()}
+    return _filter_many(method, system, series, names, threads, None)
+
+
+def _filter_many(
+    method: Method,
+    system: SwitchingSystem,
+    series: FloatArray,
+    names: tuple[str, ...],
+    threads: int,
+    stand: Stand | None,
+) -> dict[str, FloatArray]:
+    """Filter series that begin with what `Stand.lead` gives."""
     out = allocate(system, series.shape[:2], names, False)
     alone = np.isnan(series).any(axis=(1, 2)) | system.chain.is_signed
     if not alone.any():
         cuts = [len(series) * k // threads for k in range(threads + 1)]
         blocks = [slice(a, b) for a, b in pairwise(cuts) if b > a]
         if len(blocks) <= 1:
-            _filter_block(method, system, series, out)
+            _filter_block(method, system, series, out, stand)
             return out
         parts = [{name: values[block] for name, values in out.items()} for block in blocks]
         with ThreadPoolExecutor(len(blocks)) as pool:
-            list(pool.map(lambda b, part: _filter_block(method, system, series[b], part), blocks, parts))
+            list(
+                pool.map(lambda b, part: _filter_block(method, system, series[b], part, stand), blocks, parts)
+            )
         return out
     if not alone.all():
-        together = filter_many(method, system, series[~alone], names, threads)
+        together = _filter_many(method, system, series[~alone], names, threads, stand)
         for name, values in together.items():
             out[name][~alone] = values
     for k in np.flatnonzero(alone):
         part = allocate(system, (1, series.shape[1]), names, False)
-        _filter_block(method, system, series[k : k + 1], part)
+        _filter_block(method, system, series[k : k + 1], part, stand)
         for name in names:
             out[name][k] = part[name][0]
     return {name: out[name] for name in names}  # without the states, which signed weights need
@@ -151,11 +210,16 @@ def _layout(
 
 
 def _filter_block(
-    method: Method, system: SwitchingSystem, ys: FloatArray, out: dict[str, FloatArray]
+    method: Method,
+    system: SwitchingSystem,
+    ys: FloatArray,
+    out: dict[str, FloatArray],
+    stand: Stand | None = None,
 ) -> Trajectory:
     """Filter series (s, n, q) side by side: complete ones, or a single one with gaps.
 
-    Returns what is known after the last observation of the last series; the fields go to ``out``.
+    They begin with the window of ``stand`` if there is one, whose fields are not filled in.  Returns what is
+    known after the last observation of the last series; the fields go to ``out``.
     """
     s, n, q = ys.shape
     m, order, chain = system.dim_x, system.order, system.chain
@@ -164,9 +228,8 @@ def _filter_block(
         return Trajectory(out, gaps, None, None)
     missing = np.isnan(ys)
     holes = [*np.flatnonzero(missing.any(axis=(0, 2))).tolist(), n] if missing.any() else [n]
-    steady_from = n if system.steady_from is None else system.steady_from
     switch = chain.nodes, chain.weights, chain.atoms
-    law = system.initial()
+    law = system.initial() if stand is None else None
     priors: list[tuple[int, Ahead]] = []  # what was known before observations taken alone
     wants_prior = "x_prior" in out or "P_prior" in out
     # known of the latest observation: tables and signs of all series, or of one whatever is known
@@ -175,35 +238,47 @@ def _filter_block(
     before: Source | None = None
     tables: PairTables | None = None
     single: list[tuple[int, Mixture, float]] = []  # observations taken alone
-    k = 0
+    # probabilities that an engine has beside their logarithms, before the latest observation and after
+    mass = np.full((2, s, len(chain.nodes)), np.nan)
+    k = shift = 0
+    if stand is not None:
+        mixture = stand.mixture
+        k = mixture.window.size // q
+        shift = stand.n - k - stand.origin  # observation k of ys is number k + shift of the system
+        table = np.repeat(mixture.table[None], s, axis=0)
+        sign = None if mixture.sign is None else np.repeat(mixture.sign[None], s, axis=0)
+        mass[1] = np.nan if mixture.mass is None else mixture.mass
+    steady_from = n if system.steady_from is None else system.steady_from - shift
     while k < n:
         stop = holes[bisect_left(holes, k)]
         if tables is None or k <= steady_from + 1:
-            tables = system.pair_tables(max(k - 1, 0)) if k or (stop and not steady_from) else None
-        if k == 0 and wants_prior:
+            tables = system.pair_tables(max(k + shift - 1, 0)) if k or (stop and not steady_from) else None
+        if law is not None and k == 0 and wants_prior:
             priors.append((0, law.ahead(m)))
         steady = k > steady_from or (k == 0 and order == 1 and not chain.is_signed)
         known = stop > k and not (mixture is not None and mixture.unknown)
         if tables is not None and known and (steady or k > 0):
             end = stop if steady else k + 1
-            begin = law.start(q) if k == 0 else (table, sign)
-            old, table = method.series(system, tables, begin, ys, k, end, out)
+            begin = law.start(q) if law is not None and k == 0 else (table, sign)
+            old, table = method.series(system, tables, begin, ys, k, end, out, mass)
             old_sign, sign = _sign(out, end - 2) if end - 2 >= k else sign, _sign(out, end - 1)
-            before = None if end == 1 else Source(_mixture(ys, old, old_sign, end - 2, order), tables)
-            mixture = _mixture(ys, table, sign, end - 1, order)
+            first = end == 1  # nothing was known before it
+            before = None if first else Source(_mixture(ys, old, old_sign, end - 2, order, mass[0]), tables)
+            mixture = _mixture(ys, table, sign, end - 1, order, mass[1])
             k = end
             continue
-        if k == 0 and s > 1:
+        if law is not None and k == 0 and s > 1:
             firsts = [method.first(law, one[0]) for one in ys]
             table, values = np.array([one.table for one, _ in firsts]), np.array([[v] for _, v in firsts])
             engine.summarise(out, slice(0, 1), table[:, None], None, values, switch)
-            mixture = _mixture(ys, table, None, 0, order)
+            mixture = _mixture(ys, table, None, 0, order, mass[1])
             k = 1
             continue
-        if mixture is None:
+        if law is not None and mixture is None:
             mixture, value = method.first(law, ys[0, 0])
         else:
-            tables = system.pair_tables(k - 1) if tables is None else tables
+            assert mixture is not None
+            tables = system.pair_tables(k + shift - 1) if tables is None else tables
             if wants_prior:
                 priors.append((k, method.ahead(tables, mixture)))
             before = Source(mixture, tables)
@@ -211,6 +286,7 @@ def _filter_block(
         if mixture.unknown:
             gaps[k] = mixture
         table, sign = mixture.table[None], None if mixture.sign is None else mixture.sign[None]
+        mass[1] = np.nan if mixture.mass is None else mixture.mass
         single.append((k, mixture, value))
         k += 1
     for at, ahead in priors:
@@ -239,10 +315,13 @@ def _sign(out: dict[str, FloatArray], at: int) -> FloatArray | None:
     return out["sign"][:, at] if "sign" in out else None
 
 
-def _mixture(ys: FloatArray, table: FloatArray, sign: FloatArray | None, k: int, order: int) -> Mixture:
+def _mixture(
+    ys: FloatArray, table: FloatArray, sign: FloatArray | None, k: int, order: int, mass: FloatArray
+) -> Mixture:
     """Return what is known of the last series after observation ``k``, its window being complete."""
     window = ys[-1, max(0, k + 1 - order) : k + 1][::-1].reshape(-1).copy()
-    return Mixture(table[-1].copy(), window, None if sign is None else sign[-1].copy())
+    p = None if np.isnan(mass[-1]).any() else mass[-1].copy()
+    return Mixture(table[-1].copy(), window, None if sign is None else sign[-1].copy(), p)
 
 
 def check_explained(name: str, walked: Trajectory, explained: Trajectory) -> None:
@@ -265,13 +344,13 @@ def check_explained(name: str, walked: Trajectory, explained: Trajectory) -> Non
     for field in ("x", "P", "mu"):
         got, expected = walked.fields[field], explained.fields[field]
         off = np.abs(got - expected).reshape(len(got), -1).max(axis=1, initial=0.0)
-        size = np.abs(expected).max(initial=0.0)
-        wrong = np.flatnonzero(~(off <= _ROUNDING * size))
+        wrong = np.flatnonzero(~(off <= _ROUNDING * np.abs(expected).max(initial=0.0)))
         if wrong.size:
+            k = int(wrong[0])
             raise ParameterError(
-                f"smooth: after observation {wrong[0]}, {field} of this {name} is {got[wrong[0]].tolist()}, "
-                f"but its system leads to {expected[wrong[0]].tolist()}; the way back knows the system alone: "
-                "let predict and update do no more than pass on other observations, or override smooth as well"
+                f"smooth: after observation {k}, {field} of this {name} is {got[k].tolist()}, but its system "
+                f"leads to {expected[k].tolist()}; the way back knows the system alone: let predict and "
+                "update do no more than pass on other observations, or override smooth as well"
             )
 
 
