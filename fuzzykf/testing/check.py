@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_numbers, brief
-from fuzzykf.testing import basics, capabilities  # noqa: F401 - they register their checks
+from fuzzykf.testing import basics, capabilities, promises  # noqa: F401 - they register their checks
 from fuzzykf.testing.case import CHECKS, Case, FilterCheckError
 
 if TYPE_CHECKING:
@@ -84,9 +84,9 @@ def check_filter(factory: Callable[[], Filter], zs: ArrayLike | None = None) -> 
     -----
     Every filter: ``construction``, ``shapes``, ``covariance``, ``repeatable``, ``step``,
     ``filter``, ``continuation``, ``empty_series``, ``batch_filter``, ``observation_forms``,
-    ``bad_observations``, ``input``, ``copy``, ``pickle``, ``saver``, ``reset``; and, unless
-    its ``update(None)`` raises NotImplementedError, ``missing``, ``missing_nan`` and
-    ``missing_component``.
+    ``bad_observations``, ``input``, ``copy``, ``pickle``, ``saver``, ``reset``, ``refused``,
+    ``overrides``, ``resume``; and, unless its ``update(None)`` raises NotImplementedError,
+    ``missing``, ``missing_nan``, ``missing_component`` and ``missing_forms``.
     With ``log_likelihood``: ``log_likelihood``, ``density``, ``outlier``.
     With ``mu`` and ``nodes``: ``mode_probabilities``, ``leading_predict``, ``sequence``.
     With ``membership`` and ``possibility``: ``possibility``.

@@ -11,7 +11,7 @@ import pytest
 
 import fuzzykf
 from fuzzykf import ExtendedKalmanFilter, FilterResult, IMMEstimator, KalmanFilter
-from fuzzykf.base import Filter, as_observation
+from fuzzykf.base import Filter, as_observation, as_observations
 from fuzzykf.errors import SequenceError
 from fuzzykf.testing.case import CHECKS
 from fuzzykf.testing.check import CheckReport, FilterCheckError, check_filter
@@ -90,18 +90,16 @@ class AtOneSwitch(fuzzykf.KnownSwitchFilter):
         super().update(z, self.R if self._r_next is None else None)
 
     def step(self, z, r=None):
-        self.predict()
-        self.update(z)
-        return self.x
+        return super().step(z, self.R)
 
-    def filter(self, zs, r=None):
-        return super().filter(zs, np.full(len(zs), self.R))
+    def filter(self, zs, r=None, *, resume=False):
+        return super().filter(zs, np.full(len(zs), self.R), resume=resume)
 
     def smooth(self, zs):
         return super().smooth(zs, np.full(len(zs), self.R))
 
-    def filter_many(self, zs, keep=("x", "P", "log_likelihood")):
-        return super().filter_many(zs, keep, r=np.full(np.shape(zs)[:2], self.R))
+    def filter_many(self, zs, keep=("x", "P", "log_likelihood"), *, resume=False):
+        return super().filter_many(zs, keep, r=np.full(np.shape(zs)[:2], self.R), resume=resume)
 
 
 def on_grid(**more):
@@ -201,8 +199,10 @@ class Switching(Filter):
         self.n, self.ready = self.n + 1, False
         self._show()
 
-    def filter(self, zs):
-        self.__init__()
+    def filter(self, zs, *, resume=False):
+        as_observations(zs, 1)  # what is refused leaves the filter as it was
+        if not resume:
+            self.__init__()
         return super().filter(zs)
 
 
@@ -308,8 +308,10 @@ class StaysWhereItWas(Kalman):
 
 
 class StartsAnew(Kalman):
-    def filter(self, zs):
-        self.__init__()
+    def filter(self, zs, *, resume=False):
+        as_observations(zs, 1)  # what is refused leaves the filter as it was
+        if not resume:
+            self.__init__()
         return super().filter(zs)
 
 
@@ -529,6 +531,46 @@ class LoadsANewOne(Saved):
         return cls()
 
 
+class TakesWhatIsMasked(Kalman):
+    def update(self, z, *args):
+        super().update(np.ma.getdata(z) if isinstance(z, np.ma.MaskedArray) else z, *args)
+
+
+class StepsBeforeItRefuses(Kalman):
+    def step(self, z):
+        self.predict()
+        self.update(z)
+        return self.x
+
+
+class MovesWhenItRefuses(Kalman):
+    def filter(self, zs, us=None, *, resume=False):
+        try:
+            return super().filter(zs, us, resume=resume)
+        except ValueError:
+            self.x = self.x + 1.0
+            raise
+
+
+class GoesPastItsUpdate(Kalman):
+    def filter(self, zs, us=None, *, resume=False):
+        plain = Kalman()
+        plain.__dict__.update({name: value for name, value in self.__dict__.items() if name != "update"})
+        result = plain.filter(zs, us)
+        self.__dict__.update(plain.__dict__)
+        return result
+
+
+class NeverResumes(Switching):
+    def filter(self, zs, *, resume=False):
+        return super().filter(zs)
+
+
+class OfYesterday(Kalman):
+    def filter(self, zs, us=None):
+        return super().filter(zs, us)
+
+
 _SHARED = Kalman()
 
 BROKEN = {
@@ -561,6 +603,10 @@ BROKEN = {
     "filter_many": [KeepsEverything, OneSeriesForAll],
     "smooth": [SmoothsOtherwise],
     "save": [LoadsANewOne],
+    "missing_forms": [TakesWhatIsMasked],
+    "refused": [StepsBeforeItRefuses, MovesWhenItRefuses],
+    "overrides": [GoesPastItsUpdate],
+    "resume": [NeverResumes, OfYesterday],
 }
 
 
@@ -629,9 +675,17 @@ class Notes(Kalman):
 def test_observations_can_be_given():
     zs = np.linspace(10.0, 11.0, 6)
     check_filter(Notes, zs)
-    assert 10.0 in [float(np.ravel(z)[0]) for z in Notes.seen if isinstance(z, np.ndarray) and z.size == 1]
+    seen = [z for z in Notes.seen if type(z) is np.ndarray and z.size == 1]
+    assert 10.0 in [float(np.ravel(z)[0]) for z in seen]
     with pytest.raises(FilterCheckError, match="zs has 5 observations, expected at least six"):
         check_filter(Notes, zs[:5])
+
+
+def test_a_filter_of_yesterday_is_told_what_it_lacks():
+    with pytest.raises(
+        FilterCheckError, match="fails 'resume': filter has no argument resume, expected resume=False"
+    ):
+        check_filter(OfYesterday)
 
 
 def test_the_report_names_what_was_done():
