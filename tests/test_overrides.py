@@ -26,8 +26,8 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.overrides import follows_copies, is_patched
 from fuzzykf.switching import SwitchingFilter
 
-ZS = np.array([0.4, 1.0, -0.3, 2.0, 0.7, 0.1, 1.4])[:, None]
-RS = np.array([0.0, 0.0, 0.5, 1.0, 1.0, 0.3, 0.0])
+ZS = np.array([0.4, 1.0, -0.3, 2.0, 0.7])[:, None]
+RS = np.array([0.0, 0.5, 1.0, 1.0, 0.3])
 
 
 class Average(Filter):
@@ -215,9 +215,17 @@ RUNS = {
 }
 
 
-@pytest.mark.parametrize("how", HOW)
-@pytest.mark.parametrize("verb", CHANGES)
-@pytest.mark.parametrize("name", NAMES)
+#: A patched class is asked for as a subclass is; so one of each kind of engine will do.
+CASES = [
+    (name, verb, how)
+    for name in NAMES
+    for verb in CHANGES
+    for how in HOW
+    if how != "class" or name in ("KalmanFilter", "IMMEstimator", "OFSRFilter", "KnownSwitchFilter")
+]
+
+
+@pytest.mark.parametrize(("name", "verb", "how"), CASES)
 def test_every_run_is_the_verbs_in_turn(make, name, verb, how, monkeypatch) -> None:
     plain = by_verbs(make[name]())
     changed = HOW[how]
