@@ -9,8 +9,9 @@ import numpy as np
 from fuzzykf.base import as_many, as_observations, check_keep
 from fuzzykf.engine.selected import predict_stack, seen_components
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_flag, brief
+from fuzzykf.gaussian import as_count, as_flag, brief
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square, as_state, as_vector, control_term
+from fuzzykf.kalman.forecast import MOST_STEPS, expected_nonlinear, forecast
 from fuzzykf.kalman.gaussian_filter import GaussianFilter
 from fuzzykf.kalman.linearization import (
     linearize_observation,
@@ -381,6 +382,44 @@ class ExtendedKalmanFilter(GaussianFilter):
         forward = as_result(self._collect(zs, us, fx_args, hx_args, moved), zs)
         F, Q = np.array(motions).reshape(len(motions), 2, d, d).swapaxes(0, 1)
         return smooth_result(forward, F, Q)
+
+    def forecast(
+        self,
+        steps: int,
+        us: Sequence[Any] | None = None,
+        fx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+    ) -> FilterResult:
+        """Predict states and observations ahead; the filter stays where it is.
+
+        Parameters
+        ----------
+        steps : int
+            Number of predictions from the current x and P on.
+        us, fx_args, hx_args
+            As in `filter`, one for each step.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P`` and, if the filter has ``hx``, mean ``z_prior`` and covariance ``S`` of
+            the observations, to first order.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            As from `predict`; if ``steps`` is below one.
+        """
+
+        def moves(n: int) -> list[dict[str, Any]]:
+            before = per_step("fx_args", fx_args, n)
+            return [dict(**u, **(before[k] or {})) for k, u in enumerate(given_per_step(n, us=us))]
+
+        def expected(f: Any, k: int) -> Any:
+            return expected_nonlinear(f, (after[k] or {}) if hx_args is not None else {})
+
+        after = per_step("hx_args", hx_args, as_count("steps", steps, 1, MOST_STEPS))
+        return forecast(self, steps, moves, expected)
 
     def batch_filter(
         self,

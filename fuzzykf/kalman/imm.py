@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -23,6 +24,7 @@ from fuzzykf.gaussian import as_array, as_choice, as_flag, as_numbers, brief
 from fuzzykf.kalman import bank, bank_series
 from fuzzykf.kalman.arguments import SingularInnovationError
 from fuzzykf.kalman.describe import describe
+from fuzzykf.kalman.forecast import expected_mixture, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD
 from fuzzykf.kalman.gpb2 import PairBranches
 from fuzzykf.kalman.series import (
@@ -392,6 +394,37 @@ class IMMEstimator(BankStepper, Filter):
             (n, dim_x) if x is flat.
         """
         return as_batch(self._collect(zs, None), np.ndim(self.x) == 1)
+
+    def forecast(self, steps: int, us: Sequence[Any] | None = None) -> FilterResult:
+        """Predict states, observations and modes ahead; the bank stays where it is.
+
+        Parameters
+        ----------
+        steps : int
+            Number of predictions from the current estimates on.
+        us : sequence of controls, optional
+            One for each step.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, ``mu``, ``nodes``, ``switch`` and, where every member says how an
+            observation comes about, its mean ``z_prior`` and covariance ``S``.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            As from `predict`; if ``steps`` is below one.
+        """
+        weights: list[FloatArray] = []
+
+        def expected(f: Any, _step: int) -> Any:
+            weights.append(np.exp(f._log_cbar))
+            return expected_mixture(f.filters, weights[-1])
+
+        found = forecast(self, steps, lambda n: given_per_step(n, us=us), expected)
+        mu, modes = np.array(weights), np.arange(self.N, dtype=np.float64)
+        return replace(found, mu=mu, nodes=modes, switch=modes[mu.argmax(axis=1)])
 
     def filter_many(
         self,

@@ -20,6 +20,7 @@ from fuzzykf.kalman.arguments import (
     fits,
     observation_matrix,
 )
+from fuzzykf.kalman.forecast import expected_linear, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD, GaussianFilter
 from fuzzykf.kalman.linear_series import LinearModel, control_terms, filter_many, filter_one
 from fuzzykf.kalman.series import (
@@ -541,6 +542,37 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         self.remember_origin()
         stored = collect(self, series, field_shapes(d), moves, moved=moved)
         return smooth_result(as_result(stored, zs), F, noise)
+
+    def forecast(self, steps: int, us: Sequence[Any] | None = None) -> FilterResult:
+        """Predict states and observations ahead; the filter stays where it is.
+
+        Parameters
+        ----------
+        steps : int
+            Number of predictions from the current x and P on: a prediction that was made since the
+            latest observation is not counted.
+        us : sequence of controls, optional
+            One for each step.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, and mean ``z_prior`` and covariance ``S`` of the observations.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            As from `predict`; if ``steps`` is below one.
+
+        Examples
+        --------
+        >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]])
+        >>> kf.filter([1.0, 2.0]).x.ravel().round(2)
+        array([0.67, 1.5 ])
+        >>> kf.forecast(2).S.ravel().round(3)
+        array([2.625, 3.625])
+        """
+        return forecast(self, steps, lambda n: given_per_step(n, us=us), expected_linear)
 
     def filter_many(
         self,
