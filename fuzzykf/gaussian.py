@@ -236,7 +236,7 @@ def _show(shape: tuple[int | None, ...]) -> str:
 
 def symmetrize(P: FloatArray) -> FloatArray:
     """Return the symmetric part of the matrices ``P`` (..., d, d)."""
-    symmetric: FloatArray = 0.5 * (P + np.swapaxes(P, -1, -2))
+    symmetric: FloatArray = 0.5 * P + 0.5 * np.swapaxes(P, -1, -2)
     return symmetric
 
 

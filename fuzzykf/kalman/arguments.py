@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
+from fuzzykf.errors import NotPositiveDefiniteError, NumericalRangeError, ParameterError, ShapeError
 from fuzzykf.gaussian import SYMMETRY_TOLERANCE, as_array, as_numbers, brief, check_covariance
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ __all__ = [
     "as_state",
     "as_vector",
     "check_dimensions",
+    "check_in_range",
     "control_term",
     "dimension",
     "fits",
@@ -128,6 +129,22 @@ def _plainly_definite(P: FloatArray) -> bool:
     except np.linalg.LinAlgError:
         return False
     return True
+
+
+def check_in_range(**values: FloatArray) -> None:
+    """Raise unless what would become of these is made of numbers.
+
+    Raises
+    ------
+    NumericalRangeError
+        Names the first that is not.
+    """
+    for name, value in values.items():
+        if not np.isfinite(value).all():
+            raise NumericalRangeError(
+                f"{name}: would become {brief(value.tolist())}, which double precision cannot hold; expected "
+                "numbers of less than about 1e154, the squares of which are numbers, too"
+            )
 
 
 def as_state(x: Any, n: int) -> FloatArray:

@@ -4,7 +4,7 @@
 from cpython.dict cimport PyDict_GetItemWithError, PyDict_SetItem
 from cpython.mem cimport PyMem_Free, PyMem_Malloc
 from cpython.object cimport PyObject
-from libc.math cimport exp
+from libc.math cimport exp, isfinite
 from libc.string cimport memcmp, memcpy
 
 from fuzzykf.engine.compiled.arrays cimport at
@@ -33,6 +33,19 @@ cdef inline const fk_kalman_engine *engine() noexcept nogil:
     return versions + level
 
 
+cdef bint is_finite(const double *values, int size) noexcept nogil:
+    cdef int k
+    for k in range(size):
+        if not isfinite(values[k]):
+            return False
+    return True
+
+
+cdef inline bint is_in_range(const double *x, const double *P, int n) noexcept nogil:
+    """Whether an estimate is made of numbers; the verbs say what is wrong with one that is not."""
+    return is_finite(x, n) and is_finite(P, n * n)
+
+
 class LinearStepper:
     """Owner of ``step``; see `fuzzykf.kalman.stepper.LinearStepper`."""
 
@@ -59,7 +72,7 @@ class LinearStepper:
         ):
             return self._step_any(z)
         engine().predict(&member.f)
-        if not engine().update(&member.f, member.z):
+        if not engine().update(&member.f, member.z) or not is_in_range(member.f.x, member.f.P, member.f.n):
             return self._step_any(z)
         count = prior_entries(&member, entries, False)
         count += posterior_entries(&member, entries + count)
@@ -79,6 +92,8 @@ class LinearStepper:
         ):
             return False
         engine().predict(&member.f)
+        if not is_in_range(member.f.x_prior, member.f.P_prior, member.f.n):
+            return False
         count = prior_entries(&member, entries, True)
         reserve(d, entries, count)
         commit(d, entries, count)
@@ -98,7 +113,7 @@ class LinearStepper:
             return False
         memcpy(f.x_prior, f.x, f.n * sizeof(double))
         memcpy(f.P_prior, f.P, f.n * f.n * sizeof(double))
-        if not engine().update(f, member.z):
+        if not engine().update(f, member.z) or not is_in_range(f.x, f.P, f.n):
             return False
         count = posterior_entries(&member, entries)
         reserve(d, entries, count)
@@ -143,6 +158,18 @@ cdef class Bank:
 
     def __dealloc__(self):
         PyMem_Free(self.members)
+
+
+cdef bint bank_is_in_range(Bank bank, bint prior) noexcept:
+    cdef int k, n = bank.members[0].f.n
+    cdef fk_kalman *f
+    for k in range(bank.b.modes):
+        f = &bank.members[k].f
+        if not is_in_range(f.x_prior if prior else f.x, f.P_prior if prior else f.P, n):
+            return False
+    if prior:
+        return is_in_range(bank.b.x_prior, bank.b.P_prior, n)
+    return is_in_range(bank.b.x, bank.b.P, n)
 
 
 cdef inline const double *row(PyObject *value, int rows, int columns) noexcept:
@@ -298,7 +325,7 @@ class BankStepper:
         for k in range(1, bank.b.modes):
             memcpy(bank.members[k].z, bank.members[0].z, bank.members[0].f.m * sizeof(double))
         fk_bank_predict(engine(), &bank.b)
-        if not fk_bank_update(engine(), &bank.b, bank.members[0].z):
+        if not fk_bank_update(engine(), &bank.b, bank.members[0].z) or not bank_is_in_range(bank, False):
             return self._step_any(z)
         write(bank, True, True)
         return <object> PyDict_GetItemWithError(d, "x")
@@ -317,6 +344,8 @@ class BankStepper:
         if bank is None:
             return False
         fk_bank_predict(engine(), &bank.b)
+        if not bank_is_in_range(bank, True):
+            return False
         modes = bank.b.modes
         log_cbar = cnp.PyArray_SimpleNew(1, &modes, cnp.NPY_DOUBLE)
         memcpy(at(log_cbar), bank.b.log_cbar, modes * sizeof(double))
@@ -350,7 +379,7 @@ class BankStepper:
                 memcpy(member.z, bank.members[0].z, member.f.m * sizeof(double))
             memcpy(member.f.x_prior, member.f.x, member.f.n * sizeof(double))
             memcpy(member.f.P_prior, member.f.P, member.f.n * member.f.n * sizeof(double))
-        if not fk_bank_update(engine(), &bank.b, bank.members[0].z):
+        if not fk_bank_update(engine(), &bank.b, bank.members[0].z) or not bank_is_in_range(bank, False):
             return False
         write(bank, False, True)
         return True

@@ -26,7 +26,7 @@ from fuzzykf.kalman.series import (
     collect,
     field_shapes,
     given_per_step,
-    per_step,
+    named_per_step,
     stack_results,
     unchanged_on_error,
 )
@@ -154,7 +154,7 @@ class ExtendedKalmanFilter(GaussianFilter):
             F = as_matrix("F", self.F, (self.dim_x, self.dim_x))
             self.x = F.dot(x) + control_term(self.B, u, x)
         else:
-            moved = self.fx(x.ravel(), **with_control(fx_args, u))
+            moved = self.fx(x.flatten(), **with_control(fx_args, u))
             self.x = as_vector("fx", moved, x.ravel()).reshape(x.shape)
 
     def predict(self, u: Any = 0, **fx_args: Any) -> None:
@@ -173,20 +173,21 @@ class ExtendedKalmanFilter(GaussianFilter):
             If shapes do not agree, a function returns something else than it should,
             or arguments are given for an ``fx`` that is not there.
         """
-        self.remember_origin()
-        u = 0 if u is None else u
-        x, P = self._state()
-        Q = as_square("Q", self.Q, self.dim_x)
-        F = None
-        if self.fx is not None:
-            F = transition_jacobian(self.fx, self.FJacobian, x.ravel(), with_control(fx_args, u))
         with unchanged_on_error(self):
-            self.predict_x(u, **fx_args)
-            if F is not None:
-                self.F = F
-            F = as_matrix("F", self.F, (self.dim_x, self.dim_x))
-            x = as_state(self.x, self.dim_x)
-            self._set_prior(x, predict_stack(P, F, Q, 1.0))
+            self.remember_origin()
+            u = 0 if u is None else u
+            x, P = self._state()
+            Q = as_square("Q", self.Q, self.dim_x)
+            F = None
+            if self.fx is not None:
+                F = transition_jacobian(self.fx, self.FJacobian, x.flatten(), with_control(fx_args, u))
+            with unchanged_on_error(self):
+                self.predict_x(u, **fx_args)
+                if F is not None:
+                    self.F = F
+                F = as_matrix("F", self.F, (self.dim_x, self.dim_x))
+                x = as_state(self.x, self.dim_x)
+                self._set_prior(x, predict_stack(P, F, Q, 1.0))
 
     # ------------------------------------------------------------------ update
 
@@ -236,34 +237,35 @@ class ExtendedKalmanFilter(GaussianFilter):
         >>> ekf.x.round(3)
         array([2.235])
         """
-        self.remember_origin()
-        x, P = self._state()
-        if z is None:
-            self._skip(x, P, self.dim_z)
-            return
-        args = args if isinstance(args, tuple) else (args,)
-        hx_args = hx_args if isinstance(hx_args, tuple) else (hx_args,)
-        residual = self.residual if residual is None else residual
-        for name, function in (("HJacobian", HJacobian), ("Hx", Hx), ("residual", residual)):
-            if function is not None and not callable(function):
-                raise ParameterError(f"{name}: got {brief(function)}, expected a function")
-        own, given = (self.hx, self.HJacobian), (Hx, HJacobian)
-        functions = observation_functions(own, given, x.shape, args, hx_args, hx_kwargs)
-        predicted, H = linearize_observation(*functions, x, residual)
-        m = predicted.size
-        noise = as_square("R", self.R, m) if R is None else as_covariance("R", R, m)
-        value = observed(z, m, x)
-        if value is None:
-            self._skip(x, P, m)
-            return
-        # the residual function may be anything: it sees the prediction where z is missing
-        seen = seen_components(value)
-        known = value.copy() if seen is None else np.where(np.isnan(value), predicted, value)
-        y = as_vector("residual", residual(known, predicted), predicted)
-        if seen is not None:
-            y = np.where(seen.reshape(y.shape), y, 0.0)
-        x, P, S, SI, K = condition(x, P, y, H, noise, self._I, self.inv, seen)
-        self._set_innovation(x, P, value, y, S, SI, K)
+        with unchanged_on_error(self):
+            self.remember_origin()
+            x, P = self._state()
+            if z is None:
+                self._skip(x, P, self.dim_z)
+                return
+            args = args if isinstance(args, tuple) else (args,)
+            hx_args = hx_args if isinstance(hx_args, tuple) else (hx_args,)
+            residual = self.residual if residual is None else residual
+            for name, function in (("HJacobian", HJacobian), ("Hx", Hx), ("residual", residual)):
+                if function is not None and not callable(function):
+                    raise ParameterError(f"{name}: got {brief(function)}, expected a function")
+            own, given = (self.hx, self.HJacobian), (Hx, HJacobian)
+            functions = observation_functions(own, given, x.shape, args, hx_args, hx_kwargs)
+            predicted, H = linearize_observation(*functions, x, residual)
+            m = predicted.size
+            noise = as_square("R", self.R, m) if R is None else as_covariance("R", R, m)
+            value = observed(z, m, x)
+            if value is None:
+                self._skip(x, P, m)
+                return
+            # the residual function may be anything: it sees the prediction where z is missing
+            seen = seen_components(value)
+            known = value.copy() if seen is None else np.where(np.isnan(value), predicted, value)
+            y = as_vector("residual", residual(known, predicted), predicted)
+            if seen is not None:
+                y = np.where(seen.reshape(y.shape), y, 0.0)
+            x, P, S, SI, K = condition(x, P, y, H, noise, self._I, self.inv, seen)
+            self._set_innovation(x, P, value, y, S, SI, K)
 
     def predict_update(
         self,
@@ -283,10 +285,11 @@ class ExtendedKalmanFilter(GaussianFilter):
         u
             As in `predict`.
         """
-        self.remember_origin()
         with unchanged_on_error(self):
-            self.predict(u)
-            self.update(z, HJacobian, Hx, args=args, hx_args=hx_args)
+            self.remember_origin()
+            with unchanged_on_error(self):
+                self.predict(u)
+                self.update(z, HJacobian, Hx, args=args, hx_args=hx_args)
 
     # ------------------------------------------------------------------ whole series
 
@@ -337,11 +340,12 @@ class ExtendedKalmanFilter(GaussianFilter):
     ) -> dict[str, FloatArray]:
         series = as_observations(zs, self.dim_z)
         n = len(series)
-        before, after = per_step("fx_args", fx_args, n), per_step("hx_args", hx_args, n)
-        moves = [dict(**control, **(before[k] or {})) for k, control in enumerate(given_per_step(n, us=us))]
-        self.remember_origin()
-        looks = [after[k] or {} for k in range(n)]
-        return collect(self, series, field_shapes(self.dim_x), moves, looks, moved=moved)
+        before, after = named_per_step("fx_args", fx_args, n), named_per_step("hx_args", hx_args, n)
+        moves = [dict(**control, **before[k]) for k, control in enumerate(given_per_step(n, us=us))]
+        with unchanged_on_error(self):
+            self.remember_origin()
+            looks = after
+            return collect(self, series, field_shapes(self.dim_x), moves, looks, moved=moved)
 
     def smooth(
         self,
@@ -412,13 +416,13 @@ class ExtendedKalmanFilter(GaussianFilter):
         """
 
         def moves(n: int) -> list[dict[str, Any]]:
-            before = per_step("fx_args", fx_args, n)
-            return [dict(**u, **(before[k] or {})) for k, u in enumerate(given_per_step(n, us=us))]
+            before = named_per_step("fx_args", fx_args, n)
+            return [dict(**u, **before[k]) for k, u in enumerate(given_per_step(n, us=us))]
 
         def expected(f: Any, k: int) -> Any:
-            return expected_nonlinear(f, (after[k] or {}) if hx_args is not None else {})
+            return expected_nonlinear(f, after[k])
 
-        after = per_step("hx_args", hx_args, as_count("steps", steps, 1, MOST_STEPS))
+        after = named_per_step("hx_args", hx_args, as_count("steps", steps, 1, MOST_STEPS))
         return forecast(self, steps, moves, expected)
 
     def batch_filter(

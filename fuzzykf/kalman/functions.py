@@ -12,8 +12,8 @@ import numpy as np
 
 from fuzzykf.engine.selected import predict_linear, seen_components
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_numbers, as_real
-from fuzzykf.kalman.arguments import as_covariance, control_term, observation_matrix
+from fuzzykf.gaussian import as_array, as_flag, as_numbers, as_real
+from fuzzykf.kalman.arguments import as_covariance, check_in_range, control_term, observation_matrix
 from fuzzykf.kalman.series import as_listed, per_step, run_batch
 from fuzzykf.kalman.updates import condition_linear, log_density, observed
 from fuzzykf.kalman.variants import update_with_gain
@@ -105,7 +105,9 @@ def predict(
     if not 1.0 <= alpha < 1e150:
         raise ParameterError(f"alpha: got {alpha!r}, expected a number of at least 1 and less than 1e150")
     moved, covariance = predict_linear(mean, covariance, _transition(F, n), noise, alpha * alpha)
-    return _like(moved + control_term(B, u, mean), x), _like(covariance, P)
+    moved = moved + control_term(B, u, mean)
+    check_in_range(x=moved, P=covariance)
+    return _like(moved, x), _like(covariance, P)
 
 
 def update(
@@ -164,6 +166,7 @@ def update(
     mean, covariance, y, S, _, K = condition_linear(
         mean, covariance, value, matrix, noise, np.eye(n), np.linalg.inv
     )
+    check_in_range(x=mean, P=covariance)
     estimate = _like(mean, x), _like(covariance, P)
     if not return_all:
         return estimate
@@ -185,7 +188,10 @@ def predict_steadystate(x: ArrayLike, F: ArrayLike = 1, u: ArrayLike = 0, B: Arr
         In the form of ``x``.
     """
     mean = _vector(x)
-    moved: FloatArray = _transition(F, mean.shape[0]).dot(mean) + control_term(B, u, mean)
+    transition = _transition(F, mean.shape[0])
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved: FloatArray = transition.dot(mean) + control_term(B, u, mean)
+    check_in_range(x=moved)
     return _like(moved, x)
 
 
@@ -209,7 +215,11 @@ def update_steadystate(x: ArrayLike, z: Numbers, K: ArrayLike, H: ArrayLike | No
     given = as_numbers("K", K)
     gain = as_array("K", given.reshape(1, 1) if given.size == 1 else given, (mean.shape[0], matrix.shape[0]))
     value = observed(z, matrix.shape[0], mean)
-    return x if value is None else _like(update_with_gain(mean, value, matrix, gain)[0], x)
+    if value is None:
+        return x
+    moved, _, _ = update_with_gain(mean, value, matrix, gain)
+    check_in_range(x=moved)
+    return _like(moved, x)
 
 
 def batch_filter(
@@ -276,4 +286,4 @@ def batch_filter(
         mean, covariance = update(mean, covariance, zs[k], R[k], H[k])
         return mean, covariance
 
-    return run_batch(n, mean.shape, move, look, update_first, saver)
+    return run_batch(n, mean.shape, move, look, as_flag("update_first", update_first), saver)

@@ -10,9 +10,9 @@ import numpy as np
 
 from fuzzykf.base import Filter
 from fuzzykf.engine.selected import seen_components
-from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, brief
-from fuzzykf.kalman.arguments import as_covariance, as_square, as_state, dimension
+from fuzzykf.errors import NumericalRangeError, ParameterError, ShapeError
+from fuzzykf.gaussian import as_array, as_numbers, brief
+from fuzzykf.kalman.arguments import as_covariance, as_square, as_state, check_in_range, dimension
 from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.updates import distance, log_density
 
@@ -123,11 +123,26 @@ class GaussianFilter(Filter):
             value = np.asarray(getattr(self, name))
             setattr(self, name, value.reshape(-1) if ndim == 1 else value.reshape(-1, 1))
 
+    def _check(self, x: FloatArray, P: FloatArray) -> None:
+        """Refuse what is no number before it becomes the estimate."""
+        try:
+            check_in_range(x=x, P=P)
+        except NumericalRangeError:
+            for name in ("x", "P"):
+                held = as_numbers(name, getattr(self, name))
+                if not np.isfinite(held).all():
+                    raise ParameterError(
+                        f"{name}: got {brief(held.tolist())}, expected finite numbers"
+                    ) from None
+            raise
+
     def _set_prior(self, x: FloatArray, P: FloatArray) -> None:
+        self._check(x, P)
         self.__dict__["x"], self.P = x, P
         self.x_prior, self.P_prior = x.copy(), P.copy()
 
     def _set_posterior(self, x: FloatArray, P: FloatArray) -> None:
+        self._check(x, P)
         self.__dict__["x"], self.P = x, P
         self.x_post, self.P_post = x.copy(), P.copy()
         self._log_likelihood = self._likelihood = self._mahalanobis = None

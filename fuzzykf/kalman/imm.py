@@ -22,7 +22,7 @@ from fuzzykf.engine.selected import log_mixing, merge_modes, mix_modes, weigh_mo
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_choice, as_flag, as_numbers, brief
 from fuzzykf.kalman import bank, bank_series
-from fuzzykf.kalman.arguments import SingularInnovationError
+from fuzzykf.kalman.arguments import SingularInnovationError, check_in_range
 from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.forecast import expected_mixture, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD
@@ -210,6 +210,7 @@ class IMMEstimator(BankStepper, Filter):
 
     def _merged(self, weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
         x, P = merge_modes(weights, xs, Ps)
+        check_in_range(x=x, P=P)
         return x.reshape(self._form), P
 
     @property
@@ -234,22 +235,23 @@ class IMMEstimator(BankStepper, Filter):
         """
         if u is None and self._predict_at_once():
             return
-        self.remember_origin()
-        log_mu = self._log_weights() if self._log_cbar is None else self._log_cbar
-        log_joint, log_cbar, omega = log_mixing(log_mu, self._log_transition())
-        xs, Ps = bank.member_states(self.filters)
-        branches = None
-        if self.method == "imm":
-            xs, Ps = bank.predict_members(self.filters, *mix_modes(omega, xs, Ps), u)
-        else:
-            branches = PairBranches(self.filters, log_joint)
-            xs, Ps = branches.predict(self.filters, omega, xs, Ps, u)
-        x, P = self._merged(np.exp(log_cbar), xs, Ps)
-        if self._log_cbar is not None:  # a second prediction: the time in between had no observation
-            self._set_weights(log_mu, np.exp(log_mu))
-        self._log_cbar, self._branches = log_cbar, branches
-        self.x, self.P = x, P
-        self.x_prior, self.P_prior = x.copy(), P.copy()
+        with unchanged_on_error(self, *self.filters):
+            self.remember_origin()
+            log_mu = self._log_weights() if self._log_cbar is None else self._log_cbar
+            log_joint, log_cbar, omega = log_mixing(log_mu, self._log_transition())
+            xs, Ps = bank.member_states(self.filters)
+            branches = None
+            if self.method == "imm":
+                xs, Ps = bank.predict_members(self.filters, *mix_modes(omega, xs, Ps), u)
+            else:
+                branches = PairBranches(self.filters, log_joint)
+                xs, Ps = branches.predict(self.filters, omega, xs, Ps, u)
+            x, P = self._merged(np.exp(log_cbar), xs, Ps)
+            if self._log_cbar is not None:  # a second prediction: the time in between had no observation
+                self._set_weights(log_mu, np.exp(log_mu))
+            self._log_cbar, self._branches = log_cbar, branches
+            self.x, self.P = x, P
+            self.x_prior, self.P_prior = x.copy(), P.copy()
 
     def update(self, z: Numbers) -> None:
         """Update the filter of each mode, then the probabilities of the modes.
@@ -268,32 +270,33 @@ class IMMEstimator(BankStepper, Filter):
         """
         if self._update_at_once(z):
             return
-        self.remember_origin()
-        value = as_observation(z, self.dim_z)
-        log_prior = self._log_cbar
-        if log_prior is None:
-            log_prior = log_mixing(self._log_weights(), self._log_transition())[1]
-        if value is None:
-            bank.skip_members(self.filters)
-            log_mu, total, modes = log_prior, 0.0, np.zeros(self.N)
-            xs, Ps = bank.member_states(self.filters)
-        elif self._branches is not None:
-            log_mu, total, modes, xs, Ps = self._branches.update(self.filters, value)
-        else:
-            modes, xs, Ps = bank.update_members(self.filters, value, log_prior)
-            log_mu, normaliser = weigh_modes(log_prior, modes)
-            total = float(normaliser)
-        mu = np.exp(log_mu)
-        if value is None and self._log_cbar is not None:
-            x, P = self.x_prior.copy(), self.P_prior.copy()
-        else:
-            x, P = self._merged(mu, xs, Ps)
-        self._set_weights(log_mu, mu)
-        self._log_cbar = self._branches = None
-        self.mode_log_likelihood, self.log_likelihood = modes, total
-        self.likelihood = np.exp(modes)
-        self.x, self.P = x, P
-        self.x_post, self.P_post = x.copy(), P.copy()
+        with unchanged_on_error(self, *self.filters):
+            self.remember_origin()
+            value = as_observation(z, self.dim_z)
+            log_prior = self._log_cbar
+            if log_prior is None:
+                log_prior = log_mixing(self._log_weights(), self._log_transition())[1]
+            if value is None:
+                bank.skip_members(self.filters)
+                log_mu, total, modes = log_prior, 0.0, np.zeros(self.N)
+                xs, Ps = bank.member_states(self.filters)
+            elif self._branches is not None:
+                log_mu, total, modes, xs, Ps = self._branches.update(self.filters, value)
+            else:
+                modes, xs, Ps = bank.update_members(self.filters, value, log_prior)
+                log_mu, normaliser = weigh_modes(log_prior, modes)
+                total = float(normaliser)
+            mu = np.exp(log_mu)
+            if value is None and self._log_cbar is not None:
+                x, P = self.x_prior.copy(), self.P_prior.copy()
+            else:
+                x, P = self._merged(mu, xs, Ps)
+            self._set_weights(log_mu, mu)
+            self._log_cbar = self._branches = None
+            self.mode_log_likelihood, self.log_likelihood = modes, total
+            self.likelihood = np.exp(modes)
+            self.x, self.P = x, P
+            self.x_post, self.P_post = x.copy(), P.copy()
 
     def _step_any(self, z: Numbers) -> FloatArray:
         """Do a step with any observation, by the verbs; an error leaves the bank as it was."""
@@ -357,8 +360,9 @@ class IMMEstimator(BankStepper, Filter):
             if stored is not None:
                 return stored
         moves = given_per_step(len(series), us=us)
-        self.remember_origin()
-        return collect(self, series, field_shapes(self.dim_x, self.N), moves, members=self.filters)
+        with unchanged_on_error(self, *self.filters):
+            self.remember_origin()
+            return collect(self, series, field_shapes(self.dim_x, self.N), moves, members=self.filters)
 
     def _filter_at_once(self, series: FloatArray) -> dict[str, FloatArray] | None:
         """Do predict and update for a whole series; None if that has to be done step by step."""
@@ -368,6 +372,8 @@ class IMMEstimator(BankStepper, Filter):
         if result is None:
             return None
         stored, state = result
+        if not all(np.isfinite(stored[name][-1]).all() for name in ("x", "P")):
+            return None  # the verbs say what has become too large
         self.remember_origin()
         bank.put_state(self.filters, state, series[-1])
         x, P, x_prior, P_prior = (stored[name][-1].copy() for name in ("x", "P", "x_prior", "P_prior"))
@@ -469,6 +475,8 @@ class IMMEstimator(BankStepper, Filter):
         try:
             found = bank_series.filter_many(self.filters, model, series, weights, every_pair, names)
         except SingularInnovationError:  # or what an observation beyond all numbers leaves looks like it
+            return stack_results(self._filter_each(series), names)
+        if not all(np.isfinite(found[name][:, -1]).all() for name in {"x", "P"} & found.keys()):
             return stack_results(self._filter_each(series), names)
         return FilterResult(**found)
 

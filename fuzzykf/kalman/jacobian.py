@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.gaussian import as_numbers
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -44,6 +46,8 @@ def central_jacobian(
     Examples
     --------
     >>> import numpy as np
+
+    from fuzzykf.gaussian import as_numbers
     >>> central_jacobian(lambda x: np.array([x[0] * x[1]]), np.array([2.0, 3.0])).round(6)
     array([[3., 2.]])
     """
@@ -53,7 +57,8 @@ def central_jacobian(
         above, below = x.copy(), x.copy()
         above[i] += step
         below[i] -= step
-        difference = np.asarray(residual(function(above), function(below)), dtype=np.float64)
-        columns.append(difference.ravel() / (above[i] - below[i]))
+        width = above[i] - below[i]  # a function may write into what it is given
+        difference = as_numbers("residual", residual(function(above), function(below)))
+        columns.append(difference.ravel() / width)
     jacobian: FloatArray = np.column_stack(columns)
     return jacobian

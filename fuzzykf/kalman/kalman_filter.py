@@ -16,6 +16,7 @@ from fuzzykf.kalman.arguments import (
     as_square,
     as_state,
     check_dimensions,
+    check_in_range,
     control_term,
     fits,
     observation_matrix,
@@ -216,8 +217,9 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         if u is None and B is None and F is None and Q is None and self._predict_at_once():
             return
-        self.remember_origin()
-        self._set_prior(*self.get_prediction(u, B, F, Q))
+        with unchanged_on_error(self):
+            self.remember_origin()
+            self._set_prior(*self.get_prediction(u, B, F, Q))
 
     def update(self, z: Numbers, R: Numbers = None, H: Numbers = None) -> None:
         """Take an observation into account.
@@ -246,14 +248,15 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         if R is None and H is None and self._update_at_once(z):
             return
-        self.remember_origin()
-        x, P, H, R = self._observation(R, H)
-        value = observed(z, H.shape[0], x)
-        if value is None:
-            self._skip(x, P, H.shape[0])
-            return
-        x, P, y, S, SI, K = condition_linear(x, P, value, H, R, self._I, self.inv)
-        self._set_innovation(x, P, value, y, S, SI, K)
+        with unchanged_on_error(self):
+            self.remember_origin()
+            x, P, H, R = self._observation(R, H)
+            value = observed(z, H.shape[0], x)
+            if value is None:
+                self._skip(x, P, H.shape[0])
+                return
+            x, P, y, S, SI, K = condition_linear(x, P, value, H, R, self._I, self.inv)
+            self._set_innovation(x, P, value, y, S, SI, K)
 
     def _observation(self, R: Any, H: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return x, P, H and R for this call; H and R are its own or the filter's."""
@@ -315,11 +318,12 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> bool(kf.x == kf.K), bool((kf.P == P).all())
         (True, True)
         """
-        self.remember_origin()
-        x, P = self._state()
-        F = as_matrix("F", self.F, (self.dim_x, self.dim_x))
-        x = F.dot(x) + control_term(self.B if B is None else B, u, x)
-        self._set_prior(x, P.copy())
+        with unchanged_on_error(self):
+            self.remember_origin()
+            x, P = self._state()
+            F = as_matrix("F", self.F, (self.dim_x, self.dim_x))
+            x = F.dot(x) + control_term(self.B if B is None else B, u, x)
+            self._set_prior(x, P.copy())
 
     def update_steadystate(self, z: Numbers) -> None:
         """Update the state with the gain K as it is; P, S and K stay.
@@ -335,19 +339,20 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         ShapeError
             If the shapes do not agree.
         """
-        self.remember_origin()
-        x, P = self._state()
-        H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
-        K = as_matrix("K", self.K, (self.dim_x, self.dim_z))
-        value = observed(z, self.dim_z, x)
-        if value is None:
-            self._skip(x, P, self.dim_z)
-            return
-        x, y, seen = update_with_gain(x, value, H, K)
-        self._set_posterior(x, P.copy())
-        self.z, self.y = value, y
-        if seen is not None:
-            self._log_likelihood = log_density(y, as_square("S", self.S, self.dim_z), seen)
+        with unchanged_on_error(self):
+            self.remember_origin()
+            x, P = self._state()
+            H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
+            K = as_matrix("K", self.K, (self.dim_x, self.dim_z))
+            value = observed(z, self.dim_z, x)
+            if value is None:
+                self._skip(x, P, self.dim_z)
+                return
+            x, y, seen = update_with_gain(x, value, H, K)
+            self._set_posterior(x, P.copy())
+            self.z, self.y = value, y
+            if seen is not None:
+                self._log_likelihood = log_density(y, as_square("S", self.S, self.dim_z), seen)
 
     def update_correlated(self, z: Numbers, R: Numbers = None, H: Numbers = None) -> None:
         """Update where the noise of the observation correlates with the error of the prediction.
@@ -381,16 +386,17 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> kf.K, kf.P
         (array([[0.5]]), array([[0.25]]))
         """
-        self.remember_origin()
-        x, P, H, R = self._observation(R, H)
-        M = as_matrix("M", self.M, (self.dim_x, H.shape[0]))
-        value = observed(z, H.shape[0], x)
-        if value is None:
-            self._skip(x, P, H.shape[0])
-            return
-        y, seen = zero_where_missing(value - H.dot(x), value)
-        x, P, S, SI, K = condition(x, P, y, H, R, self._I, self.inv, seen, M)
-        self._set_innovation(x, P, value, y, S, SI, K)
+        with unchanged_on_error(self):
+            self.remember_origin()
+            x, P, H, R = self._observation(R, H)
+            M = as_matrix("M", self.M, (self.dim_x, H.shape[0]))
+            value = observed(z, H.shape[0], x)
+            if value is None:
+                self._skip(x, P, H.shape[0])
+                return
+            y, seen = zero_where_missing(value - H.dot(x), value)
+            x, P, S, SI, K = condition(x, P, y, H, R, self._I, self.inv, seen, M)
+            self._set_innovation(x, P, value, y, S, SI, K)
 
     def update_sequential(self, start: int, z_i: Numbers, R_i: Numbers = None, H_i: Numbers = None) -> None:
         """Update with some neighbouring components of an observation.
@@ -427,15 +433,16 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> bool(np.allclose(whole.x, parts.x))
         True
         """
-        self.remember_origin()
-        (x, P), m = self._state(), self.dim_z
-        block = block_of(start, as_numbers("z_i", z_i).size, m)
-        H, R = block_matrices(block, H_i, R_i, self.H, self.R, (m, self.dim_x))
-        whole = whole_observation(self.z, self.y, self.K, (m, 1)[: x.ndim], (self.dim_x, m))
-        x, P, log_likelihood, mahalanobis = update_block(x, P, z_i, H, R, block, whole, self._I, self.inv)
-        self._set_posterior(x, P)
-        self.z, self.y, self.K = whole
-        self._log_likelihood, self._mahalanobis = log_likelihood, mahalanobis
+        with unchanged_on_error(self):
+            self.remember_origin()
+            (x, P), m = self._state(), self.dim_z
+            block = block_of(start, as_numbers("z_i", z_i).size, m)
+            H, R = block_matrices(block, H_i, R_i, self.H, self.R, (m, self.dim_x))
+            whole = whole_observation(self.z, self.y, self.K, (m, 1)[: x.ndim], (self.dim_x, m))
+            x, P, log_likelihood, mahalanobis = update_block(x, P, z_i, H, R, block, whole, self._I, self.inv)
+            self._set_posterior(x, P)
+            self.z, self.y, self.K = whole
+            self._log_likelihood, self._mahalanobis = log_likelihood, mahalanobis
 
     # ------------------------------------------------------------------ whole series
 
@@ -477,16 +484,18 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         as_flag("resume", resume)
         series = as_observations(zs, self.dim_z)
-        self.remember_origin()
-        if us is None and len(series) and self._is_plain():
-            return as_result(self._filter_at_once(series), zs)
-        stored = collect(self, series, field_shapes(self.dim_x), given_per_step(len(series), us=us))
-        return as_result(stored, zs)
+        with unchanged_on_error(self):
+            self.remember_origin()
+            if us is None and len(series) and self._is_plain():
+                return as_result(self._filter_at_once(series), zs)
+            stored = collect(self, series, field_shapes(self.dim_x), given_per_step(len(series), us=us))
+            return as_result(stored, zs)
 
     def _filter_at_once(self, series: FloatArray, names: tuple[str, ...] = FIELDS) -> dict[str, FloatArray]:
         """Do predict and update for a whole series, and stay at its last observation."""
         stored, innovation = filter_one(self._model(), series, names)
         x, P, x_prior, P_prior = (stored[name][-1] for name in FIELDS[:4])
+        check_in_range(x=x, P=P)  # what is no number stays none
         self._end_series((x_prior, P_prior), (x, P), series[-1], innovation)
         return stored
 
@@ -539,9 +548,10 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             check_motion(self, k, expected, covariance, "F, Q, B, alpha and us")
             noise[k] = Q + (self._alpha_sq - 1.0) * F[k].dot(P).dot(F[k].T)
 
-        self.remember_origin()
-        stored = collect(self, series, field_shapes(d), moves, moved=moved)
-        return smooth_result(as_result(stored, zs), F, noise)
+        with unchanged_on_error(self):
+            self.remember_origin()
+            stored = collect(self, series, field_shapes(d), moves, moved=moved)
+            return smooth_result(as_result(stored, zs), F, noise)
 
     def forecast(self, steps: int, us: Sequence[Any] | None = None) -> FilterResult:
         """Predict states and observations ahead; the filter stays where it is.
@@ -621,7 +631,9 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         series, model = as_many(zs, self.dim_z), self._model()
         terms = None if us is None else control_terms(self.B, us, series.shape[:2], self.dim_x)
         if self._is_plain():
-            return FilterResult(**filter_many(model, series, names, terms))
+            stored = filter_many(model, series, names, terms)
+            check_in_range(**{name: stored[name][:, -1] for name in FIELDS[:4] if name in stored})
+            return FilterResult(**stored)
         if us is None:
             return stack_results(self._filter_each(series), names)
         column = () if model.x.ndim == 1 else (1,)
@@ -677,29 +689,31 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         observations: Any = zs
         if hasattr(observations, "to_numpy"):
             observations = observations.to_numpy()
+        update_first = as_flag("update_first", update_first)
         if not hasattr(observations, "__len__"):
             if not hasattr(observations, "__iter__"):
                 raise ShapeError(f"zs: got {brief(zs)}, expected a series of observations")
             observations = list(observations)
         n = len(as_listed("zs", observations, 0))
-        self.remember_origin()
-        x, _ = self._state()
-        given = (Fs, Qs, Hs, Rs, Bs, us, saver)
-        if n and not update_first and all(one is None for one in given) and self._is_plain():
-            series = as_observations(observations, self.dim_z)
-            return as_batch(self._filter_at_once(series, FIELDS[:4]), x.ndim == 1)  # no log-likelihood
-        moves, looks = given_per_step(n, us=us, Bs=Bs, Fs=Fs, Qs=Qs), given_per_step(n, Rs=Rs, Hs=Hs)
-
-        def predict(k: int) -> tuple[Any, Any]:
-            self.predict(**moves[k])
-            return self.x, self.P
-
-        def update(k: int) -> tuple[Any, Any]:
-            self.update(observations[k], **looks[k])
-            return self.x, self.P
-
         with unchanged_on_error(self):
-            return run_batch(n, x.shape, predict, update, update_first, saver)
+            self.remember_origin()
+            x, _ = self._state()
+            given = (Fs, Qs, Hs, Rs, Bs, us, saver)
+            if n and not update_first and all(one is None for one in given) and self._is_plain():
+                series = as_observations(observations, self.dim_z)
+                return as_batch(self._filter_at_once(series, FIELDS[:4]), x.ndim == 1)  # no log-likelihood
+            moves, looks = given_per_step(n, us=us, Bs=Bs, Fs=Fs, Qs=Qs), given_per_step(n, Rs=Rs, Hs=Hs)
+
+            def predict(k: int) -> tuple[Any, Any]:
+                self.predict(**moves[k])
+                return self.x, self.P
+
+            def update(k: int) -> tuple[Any, Any]:
+                self.update(observations[k], **looks[k])
+                return self.x, self.P
+
+            with unchanged_on_error(self):
+                return run_batch(n, x.shape, predict, update, update_first, saver)
 
     def rts_smoother(
         self,

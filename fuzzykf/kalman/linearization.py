@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_array
+from fuzzykf.gaussian import as_array, as_numbers
 from fuzzykf.kalman.arguments import as_matrix, as_vector
 from fuzzykf.kalman.jacobian import central_jacobian
 
@@ -70,7 +70,7 @@ def linearize_observation(
     h: Function, jacobian: Function | None, x: FloatArray, residual: Function
 ) -> tuple[FloatArray, FloatArray]:
     """Return h(x), in the form of x, and the Jacobian of h at x."""
-    predicted = np.asarray(h(x.flatten()), dtype=np.float64)
+    predicted = as_numbers("Hx", h(x.flatten()))
     m = predicted.size
     predicted = as_vector("Hx", predicted, np.empty(m if x.ndim == 1 else (m, 1)))
     if jacobian is None:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf import results
-from fuzzykf.base import FilterResult, index_of
-from fuzzykf.errors import ShapeError
+from fuzzykf.base import Filter, FilterResult, index_of
+from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import brief
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable
 
     from fuzzykf.arrays import FloatArray
 
@@ -27,6 +27,7 @@ __all__ = [
     "empty_fields",
     "field_shapes",
     "given_per_step",
+    "named_per_step",
     "per_step",
     "run_batch",
     "stack_results",
@@ -53,12 +54,12 @@ def empty_fields(
 class unchanged_on_error:
     """Put filters back into the state they came with when the block raises.
 
-    Their verbs write into no array that anybody else holds, so that a copy of the
-    attribute dictionary keeps the old state.
+    The verbs of this package write into no array that anybody else holds, so that a copy of the
+    attribute dictionary keeps the old state.  Other filters (filterpy's unscented one) may write into theirs.
     """
 
     def __init__(self, *filters: Any) -> None:
-        self._before = [(each, dict(each.__dict__)) for each in filters]
+        self._before = [(each, _state_of(each)) for each in filters]
 
     def __enter__(self) -> None:
         pass
@@ -68,6 +69,16 @@ class unchanged_on_error:
             for each, state in self._before:
                 each.__dict__.clear()
                 each.__dict__.update(state)
+
+
+def _state_of(filter_: Any) -> dict[str, Any]:
+    """Return the attributes of a filter; of one that is not of this package the arrays are copied."""
+    if isinstance(filter_, Filter):
+        return dict(filter_.__dict__)
+    return {
+        name: value.copy() if isinstance(value, np.ndarray) else value
+        for name, value in filter_.__dict__.items()
+    }
 
 
 def as_listed(name: str, values: Any, n: int) -> Sequence[Any]:
@@ -87,6 +98,18 @@ def per_step(name: str, values: Any, n: int) -> Sequence[Any]:
     if len(each) < n:
         raise ShapeError(f"{name}: got {len(each)} values, expected one for each of the {n} observations")
     return each
+
+
+def named_per_step(name: str, values: Any, n: int) -> list[dict[str, Any]]:
+    """Return keyword arguments for each step; none where nothing, or None, was given."""
+    found: list[dict[str, Any]] = []
+    for k, one in enumerate(per_step(name, values, n)[:n]):
+        if not (one is None or isinstance(one, Mapping)):
+            raise ParameterError(
+                f"{name}[{k}]: got {brief(one)}, expected a dict of keyword arguments, or None"
+            )
+        found.append(dict(one or {}))
+    return found
 
 
 def given_per_step(n: int, **given: Sequence[Any] | None) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ from fuzzykf.base import FilterResult
 from fuzzykf.engine.selected import rts_gains, smooth_linear
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
-from fuzzykf.kalman.arguments import as_matrix, as_square
+from fuzzykf.kalman.arguments import as_matrix, as_square, check_in_range
 from fuzzykf.kalman.series import FIELDS, as_listed
 
 if TYPE_CHECKING:
@@ -96,12 +96,17 @@ def rts_smoother(
         if not np.isfinite(array).all():
             raise ParameterError(f"{name}: got NaN or infinity, expected finite numbers")
     K, Pp = np.zeros((n, d, d)), P.copy()
-    for k in range(n - 2, -1, -1):
-        F = as_matrix(f"Fs[{k + 1}]", Fs[k + 1], (d, d))
-        Pp[k] = F.dot(P[k]).dot(F.T) + as_square(f"Qs[{k + 1}]", Qs[k + 1], d)
-        K[k] = P[k].dot(F.T).dot(inv(Pp[k]))
-        x[k] += K[k].dot(x[k + 1] - F.dot(x[k]))
-        P[k] += K[k].dot(P[k + 1] - Pp[k]).dot(K[k].T)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(n - 2, -1, -1):
+            F, Q = as_matrix(f"Fs[{k + 1}]", Fs[k + 1], (d, d)), as_square(f"Qs[{k + 1}]", Qs[k + 1], d)
+            for name, matrix in (("Fs", F), ("Qs", Q)):
+                if not np.isfinite(matrix).all():
+                    raise ParameterError(f"{name}[{k + 1}]: got NaN or infinity, expected finite numbers")
+            Pp[k] = F.dot(P[k]).dot(F.T) + Q
+            K[k] = P[k].dot(F.T).dot(inv(Pp[k]))
+            x[k] += K[k].dot(x[k + 1] - F.dot(x[k]))
+            P[k] += K[k].dot(P[k + 1] - Pp[k]).dot(K[k].T)
+    check_in_range(x=x, P=P)
     return x, P, K, Pp
 
 
@@ -141,6 +146,7 @@ def smooth_result(forward: FilterResult, F: FloatArray, Q: FloatArray, alpha_sq:
     """Smooth what a filter found on its way forward; F, Q and ``alpha_sq`` as in `smooth_moments`."""
     x, P, x_prior, P_prior = (getattr(forward, name) for name in FIELDS[:4])
     x, P = smooth_moments(x, P, x_prior, P_prior, F, Q, alpha_sq)
+    check_in_range(x=x, P=P)
     return FilterResult(x=x, P=P, log_likelihood=forward.log_likelihood, index=forward.index)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from fuzzykf.base import as_observation
 from fuzzykf.engine.selected import (
+    QUIET,
     inverse,
     inverse_seen,
     log_normal,
@@ -41,6 +42,7 @@ def zero_where_missing(y: FloatArray, z: FloatArray) -> tuple[FloatArray, np.nda
     return (y, seen) if seen is None else (np.where(seen.reshape(y.shape), y, 0.0), seen)
 
 
+@QUIET
 def condition(
     x: FloatArray,
     P: FloatArray,
@@ -72,6 +74,7 @@ def condition(
         raise SingularInnovationError(SINGULAR) from error
 
 
+@QUIET
 def condition_linear(
     x: FloatArray,
     P: FloatArray,
@@ -98,6 +101,7 @@ def log_density(y: FloatArray, S: FloatArray, seen: np.ndarray | None) -> float:
     return log_normal(y, S) if seen is None else log_normal(y[seen], S[np.ix_(seen, seen)])
 
 
+@QUIET
 def distance(y: FloatArray, SI: FloatArray) -> float:
     """Length of a residual, flat or column, in standard deviations: the root of y' S^-1 y."""
     y = y.ravel()

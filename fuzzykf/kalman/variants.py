@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.engine.selected import QUIET
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_numbers, brief, is_whole
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["block_matrices", "block_of", "update_block", "update_with_gain", "whole_observation"]
 
 
+@QUIET
 def update_with_gain(
     x: FloatArray, z: FloatArray, H: FloatArray, K: FloatArray
 ) -> tuple[FloatArray, FloatArray, np.ndarray | None]:
@@ -65,6 +67,7 @@ def whole_observation(
     return np.full(form, None), np.zeros(form), np.zeros(shape)
 
 
+@QUIET
 def update_block(
     x: FloatArray,
     P: FloatArray,

@@ -235,6 +235,10 @@ class TNorm:
         widens or narrows the spread after a measurement of surprise c.
         """
         cost, least = _floats("cost", cost), _number("best", best)
+        if not 0.0 <= least < self.impossible:
+            raise ParameterError(
+                f"best: got {least:g}, expected a cost of at least 0 and below {self.impossible:g}"
+            )
         if self.scale == "log":
             return cost - least
         if self.scale == "reciprocal":

@@ -365,7 +365,7 @@ def test_an_inverse_of_the_user_is_used() -> None:
     ("change", "z", "error"),
     [
         (assign("R", -1e3), [1.0, 2.0], NotPositiveDefiniteError),
-        (assign("P", np.full((3, 3), np.nan)), [1.0, 2.0], NotPositiveDefiniteError),
+        (assign("P", np.full((3, 3), np.nan)), [1.0, 2.0], ParameterError),
         (assign("F", np.eye(2)), [1.0, 2.0], ShapeError),
         (assign("H", np.eye(3)), [1.0, 2.0], ShapeError),
         (assign("x", np.zeros(4)), [1.0, 2.0], ShapeError),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.engine.numpy import kalman
+from fuzzykf.engine.numpy.outliers import QUIET
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -95,6 +96,7 @@ def weigh_pairs(
     return np.where(lost, np.eye(log_joint.shape[-1]), omega), log_mu, total, column + best
 
 
+@QUIET
 def merge_modes(weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance of mixtures along the last axis of modes, by central moments.
 
@@ -126,6 +128,7 @@ def merge_modes(weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[Fl
     return (first + off)[..., 0, :], P + (deviation.mT * row) @ deviation
 
 
+@QUIET
 def mix_modes(omega: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Moments with which each mode j starts the interaction: mixtures over i with weights omega[i, j]."""
     weights = omega.mT
@@ -141,6 +144,7 @@ def mix_modes(omega: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatA
     return first + beyond[..., 0, :], first_P + P + spread
 
 
+@QUIET
 def move_bank(
     xs: FloatArray, Ps: FloatArray, F: FloatArray, Q: FloatArray, alpha_sq: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
@@ -148,6 +152,7 @@ def move_bank(
     return (F @ xs[..., None])[..., 0], kalman.predict_stack(Ps, F, Q, alpha_sq)
 
 
+@QUIET
 def correct_bank(
     xs: FloatArray,
     Ps: FloatArray,
@@ -177,6 +182,7 @@ def correct_bank(
     return y, S, SI, K, xs, Ps, kalman.log_normal_stack(y, SI, log_det, seen)
 
 
+@QUIET
 def filter_bank(
     xs: FloatArray,
     Ps: FloatArray,
@@ -244,6 +250,7 @@ def _put(
             out[name][t] = value
 
 
+@QUIET
 def filter_bank_many(
     xs: FloatArray,
     Ps: FloatArray,

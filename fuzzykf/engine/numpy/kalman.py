@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.engine.numpy.outliers import QUIET
 from fuzzykf.gaussian import LOG_2PI, log_density
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ PIVOT_TOLERANCE = 16.0 * float(np.finfo(np.float64).eps)
 # --------------------------------------------------------------------------- one filter
 
 
+@QUIET
 def predict_linear(
     x: FloatArray, P: FloatArray, F: FloatArray, Q: FloatArray, alpha_sq: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -58,6 +60,7 @@ def predict_linear(
     return F.dot(x), P
 
 
+@QUIET
 def update_residual(
     x: FloatArray,
     P: FloatArray,
@@ -96,6 +99,7 @@ def update_residual(
     return x + K.dot(y), symmetric, S, SI, K
 
 
+@QUIET
 def update_linear(
     x: FloatArray, P: FloatArray, z: FloatArray, H: FloatArray, R: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -120,6 +124,7 @@ def update_linear(
     return x, P, y, S, SI, K
 
 
+@QUIET
 def filter_linear(
     x: FloatArray,
     P: FloatArray,
@@ -189,6 +194,7 @@ def seen_components(z: FloatArray) -> np.ndarray | None:
     return seen
 
 
+@QUIET
 def update_correlated(
     x: FloatArray,
     P: FloatArray,
@@ -360,6 +366,7 @@ def _inverse_few(S: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.array(inverses).reshape(S.shape), np.array(log_dets).reshape(S.shape[:-2])
 
 
+@QUIET
 def predict_stack(P: FloatArray, F: FloatArray, Q: FloatArray, alpha_sq: FloatArray | float) -> FloatArray:
     """Return alpha^2 F P F' + Q for covariances (..., n, n); alpha^2 broadcasts against them."""
     moved: FloatArray = F @ P @ F.mT
@@ -369,6 +376,7 @@ def predict_stack(P: FloatArray, F: FloatArray, Q: FloatArray, alpha_sq: FloatAr
     return moved
 
 
+@QUIET
 def gain_stack(
     P: FloatArray, H: FloatArray, R: FloatArray, seen: np.ndarray | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -389,6 +397,7 @@ def gain_stack(
     return S, SI, PHT @ SI, log_det
 
 
+@QUIET
 def correct_stack(P: FloatArray, K: FloatArray, H: FloatArray, R: FloatArray) -> FloatArray:
     """Joseph's form of the updated covariance for covariances (..., n, n)."""
     A = _identity(P.shape[-1]) - K @ H

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.engine.numpy.kalman import correct_stack, gain_stack, predict_stack
+from fuzzykf.engine.numpy.outliers import QUIET
 from fuzzykf.gaussian import LOG_2PI
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["filter_linear_many", "rts_gains", "smooth_linear"]
 
 
+@QUIET
 def filter_linear_many(
     x: FloatArray,
     P: FloatArray,
@@ -109,6 +111,7 @@ def _apply(A: FloatArray, v: FloatArray, group: NDArray[np.intp]) -> FloatArray:
     return product
 
 
+@QUIET
 def rts_gains(P: FloatArray, P_prior: FloatArray, F: FloatArray) -> FloatArray:
     """Gains C_k = P_k F_{k+1}' (P_{k+1}^-)^-1 of the smoother of Rauch, Tung and Striebel.
 
@@ -132,6 +135,7 @@ def rts_gains(P: FloatArray, P_prior: FloatArray, F: FloatArray) -> FloatArray:
     return gains
 
 
+@QUIET
 def smooth_linear(
     x: FloatArray, P: FloatArray, x_prior: FloatArray, C: FloatArray, F: FloatArray, Q: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,6 @@ its pairs; columns are compared through their references.  Pairs that cannot be 
 
 from __future__ import annotations
 
-from math import isqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,27 +22,22 @@ from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.arrays import BoolArray, FloatArray, IntArray
+    from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.engine.numpy.tables import Kernel
 
 __all__ = [
     "FARTHEST",
-    "LARGEST_MEAN",
     "NEAR",
     "QUIET",
     "far_nodes",
     "far_pairs",
     "far_parts",
     "far_weights",
-    "is_in_range",
     "relative_weights",
 ]
 
 #: Below this a log-density comes near the end of the range of numbers; weights are NaN then.
 FARTHEST = -1e303
-
-#: The largest mean of a node, whose square, and that of differences, has to be a number; and covariance.
-LARGEST_MEAN, LARGEST_COVARIANCE = 1e153, 1e306
 
 #: Factors of covariances, and coefficients, that differ by less, relatively, are one.
 _ALIKE = 1e-14
@@ -56,14 +50,6 @@ QUIET = np.errstate(over="ignore", invalid="ignore")
 
 #: Logarithms of weights above this keep their digits (to 1e-13) beside one another.
 NEAR = -500.0
-
-
-def is_in_range(table: FloatArray) -> BoolArray:
-    """Whether states (..., 1 + e + e*e, M) are numbers, and the moments of their mixtures are, too: (...)."""
-    e = (isqrt(4 * table.shape[-2] - 3) - 1) // 2
-    mean, covariance = np.abs(table[..., 1 : 1 + e, :]), np.abs(table[..., 1 + e :, :])
-    fits = (mean <= LARGEST_MEAN).all(axis=(-2, -1)) & (covariance <= LARGEST_COVARIANCE).all(axis=(-2, -1))
-    return np.asarray(fits & ~np.isnan(table[..., 0, :]).any(axis=-1))
 
 
 def far_weights(rows: FloatArray, small: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, float]:

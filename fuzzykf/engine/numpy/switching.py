@@ -16,7 +16,7 @@ maxima are taken only where a sum comes near the ends of the floating-point rang
 
 from __future__ import annotations
 
-from math import log
+from math import isqrt, log
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,12 +25,14 @@ from fuzzykf.engine.numpy.outliers import NEAR, QUIET, far_nodes, far_pairs
 from fuzzykf.engine.numpy.tables import DEAD
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.engine.numpy.tables import Kernel
 
 __all__ = [
+    "LARGEST_MEAN",
     "are_far",
     "first_step",
+    "is_in_range",
     "layout",
     "log_pairs",
     "log_sum",
@@ -43,6 +45,17 @@ _HALF_LOG_2PI = 0.5 * log(2.0 * np.pi)
 
 #: Sums of weights between these lose nothing without a maximum taken out.
 _TINY, _HUGE = 1e-250, 1e250
+
+#: The largest mean of a node, whose square, and that of differences, has to be a number; and covariance.
+LARGEST_MEAN, LARGEST_COVARIANCE = 1e153, 1e306
+
+
+def is_in_range(table: FloatArray) -> BoolArray:
+    """Whether states (..., 1 + e + e*e, M) are numbers, and the moments of their mixtures are, too: (...)."""
+    e = (isqrt(4 * table.shape[-2] - 3) - 1) // 2
+    mean, covariance = np.abs(table[..., 1 : 1 + e, :]), np.abs(table[..., 1 + e :, :])
+    fits = (mean <= LARGEST_MEAN).all(axis=(-2, -1)) & (covariance <= LARGEST_COVARIANCE).all(axis=(-2, -1))
+    return np.asarray(fits & ~np.isnan(table[..., 0, :]).any(axis=-1))
 
 
 @QUIET

@@ -123,7 +123,7 @@ class IntervalMembership(Membership):
         self.dim = self.lower.size
         self.upper = as_vector("upper", upper, self.dim)
         if (self.lower > self.upper).any():
-            k = int(np.argmax(self.lower - self.upper))
+            k = int(np.argmax(self.lower > self.upper))
             raise ParameterError(
                 f"lower, upper: component {k} is [{self.lower[k]:.6g}, {self.upper[k]:.6g}], "
                 "expected lower <= upper"
@@ -132,7 +132,7 @@ class IntervalMembership(Membership):
     @property
     def peak(self) -> FloatArray:
         """The center (dim,)."""
-        center: FloatArray = 0.5 * (self.lower + self.upper)
+        center: FloatArray = 0.5 * self.lower + 0.5 * self.upper
         return center
 
     def _evaluate(self, x: FloatArray) -> FloatArray:

@@ -33,6 +33,9 @@ __all__ = ["CauchyMembership", "EllipticalMembership", "GaussianMembership", "Pa
 #: A point is off the range of a singular matrix if it is off by more than this rounding error.
 OFF_RANGE = 1e-12
 
+#: Scales are squared.
+LARGEST_SCALE = 1e154
+
 
 @reprs("center", "matrix")
 class EllipticalMembership(Membership):
@@ -65,6 +68,14 @@ class EllipticalMembership(Membership):
     def quadratic(self, x: FloatArray) -> FloatArray:
         """Return q at points (..., dim), infinite off the range of a singular matrix."""
         x = as_points(x, self.dim)
+        with np.errstate(over="ignore", invalid="ignore"):
+            value = self._quadratic(x)
+        if not np.isnan(value).any():
+            return value
+        # differences of infinities are no numbers: a point without end is infinitely far off
+        return np.where(np.isinf(x).any(axis=-1) & np.isnan(value), np.inf, value)
+
+    def _quadratic(self, x: FloatArray) -> FloatArray:
         if self.dim == 1 and self._whiten.size:
             scaled: FloatArray = (x[..., 0] - self.center[0]) * self._whiten[0, 0]
             return scaled * scaled
@@ -273,6 +284,8 @@ def _scale_matrix(scale: ArrayLike, dim: int) -> FloatArray:
         return check_covariance("scale", value, (dim, dim))
     if value.ndim > 2 or value.shape not in {(), (dim,)}:
         raise ShapeError(f"scale: got shape {value.shape}, expected (), ({dim},) or ({dim}, {dim})")
-    if not np.isfinite(value).all() or (value < 0.0).any():
-        raise ParameterError(f"scale: got {value.tolist()}, expected finite numbers that are not negative")
+    if not ((value >= 0.0) & (value <= LARGEST_SCALE)).all():
+        raise ParameterError(
+            f"scale: got {value.tolist()}, expected numbers from 0 to {LARGEST_SCALE:g}, as they are squared"
+        )
     return np.diag(np.broadcast_to(value, (dim,)) ** 2)
