@@ -29,6 +29,7 @@ from fuzzykf.kalman.series import (
     named_per_step,
     stack_results,
     unchanged_on_error,
+    whole_verb,
 )
 from fuzzykf.kalman.smoothing import check_motion, smooth_result
 from fuzzykf.kalman.updates import condition, observed
@@ -173,8 +174,7 @@ class ExtendedKalmanFilter(GaussianFilter):
             If shapes do not agree, a function returns something else than it should,
             or arguments are given for an ``fx`` that is not there.
         """
-        with unchanged_on_error(self):
-            self.remember_origin()
+        with whole_verb(self):
             u = 0 if u is None else u
             x, P = self._state()
             Q = as_square("Q", self.Q, self.dim_x)
@@ -237,8 +237,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         >>> ekf.x.round(3)
         array([2.235])
         """
-        with unchanged_on_error(self):
-            self.remember_origin()
+        with whole_verb(self):
             x, P = self._state()
             if z is None:
                 self._skip(x, P, self.dim_z)
@@ -285,11 +284,9 @@ class ExtendedKalmanFilter(GaussianFilter):
         u
             As in `predict`.
         """
-        with unchanged_on_error(self):
-            self.remember_origin()
-            with unchanged_on_error(self):
-                self.predict(u)
-                self.update(z, HJacobian, Hx, args=args, hx_args=hx_args)
+        with whole_verb(self), unchanged_on_error(self):
+            self.predict(u)
+            self.update(z, HJacobian, Hx, args=args, hx_args=hx_args)
 
     # ------------------------------------------------------------------ whole series
 
@@ -342,8 +339,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         n = len(series)
         before, after = named_per_step("fx_args", fx_args, n), named_per_step("hx_args", hx_args, n)
         moves = [dict(**control, **before[k]) for k, control in enumerate(given_per_step(n, us=us))]
-        with unchanged_on_error(self):
-            self.remember_origin()
+        with whole_verb(self):
             looks = after
             return collect(self, series, field_shapes(self.dim_x), moves, looks, moved=moved)
 

@@ -36,6 +36,7 @@ from fuzzykf.kalman.series import (
     given_per_step,
     stack_results,
     unchanged_on_error,
+    whole_verb,
 )
 from fuzzykf.kalman.stepper import BankStepper
 from fuzzykf.overrides import VERBS, follows_copies, is_patched, lookups, overrides
@@ -235,8 +236,7 @@ class IMMEstimator(BankStepper, Filter):
         """
         if u is None and self._predict_at_once():
             return
-        with unchanged_on_error(self, *self.filters):
-            self.remember_origin()
+        with whole_verb(self, *self.filters):
             log_mu = self._log_weights() if self._log_cbar is None else self._log_cbar
             log_joint, log_cbar, omega = log_mixing(log_mu, self._log_transition())
             xs, Ps = bank.member_states(self.filters)
@@ -270,8 +270,7 @@ class IMMEstimator(BankStepper, Filter):
         """
         if self._update_at_once(z):
             return
-        with unchanged_on_error(self, *self.filters):
-            self.remember_origin()
+        with whole_verb(self, *self.filters):
             value = as_observation(z, self.dim_z)
             log_prior = self._log_cbar
             if log_prior is None:
@@ -360,8 +359,7 @@ class IMMEstimator(BankStepper, Filter):
             if stored is not None:
                 return stored
         moves = given_per_step(len(series), us=us)
-        with unchanged_on_error(self, *self.filters):
-            self.remember_origin()
+        with whole_verb(self, *self.filters):
             return collect(self, series, field_shapes(self.dim_x, self.N), moves, members=self.filters)
 
     def _filter_at_once(self, series: FloatArray) -> dict[str, FloatArray] | None:

@@ -35,8 +35,9 @@ from fuzzykf.kalman.series import (
     run_batch,
     stack_results,
     unchanged_on_error,
+    whole_verb,
 )
-from fuzzykf.kalman.smoothing import check_motion, rts_smoother, smooth_result
+from fuzzykf.kalman.smoothing import LinearMotions, rts_smoother, smooth_result
 from fuzzykf.kalman.stepper import LinearStepper
 from fuzzykf.kalman.updates import condition, condition_linear, log_density, observed, zero_where_missing
 from fuzzykf.kalman.variants import (
@@ -217,8 +218,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         if u is None and B is None and F is None and Q is None and self._predict_at_once():
             return
-        with unchanged_on_error(self):
-            self.remember_origin()
+        with whole_verb(self):
             self._set_prior(*self.get_prediction(u, B, F, Q))
 
     def update(self, z: Numbers, R: Numbers = None, H: Numbers = None) -> None:
@@ -248,8 +248,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         if R is None and H is None and self._update_at_once(z):
             return
-        with unchanged_on_error(self):
-            self.remember_origin()
+        with whole_verb(self):
             x, P, H, R = self._observation(R, H)
             value = observed(z, H.shape[0], x)
             if value is None:
@@ -318,8 +317,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> bool(kf.x == kf.K), bool((kf.P == P).all())
         (True, True)
         """
-        with unchanged_on_error(self):
-            self.remember_origin()
+        with whole_verb(self):
             x, P = self._state()
             F = as_matrix("F", self.F, (self.dim_x, self.dim_x))
             x = F.dot(x) + control_term(self.B if B is None else B, u, x)
@@ -339,8 +337,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         ShapeError
             If the shapes do not agree.
         """
-        with unchanged_on_error(self):
-            self.remember_origin()
+        with whole_verb(self):
             x, P = self._state()
             H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
             K = as_matrix("K", self.K, (self.dim_x, self.dim_z))
@@ -386,8 +383,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> kf.K, kf.P
         (array([[0.5]]), array([[0.25]]))
         """
-        with unchanged_on_error(self):
-            self.remember_origin()
+        with whole_verb(self):
             x, P, H, R = self._observation(R, H)
             M = as_matrix("M", self.M, (self.dim_x, H.shape[0]))
             value = observed(z, H.shape[0], x)
@@ -433,8 +429,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> bool(np.allclose(whole.x, parts.x))
         True
         """
-        with unchanged_on_error(self):
-            self.remember_origin()
+        with whole_verb(self):
             (x, P), m = self._state(), self.dim_z
             block = block_of(start, as_numbers("z_i", z_i).size, m)
             H, R = block_matrices(block, H_i, R_i, self.H, self.R, (m, self.dim_x))
@@ -484,8 +479,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         as_flag("resume", resume)
         series = as_observations(zs, self.dim_z)
-        with unchanged_on_error(self):
-            self.remember_origin()
+        with whole_verb(self):
             if us is None and len(series) and self._is_plain():
                 return as_result(self._filter_at_once(series), zs)
             stored = collect(self, series, field_shapes(self.dim_x), given_per_step(len(series), us=us))
@@ -536,22 +530,10 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             F = np.broadcast_to(as_matrix("F", self.F, (d, d)), (len(forward), d, d))
             return smooth_result(forward, F, as_square("Q", self.Q, d), self._alpha_sq)
         series = as_observations(zs, self.dim_z)
-        moves = given_per_step(len(series), us=us)
-        F, noise = np.empty((2, len(series), d, d))
-
-        def moved(k: int, x: FloatArray, P: FloatArray) -> None:
-            """Keep how the state moved: verbs of somebody else may change that from step to step."""
-            F[k], Q = as_matrix("F", self.F, (d, d)), as_square("Q", self.Q, d)
-            expected, covariance = predict_linear(x, P, F[k], Q, self._alpha_sq)
-            if moves[k].get("u") is not None:
-                expected = expected + control_term(self.B, moves[k]["u"], x)
-            check_motion(self, k, expected, covariance, "F, Q, B, alpha and us")
-            noise[k] = Q + (self._alpha_sq - 1.0) * F[k].dot(P).dot(F[k].T)
-
-        with unchanged_on_error(self):
-            self.remember_origin()
-            stored = collect(self, series, field_shapes(d), moves, moved=moved)
-            return smooth_result(as_result(stored, zs), F, noise)
+        motions = LinearMotions(self, given_per_step(len(series), us=us))
+        with whole_verb(self):
+            stored = collect(self, series, field_shapes(d), motions.moves, moved=motions)
+            return smooth_result(as_result(stored, zs), motions.F, motions.noise)
 
     def forecast(self, steps: int, us: Sequence[Any] | None = None) -> FilterResult:
         """Predict states and observations ahead; the filter stays where it is.
@@ -695,8 +677,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
                 raise ShapeError(f"zs: got {brief(zs)}, expected a series of observations")
             observations = list(observations)
         n = len(as_listed("zs", observations, 0))
-        with unchanged_on_error(self):
-            self.remember_origin()
+        with whole_verb(self):
             x, _ = self._state()
             given = (Fs, Qs, Hs, Rs, Bs, us, saver)
             if n and not update_first and all(one is None for one in given) and self._is_plain():

@@ -32,6 +32,7 @@ __all__ = [
     "run_batch",
     "stack_results",
     "unchanged_on_error",
+    "whole_verb",
 ]
 
 #: What a filter with one mean and one covariance can tell about a series, and what a bank can.
@@ -69,6 +70,13 @@ class unchanged_on_error:
             for each, state in self._before:
                 each.__dict__.clear()
                 each.__dict__.update(state)
+
+
+class whole_verb(unchanged_on_error):
+    """A verb of the first of these filters, which remembers where it began: all of it, or no trace of it."""
+
+    def __enter__(self) -> None:
+        self._before[0][0].remember_origin()
 
 
 def _state_of(filter_: Any) -> dict[str, Any]:

@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.base import FilterResult
-from fuzzykf.engine.selected import rts_gains, smooth_linear
+from fuzzykf.engine.selected import predict_linear, rts_gains, smooth_linear
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
-from fuzzykf.kalman.arguments import as_matrix, as_square, check_in_range
+from fuzzykf.kalman.arguments import as_matrix, as_square, check_in_range, control_term
 from fuzzykf.kalman.series import FIELDS, as_listed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["check_motion", "rts_smoother", "smooth_moments", "smooth_result"]
+__all__ = ["LinearMotions", "check_motion", "rts_smoother", "smooth_moments", "smooth_result"]
 
 #: How far, in parts of the largest number, what was predicted may be off what the attributes say.
 _ROUNDING = 1e-9
@@ -184,3 +184,33 @@ def check_motion(
                 f"{np.asarray(got).tolist()}, but {motion} lead to {np.asarray(value).tolist()}; the way "
                 "back knows of no other motion: let predict set these attributes, or override smooth as well"
             )
+
+
+class LinearMotions:
+    """How the state of a Kalman filter moved along a series, which verbs of somebody else may change.
+
+    Parameters
+    ----------
+    filter_ : KalmanFilter
+    moves : sequence of n mappings
+        The arguments of each prediction.
+
+    Attributes
+    ----------
+    F, noise : ndarray, shape (n, d, d)
+        Transition to each step, and what covariance came with it.
+    """
+
+    def __init__(self, filter_: Any, moves: Sequence[Mapping[str, Any]]) -> None:
+        self.filter, self.moves = filter_, moves
+        self.F, self.noise = np.empty((2, len(moves), filter_.dim_x, filter_.dim_x))
+
+    def __call__(self, k: int, x: FloatArray, P: FloatArray) -> None:
+        """Keep the motion of step k, between its verbs; x and P are those before it."""
+        f, d = self.filter, self.filter.dim_x
+        F, Q, alpha_sq = as_matrix("F", f.F, (d, d)), as_square("Q", f.Q, d), f._alpha_sq
+        expected, covariance = predict_linear(x, P, F, Q, alpha_sq)
+        if self.moves[k].get("u") is not None:
+            expected = expected + control_term(f.B, self.moves[k]["u"], x)
+        check_motion(f, k, expected, covariance, "F, Q, B, alpha and us")
+        self.F[k], self.noise[k] = F, Q + (alpha_sq - 1.0) * F.dot(P).dot(F.T)
