@@ -102,22 +102,6 @@ class AtOneSwitch(fuzzykf.KnownSwitchFilter):
         return super().filter_many(zs, keep, r=np.full(np.shape(zs)[:2], self.R), resume=resume)
 
 
-def on_grid(**more):
-    noise = fuzzykf.TriangularMembership(-1.5, 0.0, 1.5)
-    state = fuzzykf.TriangularMembership(-3.0, 0.0, 3.0)
-    return fuzzykf.FuzzyRelationEstimator(
-        1,
-        1,
-        fx=sine,
-        hx=square,
-        state=state,
-        process_noise=noise,
-        measurement_noise=noise,
-        points=201,
-        **more,
-    )
-
-
 FILTERS = {
     "KalmanFilter": velocity,
     "KalmanFilter, flat": lambda: velocity(flat=True),
@@ -136,8 +120,8 @@ FILTERS = {
     "CGOMSMFilter": lambda: fuzzykf.CGOMSMFilter(hard_model()),
     "CGOMSMFilter, two observations": lambda: fuzzykf.CGOMSMFilter(two_observations()),
     "KnownSwitchFilter": lambda: AtOneSwitch(fuzzy_model()),
+    # on grids and intervals: tests/possibility/test_estimator.py
     "FuzzyRelationEstimator, Gaussian": lambda: fuzzykf.FuzzyRelationEstimator(2, 2),
-    "FuzzyRelationEstimator, on a grid": on_grid,
 }
 
 
