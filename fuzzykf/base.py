@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Set
 from contextlib import contextmanager
 from functools import partial
 from math import isfinite, prod
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from fuzzykf.aligned import check_aligned
 from fuzzykf.arrays import FloatArray
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_flag, brief, is_complex
@@ -28,7 +30,7 @@ from fuzzykf.overrides import follows_copies
 from fuzzykf.results import FIELDS, FilterResult, field_shapes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from fuzzykf.arrays import ManyNumbers, Numbers
 
@@ -133,14 +135,22 @@ def as_observations(zs: ManyNumbers, dim_z: int) -> FloatArray:
     is_plain = type(zs) is np.ndarray and zs.dtype == np.float64
     if not is_plain and is_complex(zs):
         raise ParameterError("zs: got complex numbers, expected real ones")
+    if isinstance(zs, str | bytes | Mapping | Set):  # their members are no observations, or in no order
+        raise ParameterError(f"zs: got {brief(zs)} ({type(zs).__name__}), expected a series of observations")
     if not isinstance(zs, np.ndarray):
+        check_aligned(zs=zs)
         try:
             given: Any = zs
             zs = given.to_numpy() if hasattr(given, "to_numpy") else list(given)
         except TypeError as error:
             raise ShapeError(f"zs: got {brief(zs)}, expected a series of observations") from error
     if isinstance(zs, list) or zs.dtype == object:
-        rows = [as_observation(z, dim_z) for z in zs]
+        rows = []
+        for k, z in enumerate(zs):
+            try:
+                rows.append(as_observation(z, dim_z))
+            except (ShapeError, ParameterError) as error:
+                raise type(error)(f"zs: observation {k}, {error}") from error
         missing = np.full(dim_z, np.nan)
         return np.array([missing if z is None else z for z in rows]).reshape(len(rows), dim_z)
     try:
@@ -469,7 +479,18 @@ class Filter(ABC):
         return set_aside(self)
 
     def copy(self) -> Self:
-        """Return an independent copy; immutable parts (models, laws) are shared."""
+        """Return an independent copy; immutable parts (models, laws) are shared.
+
+        Raises
+        ------
+        ParameterError
+            If a function that may know this object alone stands in place of a verb.
+        """
+        if not self._follows_copies():
+            raise ParameterError(
+                f"copy: this {type(self).__name__} has a function in place of its predict or update, "
+                "which need not act on a copy; expected a method of the filter: types.MethodType(f, filter)"
+            )
         return copy.deepcopy(self)
 
     # ------------------------------------------------------------------ reset

@@ -112,6 +112,11 @@ def step_note(times: Times, column: str, shown: Sequence[Any] | None = None) -> 
     if not apart.size or steps.is_regular:
         return None
     remedy = "a model knows steps of one length: give missing times a row with empty cells"
+    if steps.step is None and apart.min() == apart.max():
+        return (
+            f"rows without a time stand where none is missing (column {column}), and a model takes each for "
+            "one step more: remove them, or give them their times"
+        )
     if steps.step is None:
         return (
             f"the steps between rows last from {_spoken(apart.min())} to {_spoken(apart.max())} "

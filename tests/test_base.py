@@ -328,3 +328,22 @@ def test_an_attribute_that_has_the_name_of_a_field_but_is_none_of_it_stays_out()
     assert result.mu is None
     assert result.possibility is None
     np.testing.assert_array_equal(result.log_likelihood, [-1.5, -1.5])
+
+
+@pytest.mark.parametrize("zs", [{0: 5.0}, {1.0, 2.0}, b"12", "12"], ids=["dict", "set", "bytes", "text"])
+def test_what_is_no_series_is_refused(zs):
+    # the keys of a mapping, and the members of a set, are no observations
+    with pytest.raises(ParameterError, match=rf"zs: got .*\({type(zs).__name__}\), expected a series"):
+        as_observations(zs, 1)
+
+
+def test_the_observation_that_is_no_number_is_named():
+    with pytest.raises(ShapeError, match=r"zs: observation 1, z: expected 1 numbers, got 'b'"):
+        as_observations([1.0, "b"], 1)
+
+
+def test_an_index_of_times_has_to_increase():
+    pd = pytest.importorskip("pandas")
+    zs = pd.Series([1.0, 2.0], index=pd.to_datetime(["2020-01-02", "2020-01-01"]))
+    with pytest.raises(ParameterError, match="zs: the index of row 1 is 2020-01-01"):
+        as_observations(zs, 1)

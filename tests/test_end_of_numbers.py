@@ -251,3 +251,17 @@ def test_what_functions_return_that_is_no_number_is_named(value):
         ExtendedKalmanFilter(1, 1, hx=lambda x: value).step(1.0)
     with pytest.raises(ParameterError, match="residual: "):
         ExtendedKalmanFilter(1, 1, hx=lambda x: x, residual=lambda a, b: value).step(1.0)
+
+
+@pytest.mark.parametrize("value", [None, np.nan, np.inf])
+@pytest.mark.parametrize("name", ["Q", "F", "R", "H"])
+def test_what_was_assigned_and_is_no_number_is_named(name, value):
+    f = KalmanFilter(1, 1, H=[[1.0]])
+    setattr(f, name, value if value is None else [[value]])
+    with pytest.raises(ParameterError):  # an R of inf makes no estimate infinite
+        f.step(1.0)
+
+
+@pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
+def test_many_series_of_no_observation_are_none(make):
+    assert make().filter_many(np.zeros((3, 0, 1)), keep=("x", "P")).x.shape == (3, 0, 1)

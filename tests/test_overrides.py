@@ -388,3 +388,11 @@ def test_who_follows_copies() -> None:
     assert not follows_copies(f)
     f.update = lambda z: None
     assert not follows_copies(f)
+
+
+def test_a_copy_of_a_filter_whose_verb_knows_the_original_alone_is_refused():
+    f = KalmanFilter(1, 1, H=[[1.0]])
+    own = f.update
+    f.update = lambda z, *more: own(z, *more)
+    with pytest.raises(ParameterError, match=r"copy: this KalmanFilter has a function .*MethodType"):
+        f.copy()

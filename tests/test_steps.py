@@ -128,3 +128,11 @@ def test_the_hint_at_spring_is_given_only_there() -> None:
     assert "forward" not in step_note(read_times(day), "t")
     zoned = [f"2014-03-30T0{k}:00Z" for k in (0, 1, 3, 4)]
     assert "forward" not in step_note(read_times(zoned), "t")
+
+
+def test_a_row_without_a_time_where_none_is_missing_is_told_as_such():
+    stamps = ["2024-01-01T00:00", "2024-01-01T01:00", "", "2024-01-01T02:00", "2024-01-01T03:00"]
+    note = step_note(read_times(stamps, gaps=True), "time")
+    assert note.startswith("rows without a time stand where none is missing (column time)")
+    del stamps[3]  # now one is
+    assert step_note(read_times(stamps, gaps=True), "time") is None

@@ -10,6 +10,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from fuzzykf.errors import FileFormatError, ParameterError
+from fuzzykf.gaussian import brief
 
 if TYPE_CHECKING:
     from _csv import Reader
@@ -49,8 +50,9 @@ class Dialect:
         sep: Any = self.sep
         if sep is not None and (not isinstance(sep, str) or len(sep) != 1 or sep.isalnum() or sep in _NEVER):
             raise ParameterError(f"sep: got {sep!r}, expected one character between cells, such as ';'")
-        if self.decimal not in (None, ".", ","):
-            raise ParameterError(f"decimal: got {self.decimal!r}, expected '.' or ','")
+        decimal: Any = self.decimal
+        if decimal is not None and (not isinstance(decimal, str) or decimal not in (".", ",")):
+            raise ParameterError(f"decimal: got {brief(decimal)}, expected '.' or ','")
         return self
 
     def found(self, asked: Dialect) -> list[str]:

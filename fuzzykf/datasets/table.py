@@ -203,7 +203,8 @@ class Table:
             As from `times`.
         """
         remedy = (
-            "; say format='%d.%m.%Y %H:%M', or the like, or 'unix' for seconds since 1970 (--time-format)"
+            "; say format='%d.%m.%Y %H:%M', or the like, or 'unix' (for milliseconds 'unix_ms') since 1970 "
+            "(--time-format)"
         )
         return read_times(
             self.text(name),

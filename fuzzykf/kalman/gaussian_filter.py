@@ -128,8 +128,8 @@ class GaussianFilter(Filter):
         try:
             check_in_range(x=x, P=P)
         except NumericalRangeError:
-            for name in ("x", "P"):
-                held = as_numbers(name, getattr(self, name))
+            for name in ("x", "P", "F", "Q", "H", "R"):  # nobody checks what is assigned
+                held = as_numbers(name, getattr(self, name, 0.0))
                 if not np.isfinite(held).all():
                     raise ParameterError(
                         f"{name}: got {brief(held.tolist())}, expected finite numbers"

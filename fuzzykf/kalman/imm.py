@@ -474,7 +474,7 @@ class IMMEstimator(BankStepper, Filter):
             found = bank_series.filter_many(self.filters, model, series, weights, every_pair, names)
         except SingularInnovationError:  # or what an observation beyond all numbers leaves looks like it
             return stack_results(self._filter_each(series), names)
-        if not all(np.isfinite(found[name][:, -1]).all() for name in {"x", "P"} & found.keys()):
+        if not all(np.isfinite(found[name][:, -1:]).all() for name in {"x", "P"} & found.keys()):
             return stack_results(self._filter_each(series), names)
         return FilterResult(**found)
 

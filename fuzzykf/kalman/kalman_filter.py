@@ -614,7 +614,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         terms = None if us is None else control_terms(self.B, us, series.shape[:2], self.dim_x)
         if self._is_plain():
             stored = filter_many(model, series, names, terms)
-            check_in_range(**{name: stored[name][:, -1] for name in FIELDS[:4] if name in stored})
+            check_in_range(**{name: stored[name][:, -1:] for name in FIELDS[:4] if name in stored})
             return FilterResult(**stored)
         if us is None:
             return stack_results(self._filter_each(series), names)

@@ -182,7 +182,10 @@ def test_a_column_that_is_not_there_is_answered_with_those_that_are(tmp_path) ->
         (["2014-01-01", "2014-01-01"], "line 3: t is '2014-01-01', not later than"),
         (["2014-01-01T00:00", "2014-01-02T00:00+10:00"], "expected an offset in every row or in none"),
         (["03/29/2024"], r"line 2: t is '03/29/2024', .*; say format='%d.%m.%Y %H:%M'"),
-        (["1396051200"], "line 2: t is '1396051200', .* or 'unix' for seconds since 1970"),
+        (
+            ["1396051200"],
+            r"line 2: t is '1396051200', .* or 'unix' \(for milliseconds 'unix_ms'\) since 1970",
+        ),
         (["2014-01-01", "", "2014-01-03"], "line 3: t is not a time"),
         (["2014-10-26 01:30", "2014-10-26 01:00"], "line 3: t is .*if clocks were put back there"),
     ],
