@@ -26,7 +26,7 @@ from fuzzykf.arrays import FloatArray
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_flag, brief, is_complex
 from fuzzykf.missing import as_floats
-from fuzzykf.overrides import follows_copies
+from fuzzykf.overrides import attributes_of, follows_copies
 from fuzzykf.results import FIELDS, FilterResult, field_shapes
 
 if TYPE_CHECKING:
@@ -338,7 +338,7 @@ class Filter(ABC):
 
     def _step_or_stay(self, z: Numbers) -> FloatArray:
         """Do a step by the verbs; an error leaves the attributes as they were."""
-        before = self.__dict__.copy()
+        before = attributes_of(self)
         try:
             self.predict()
             self.update(z)
@@ -375,7 +375,7 @@ class Filter(ABC):
         sizes = {"state": self.dim_x, "observation": self.dim_z, "node": np.size(getattr(self, "mu", ()))}
         shapes = {name: shape for name, shape in _shapes(**sizes).items() if _shows(self, name, shape)}
         collected = {name: np.empty((len(series), *shape)) for name, shape in shapes.items()}
-        before = self.__dict__.copy()
+        before = attributes_of(self)
         try:
             for n, z in enumerate(series):
                 self.step(z)

@@ -10,10 +10,12 @@ from __future__ import annotations
 from types import MethodType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["VERBS", "follows_copies", "is_patched", "lookups", "overrides"]
+__all__ = ["VERBS", "attributes_of", "follows_copies", "is_patched", "lookups", "overrides"]
 
 #: What a filter does with time and with an observation.
 VERBS = ("predict", "update")
@@ -42,5 +44,19 @@ def follows_copies(filter_: Any) -> bool:
     Methods bound to the filter are bound to its copy when it is copied.  Any other function that was put in
     place of a verb may hold on to the filter itself, so that nobody knows what it does for a copy.
     """
-    there = (getattr(filter_, "__dict__", {}).get(name) for name in VERBS)
+    there = (getattr(filter_, "__dict__", {}).get(name) for name in (*VERBS, "get_prediction"))
     return all(verb is None or (isinstance(verb, MethodType) and verb.__self__ is filter_) for verb in there)
+
+
+def attributes_of(filter_: Any) -> dict[str, Any]:
+    """Return the attributes of a filter, to be put back after an error.
+
+    The verbs of this package write into no array that anybody else holds; those of others may
+    (`self.x *= ...`), so that the arrays of a filter with such verbs are copied.
+    """
+    attributes: dict[str, Any] = vars(filter_)
+    if type(filter_).__module__.startswith("fuzzykf.") and not is_patched(filter_):
+        return attributes.copy()
+    return {
+        name: value.copy() if isinstance(value, np.ndarray) else value for name, value in attributes.items()
+    }

@@ -14,7 +14,8 @@ import numpy as np
 
 from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError, SequenceError, ShapeError
-from fuzzykf.gaussian import as_numbers, as_real
+from fuzzykf.gaussian import as_numbers, as_real, brief
+from fuzzykf.missing import as_floats
 from fuzzykf.reprs import call_text, shown
 from fuzzykf.steps import find_steps
 from fuzzykf.times import Times, has_times, read_times
@@ -252,6 +253,7 @@ class DailyProfile:
             If the training part had no row of that time and kind of day.
         """
         _check_fitted(self, "means_")
+        check_aligned(time=time, workday=workday)
         moments = read_times(time, ordered=False).clock
         days = _workdays(workday, moments)
         table = self.means_.reshape(-1, *self.means_.shape[2:])
@@ -412,16 +414,28 @@ def as_times(time: Any, values: Any, n: int) -> Times:
 
 
 def _workdays(workday: ArrayLike | None, time: NDArray[np.datetime64]) -> NDArray[np.bool_]:
-    if workday is None:
-        return np.is_busday(time.astype("datetime64[D]"))
+    return np.is_busday(time.astype("datetime64[D]")) if workday is None else as_days(workday, len(time))
+
+
+def as_days(workday: Any, n: int) -> NDArray[np.bool_]:
+    """Return whether each of ``n`` rows is of a working day; none of them may be missing.
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        If there are more or fewer, or one is neither True nor False.
+    """
     try:
-        days = np.asarray(workday)
-    except ValueError as error:  # ragged
-        raise ShapeError(f"workday: got lists of unequal length, expected shape {time.shape}") from error
-    if days.shape != time.shape:
-        raise ShapeError(f"workday: got shape {days.shape}, expected {time.shape}")
-    if not np.isin(days, (0, 1)).all():
-        raise ParameterError("workday: expected True or False in every row")
+        days = as_floats(workday)
+    except (TypeError, ValueError) as error:  # texts, or ragged
+        raise ParameterError(f"workday: got {brief(workday)}, expected True or False in every row") from error
+    if days.shape != (n,):
+        raise ShapeError(f"workday: got shape {days.shape}, expected ({n},)")
+    wrong = ~np.isin(days, (0.0, 1.0))
+    if wrong.any():
+        row = int(wrong.argmax())
+        told = "is missing" if np.isnan(days[row]) else f"is {days[row]:g}"
+        raise ParameterError(f"workday: row {row} {told}, expected True or False in every row")
     return days.astype(bool)
 
 

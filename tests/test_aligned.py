@@ -6,7 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fuzzykf import CGOFMSModel, CGOMSModel, DailyProfile, compare_models
+from fuzzykf import (
+    CGOFMSModel,
+    CGOMSModel,
+    DailyProfile,
+    KalmanFilter,
+    KnownSwitchFilter,
+    compare_models,
+)
 from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError
 
@@ -63,3 +70,45 @@ def test_what_has_one_index_or_none_goes_together(pair) -> None:
 def test_an_empty_table() -> None:
     with pytest.raises(ParameterError, match="a has no row and b has 1 from 0 to 0"):
         check_aligned(a=pd.Series(dtype=float), b=pd.Series([1.0]), c=None)
+
+
+# ------------------------------------------------------------------ what goes with the observations
+
+
+def controlled():
+    return KalmanFilter(1, 1, F=[[0.9]], H=[[1.0]], B=[[1.0]])
+
+
+def test_controls_go_by_position_in_an_index_of_whatever_order():
+    frame = pd.DataFrame({"z": np.ones(4), "u": [0.0, 1.0, 2.0, 3.0]}, index=[2, 3, 0, 1])
+    expected = controlled().filter(frame.z.to_numpy(), us=frame.u.to_numpy())
+    np.testing.assert_array_equal(controlled().filter(frame.z, us=frame.u).x, expected.x)
+    np.testing.assert_array_equal(controlled().filter(frame.z, us=frame[["u"]]).x, expected.x)
+    noise = pd.Series([1.0, 2.0, 3.0, 4.0], index=[2, 3, 0, 1])
+    one = controlled().batch_filter(frame.z, Rs=noise)
+    other = controlled().batch_filter(frame.z.to_numpy(), Rs=noise.to_numpy())
+    np.testing.assert_array_equal(one[0], other[0])
+    ahead = controlled().forecast(4, us=frame.u)
+    np.testing.assert_array_equal(ahead.x, controlled().forecast(4, us=frame.u.to_numpy()).x)
+
+
+@pytest.mark.parametrize(
+    ("call", "names"),
+    [
+        (lambda a, b, m: controlled().filter(a, us=b), "zs, us"),
+        (lambda a, b, m: KnownSwitchFilter(m).filter(a, b), "zs, r"),
+        (lambda a, b, m: KnownSwitchFilter(m).smooth(a, b), "zs, r"),
+        (lambda a, b, m: CGOFMSModel.fit(np.zeros(len(a)), a, b), "y, r"),
+    ],
+)
+def test_tables_that_go_with_observations_have_their_rows(call, names, fuzzy_model):
+    one = pd.Series([0.1, 0.5, 0.9, 0.2], index=[0, 1, 2, 3])
+    with pytest.raises(ParameterError, match=f"^{names}: rows of different indexes"):
+        call(one, one[::-1], fuzzy_model)
+
+
+def test_workdays_of_a_profile_go_with_the_times():
+    time = pd.Series(pd.date_range("2014-01-06", periods=48, freq="h"))
+    profile = DailyProfile().fit(np.arange(48.0), time, np.arange(48) < 24)
+    with pytest.raises(ParameterError, match=r"^time, workday: rows of different indexes"):
+        profile.at(time, pd.Series(np.arange(48) < 24)[::-1])

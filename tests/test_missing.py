@@ -11,6 +11,7 @@ import pytest
 from fuzzykf import (
     CGOFMSModel,
     CGOMSMFilter,
+    DailyProfile,
     ExtendedKalmanFilter,
     FuzzyRelationEstimator,
     GaussianMembership,
@@ -20,6 +21,7 @@ from fuzzykf import (
     OFSRFilter,
     Standardizer,
 )
+from fuzzykf.comparison import prepare
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
 from fuzzykf.missing import as_floats
 
@@ -202,3 +204,23 @@ def test_as_floats() -> None:
     for value in NONSENSE.values():
         with pytest.raises((TypeError, ValueError)):
             as_floats(value)
+
+
+@pytest.mark.parametrize(
+    "hide",
+    [
+        lambda days: np.ma.array(days, mask=[1] + 47 * [0]),
+        lambda days: pd.array(days, "boolean").take(range(48)),
+    ],
+)
+def test_a_working_day_may_not_be_missing(hide):
+    time = pd.date_range("2014-01-06", periods=48, freq="h")
+    days = hide(np.arange(48) < 24)
+    if not isinstance(days, np.ma.MaskedArray):
+        days[0] = pd.NA
+    with pytest.raises(
+        ParameterError, match="workday: row 0 is missing, expected True or False in every row"
+    ):
+        DailyProfile().fit(np.arange(48.0), time, days)
+    with pytest.raises(ParameterError, match="workday: row 0 is missing"):
+        prepare(np.arange(48.0), np.arange(48.0) ** 2, workday=days)

@@ -396,3 +396,51 @@ def test_a_copy_of_a_filter_whose_verb_knows_the_original_alone_is_refused():
     f.update = lambda z, *more: own(z, *more)
     with pytest.raises(ParameterError, match=r"copy: this KalmanFilter has a function .*MethodType"):
         f.copy()
+
+
+class InPlace(KalmanFilter):
+    """Writes into its own arrays, as filterpy's users may."""
+
+    def predict(self, *args, **kwargs):
+        self.remember_origin()
+        self.x *= 0.9
+        self.P += 1.0
+
+
+def test_verbs_that_write_into_their_arrays():
+    f = InPlace(1, 1, x=[[1.0]], H=[[1.0]])
+    ahead, walked = f.forecast(3), f.copy()
+    for x, P in zip(ahead.x, ahead.P, strict=True):
+        walked.predict()
+        np.testing.assert_array_equal(x, walked.x.ravel())
+        np.testing.assert_array_equal(P, walked.P)
+    f.R = [[-5.0]]
+    with pytest.raises(ParameterError):
+        f.step(1.0)  # refused by update, after predict
+    assert (f.x.item(), f.P.item()) == (1.0, 1.0)
+
+
+def test_a_function_in_place_of_a_hook_of_predict_is_honoured_too():
+    def make():
+        f = KalmanFilter(1, 1, H=[[1.0]])
+        own = f.get_prediction
+
+        def shifted(*args, **more):
+            x, P = own(*args, **more)
+            return x + 1.0, P
+
+        f.get_prediction = shifted
+        return f
+
+    f, walked = make(), make()
+    expected = []
+    for z in (1.0, 2.0, 0.5):
+        walked.step(z)
+        expected.append(walked.x.item())
+    assert make().filter_many([[1.0, 2.0, 0.5]]).x.ravel().tolist() == expected
+    ahead = f.forecast(3).x.ravel().tolist()
+    loop = []
+    for _ in range(3):
+        f.predict()
+        loop.append(f.x.item())
+    assert ahead == loop

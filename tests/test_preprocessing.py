@@ -270,7 +270,7 @@ def test_pandas_brings_its_own_times_as_the_clock_on_the_spot_shows_them() -> No
         (([1.0, 2.0], ["noon", "night"]), "time: row 0 is 'noon', expected a time as in"),
         (([1.0, 2.0], np.array(["2014", "NaT"], dtype="datetime64[s]")), "time: row 1 is not a time"),
         (([1.0, 2.0], hours(2), [True]), r"workday: got shape \(1,\)"),
-        (([1.0, 2.0], hours(2), [0, 2]), "workday: expected True or False"),
+        (([1.0, 2.0], hours(2), [0, 2]), "workday: row 1 is 2, expected True or False"),
         (([1.0, np.inf], hours(2)), "row 1 is infinite"),
     ],
 )

@@ -21,7 +21,7 @@ from fuzzykf.comparison.evaluation import Fold, HeldOut, restore, summarise
 from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
 from fuzzykf.gaussian import as_choice, as_count, as_flag, as_real, check_generator
-from fuzzykf.preprocessing import DailyProfile, as_columns, as_times, mean_and_scale
+from fuzzykf.preprocessing import DailyProfile, as_columns, as_days, as_times, mean_and_scale
 from fuzzykf.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -134,9 +134,7 @@ def compare_models(
     methods = chosen(candidates)
     folds = _folds(n, n_folds, first, window)
     times = as_times(time, x, n) if profile or time is not None else None
-    days = None if workday is None else np.asarray(workday)
-    if days is not None and days.shape != (n,):
-        raise ShapeError(f"workday: got shape {days.shape}, expected ({n},)")
+    days = None if workday is None else as_days(workday, n)
     if n_resamples < 100:
         raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
     scale = np.ones(1) if states.shape[1] == 1 else mean_and_scale("x", states[: folds[0].split])[1]

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from fuzzykf.aligned import check_aligned
-from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array, as_choice, as_real
-from fuzzykf.preprocessing import DailyProfile, as_times, hour_of_day, is_constant
+from fuzzykf.preprocessing import DailyProfile, as_days, as_times, hour_of_day, is_constant
 
 if TYPE_CHECKING:
     from typing import Self
@@ -223,9 +223,7 @@ def prepare(
     n = len(x)
     y = as_array("observation", observation, (n,))
     times = None if time is None else as_times(time, None, n)
-    days = None if workday is None else np.asarray(workday)
-    if days is not None and days.shape != (n,):
-        raise ShapeError(f"workday: got shape {days.shape}, expected ({n},)")
+    days = None if workday is None else as_days(workday, n)
     n_train = _split(n, train)
     for name, values in (("state", x), ("observation", y)):
         if is_constant(values[:n_train]):

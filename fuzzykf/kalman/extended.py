@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.aligned import check_aligned
 from fuzzykf.base import as_many, as_observations, check_keep
 from fuzzykf.engine.selected import predict_stack, seen_components
 from fuzzykf.errors import ParameterError
@@ -325,6 +326,7 @@ class ExtendedKalmanFilter(GaussianFilter):
             As from `predict` and `update`; the filter is then as it was before.
         """
         as_flag("resume", resume)
+        check_aligned(zs=zs, us=us)
         return as_result(self._collect(zs, us, fx_args, hx_args), zs)
 
     def _collect(

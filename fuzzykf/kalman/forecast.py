@@ -51,7 +51,7 @@ def forecast(
     with f._lent() as ahead:
         for k, arguments in enumerate(moves(steps)):
             ahead.predict(**arguments)
-            rows.append((np.ravel(ahead.x), ahead.P))
+            rows.append((np.array(ahead.x, dtype=np.float64).ravel(), np.array(ahead.P, dtype=np.float64)))
             observations.append(expected(ahead, k))
     x, P = (np.array(column) for column in zip(*rows, strict=True))
     known = [one for one in observations if one is not None]
@@ -84,10 +84,17 @@ def expected_nonlinear(f: Any, arguments: Mapping[str, Any]) -> Expected | None:
 
 def expected_mixture(filters: Sequence[Any], weights: FloatArray) -> Expected | None:
     """Return mean and covariance of what the members of a bank expect; None if one cannot say."""
-    found = [expected_nonlinear(f, {}) if hasattr(f, "hx") else expected_linear(f) for f in filters]
+    found = [_expected(f) for f in filters]
     known = [one for one in found if one is not None]
     if len(known) < len(found):
         return None
     means, covariances = (np.array(column) for column in zip(*known, strict=True))
     merged: Expected = merge_modes(weights, means, covariances)
     return merged
+
+
+def _expected(f: Any) -> Expected | None:
+    """Return what one member expects, if it says how: by h and its Jacobian, or by a matrix H."""
+    if all(hasattr(f, name) for name in ("hx", "HJacobian", "residual")):
+        return expected_nonlinear(f, {})
+    return expected_linear(f) if all(hasattr(f, name) for name in ("H", "R", "dim_z")) else None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from fuzzykf.aligned import check_aligned
 from fuzzykf.base import (
     Filter,
     FilterResult,
@@ -348,6 +349,7 @@ class IMMEstimator(BankStepper, Filter):
             As from `predict` and `update`; the bank is then as it was before.
         """
         as_flag("resume", resume)
+        check_aligned(zs=zs, us=us)
         stored = self._collect(zs, us)
         modes = np.arange(self.N, dtype=np.float64)
         return as_result(stored, zs, nodes=modes, switch=modes[stored["mu"].argmax(axis=1)])

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.aligned import check_aligned
 from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine.selected import predict_linear
 from fuzzykf.errors import ParameterError, ShapeError
@@ -478,6 +479,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         array([0.667, 0.667, 1.636])
         """
         as_flag("resume", resume)
+        check_aligned(zs=zs, us=us)
         series = as_observations(zs, self.dim_z)
         with whole_verb(self):
             if us is None and len(series) and self._is_plain():

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf import results
-from fuzzykf.base import Filter, FilterResult, index_of
+from fuzzykf.base import FilterResult, index_of
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import brief
+from fuzzykf.overrides import attributes_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -60,7 +61,7 @@ class unchanged_on_error:
     """
 
     def __init__(self, *filters: Any) -> None:
-        self._before = [(each, _state_of(each)) for each in filters]
+        self._before = [(each, attributes_of(each)) for each in filters]
 
     def __enter__(self) -> None:
         pass
@@ -79,18 +80,13 @@ class whole_verb(unchanged_on_error):
         self._before[0][0].remember_origin()
 
 
-def _state_of(filter_: Any) -> dict[str, Any]:
-    """Return the attributes of a filter; of one that is not of this package the arrays are copied."""
-    if isinstance(filter_, Filter):
-        return dict(filter_.__dict__)
-    return {
-        name: value.copy() if isinstance(value, np.ndarray) else value
-        for name, value in filter_.__dict__.items()
-    }
-
-
 def as_listed(name: str, values: Any, n: int) -> Sequence[Any]:
-    """Return what holds a value for each step, of which there are ``n``; a number or a text does not."""
+    """Return what holds a value for each step, of which there are ``n``; a number or a text does not.
+
+    A table of pandas counts by position: its labels are those of the observations, see `check_aligned`.
+    """
+    if hasattr(values, "to_numpy"):
+        values = values.to_numpy()
     listed = isinstance(values, Sequence) or (hasattr(values, "__len__") and hasattr(values, "__array__"))
     if not listed or isinstance(values, str | bytes) or (isinstance(values, np.ndarray) and values.ndim == 0):
         raise ShapeError(f"{name}: got {brief(values)}, expected one value for each of the {n} observations")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
+from fuzzykf import ExtendedKalmanFilter, Filter, IMMEstimator, KalmanFilter
 from fuzzykf.errors import ParameterError, ShapeError
 
 F, H = np.array([[1.0, 1.0], [0.0, 0.9]]), np.array([[1.0, 0.0]])
@@ -109,3 +109,26 @@ def test_without_a_function_of_observations_there_are_states_alone():
 def test_what_is_refused(make, arguments, message):
     with pytest.raises((ParameterError, ShapeError), match=message):
         make().forecast(*arguments)
+
+
+class Own(Filter):
+    """A member that does not say how an observation comes about."""
+
+    dim_x = dim_z = 1
+
+    def __init__(self):
+        self.x, self.P = np.zeros((1, 1)), np.eye(1)
+        self.x_prior, self.P_prior, self.log_likelihood = self.x, self.P, 0.0
+
+    def predict(self, u=None):
+        self.x, self.P = 0.5 * self.x, self.P + 1.0
+
+    def update(self, z):
+        pass
+
+
+def test_a_bank_with_a_member_that_says_nothing_of_observations_forecasts_states():
+    found = IMMEstimator([Own(), Own()], [0.5, 0.5], [[0.9, 0.1], [0.2, 0.8]]).forecast(2)
+    assert found.z_prior is None
+    assert found.P.ravel() == pytest.approx([2.0, 3.0])
+    assert found.mu.sum(axis=1) == pytest.approx([1.0, 1.0])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.aligned import check_aligned
 from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_flag, as_numbers
@@ -329,6 +330,7 @@ class KnownSwitchFilter(SwitchingFilter):
 
     def _read(self, zs: ManyNumbers, r: ArrayLike, resume: bool = False) -> tuple[FloatArray, KnownPath]:
         """Return observations and path of the switch, which begins where the filter is if it resumes."""
+        check_aligned(zs=zs, r=r)
         ys = as_observations(zs, self.dim_z)
         switches = _as_switches(r).reshape(-1)
         if switches.shape != (len(ys),):

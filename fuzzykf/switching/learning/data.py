@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -102,9 +103,8 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
             f"{missing}: missing; the parameters of the state are not identifiable from y alone, so a "
             "stretch of data is needed in which x was measured as well"
         )
-    for name, other in (("y", y), ("r", r)):
-        for one, another in zip(_parts(x), _parts(other), strict=False):
-            check_aligned(**{"x": one, name: another})
+    for one, other, switch in zip_longest(_parts(x), _parts(y), _parts(r)):
+        check_aligned(x=one, y=other, r=switch)
     xs, ys = _series("x", x), _series("y", y)
     rs: Sequence[Any] = [None] * len(xs) if r is None else _series("r", r)
     if not len(xs) == len(ys) == len(rs):
