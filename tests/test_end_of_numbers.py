@@ -67,20 +67,17 @@ def assert_same(one, other):
 
 @pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
 def test_a_covariance_that_grows_beyond_all_numbers_is_refused(make):
-    for verb in ("step", "predict"):
+    for verb in (lambda f: f.step(None), lambda f: f.predict()):
         f = make()
         f.step(1.0)
-        taken = 0
-        for _ in range(5):
-            before = state(f)
-            try:
-                f.step(None) if verb == "step" else f.predict()
-            except NumericalRangeError as error:
-                assert str(error).startswith("P: would become [[inf]], which double precision cannot hold")  # noqa: PT017
-                assert_same(state(f), before)
-                break
-            taken += 1
-        assert taken == 2  # 1e120, 1e240
+        for _ in range(2):  # 1e120, 1e240
+            verb(f)
+        before = state(f)
+        with pytest.raises(
+            NumericalRangeError, match=r"^P: would become \[\[inf\]\], which double precision"
+        ):
+            verb(f)
+        assert_same(state(f), before)
         assert np.isfinite(f.P).all()
     f = make()
     before = state(f)
@@ -258,7 +255,7 @@ def test_what_functions_return_that_is_no_number_is_named(value):
 def test_what_was_assigned_and_is_no_number_is_named(name, value):
     f = KalmanFilter(1, 1, H=[[1.0]])
     setattr(f, name, value if value is None else [[value]])
-    with pytest.raises(ParameterError):  # an R of inf makes no estimate infinite
+    with pytest.raises(ParameterError, match=rf"\b{name}\b"):
         f.step(1.0)
 
 

@@ -143,7 +143,7 @@ def check_in_range(**values: FloatArray) -> None:
         if not np.isfinite(value).all():
             raise NumericalRangeError(
                 f"{name}: would become {brief(value.tolist())}, which double precision cannot hold; expected "
-                "numbers of less than about 1e154, the squares of which are numbers, too"
+                "finite numbers (reset the filter, or measure in larger units)"
             )
 
 

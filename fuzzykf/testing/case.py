@@ -162,6 +162,16 @@ class Case:
             if not np.allclose(actual, value, rtol=1e-8, atol=1e-10 * scale, equal_nan=True):
                 self.fail(f"{what}: {name} is {actual.tolist()}, expected {value.tolist()}")
 
+    def refuses(self, what: str, call: Callable[[], Any]) -> None:
+        """Fail unless a call ends in a ValueError."""
+        try:
+            call()
+        except ValueError:
+            return
+        except Exception as error:
+            self.fail(f"{what} raised {type(error).__name__}, expected a ValueError: {error}")
+        self.fail(f"{what} was accepted, expected a ValueError")
+
     def same(self, f: Any, g: Any, what: str) -> None:
         """Fail unless two filters are in the same state and stay together for two steps."""
         self.compare(self.state(f), self.state(g), what)
