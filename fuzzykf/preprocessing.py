@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError, SequenceError, ShapeError
 from fuzzykf.gaussian import as_numbers, as_real, brief
 from fuzzykf.missing import as_floats
+from fuzzykf.observations import check_aligned
 from fuzzykf.reprs import call_text, shown
 from fuzzykf.steps import find_steps
 from fuzzykf.times import Times, has_times, read_times

@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 
 from fuzzykf import CGOMSModel, DailyProfile, compare_models
-from fuzzykf.aligned import check_aligned
 from fuzzykf.comparison import ClockSwitch, prepare
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
+from fuzzykf.observations import check_aligned
 from fuzzykf.preprocessing import hour_of_day
 from fuzzykf.times import has_times, is_time, read_times
 

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fuzzykf.aligned import check_aligned
 from fuzzykf.comparison.candidates import LearningPart
 from fuzzykf.comparison.candidates.registry import chosen
 from fuzzykf.comparison.evaluation import Fold, HeldOut, restore, summarise
 from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
 from fuzzykf.gaussian import as_choice, as_count, as_flag, as_real, check_generator
+from fuzzykf.observations import check_aligned
 from fuzzykf.preprocessing import DailyProfile, as_columns, as_days, as_times, mean_and_scale
 from fuzzykf.progress import progress_bar
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array, as_choice, as_real
+from fuzzykf.observations import check_aligned
 from fuzzykf.preprocessing import DailyProfile, as_days, as_times, hour_of_day, is_constant
 
 if TYPE_CHECKING:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fuzzykf.aligned import check_aligned
 from fuzzykf.base import (
     Filter,
     FilterResult,
@@ -40,6 +39,7 @@ from fuzzykf.kalman.series import (
     whole_verb,
 )
 from fuzzykf.kalman.stepper import BankStepper
+from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import VERBS, follows_copies, is_patched, lookups, overrides
 
 if TYPE_CHECKING:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.aligned import check_aligned
 from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
 from fuzzykf.engine.selected import predict_linear
 from fuzzykf.errors import ParameterError, ShapeError
@@ -48,6 +47,7 @@ from fuzzykf.kalman.variants import (
     update_with_gain,
     whole_observation,
 )
+from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
 
 if TYPE_CHECKING:

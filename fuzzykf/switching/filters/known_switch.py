@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.aligned import check_aligned
 from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_flag, as_numbers
+from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.switching.dynamics.pairs import Ahead

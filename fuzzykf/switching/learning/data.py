@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
 from fuzzykf.missing import as_floats
+from fuzzykf.observations import check_aligned
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

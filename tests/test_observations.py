@@ -14,8 +14,8 @@ from fuzzykf import (
     KnownSwitchFilter,
     compare_models,
 )
-from fuzzykf.aligned import check_aligned
 from fuzzykf.errors import ParameterError
+from fuzzykf.observations import check_aligned
 
 
 @pytest.fixture
