@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BoolArray", "FloatArray", "IntArray", "ManyNumbers", "Number", "Numbers"]
+__all__ = ["BoolArray", "FloatArray", "IntArray", "ManyNumbers", "ManySeriesLike", "Number", "Numbers"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.intp]
@@ -52,3 +52,6 @@ Numbers: TypeAlias = Number | _HoldsNumbers | _Listed["Numbers"]
 
 #: What is read as a series of observations: an array of them, or one after another.
 ManyNumbers: TypeAlias = Numbers | Iterable[Numbers]
+
+#: What is read as many series: an array or a table of them, or a list or a mapping of series.
+ManySeriesLike: TypeAlias = Numbers | _Listed[ManyNumbers] | Mapping[Any, ManyNumbers]

@@ -21,16 +21,20 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from fuzzykf.arrays import FloatArray
-from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_flag, brief
+from fuzzykf.many import read_many, stacked
 from fuzzykf.observations import as_many, as_observation, as_observations, index_of
 from fuzzykf.overrides import attributes_of, follows_copies
 from fuzzykf.results import FIELDS, FilterResult, field_shapes
+from fuzzykf.sequel import sequel_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 
-    from fuzzykf.arrays import ManyNumbers, Numbers
+    from fuzzykf.arrays import ManyNumbers, ManySeriesLike, Numbers
+    from fuzzykf.many import ManySeries
+    from fuzzykf.sequel import Sequel
 
 __all__ = [
     "Filter",
@@ -234,43 +238,76 @@ class Filter(ABC):
         return x[..., None], P, x_prior[..., None], P_prior
 
     def filter_many(
-        self, zs: ManyNumbers, keep: Iterable[str] = USUAL_FIELDS, *, resume: bool = False
+        self,
+        zs: ManySeriesLike,
+        keep: Iterable[str] = USUAL_FIELDS,
+        *,
+        by: Hashable | None = None,
+        resume: bool = False,
     ) -> FilterResult:
         """Filter many series, each as `filter` would; the filter stays as it is.
 
         Parameters
         ----------
-        zs : array_like, shape (series, n, dim_z)
-            Or (series, n) if ``dim_z`` is 1.  NaN where missing, so that series of unequal
-            length can be padded.
+        zs : array_like, DataFrame, DataArray, list, tuple or mapping
+            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  A frame, whose
+            columns are the series (pairs (series, component) if ``dim_z`` is not 1).  A list or a mapping of
+            series, each as `filter` takes it, of any length.
         keep : sequence of str, optional
             The fields of `FilterResult` to store: by default ``x``, ``P`` and, from a
             probabilistic filter, ``log_likelihood``.
+        by : hashable, optional
+            The column (or level of the index) of a frame that says which series a row belongs to, if its rows
+            are those of all series.
         resume : bool
             Let every series go on from where the filter stands, see `filter`.
 
         Returns
         -------
         FilterResult
-            The fields in ``keep``, each with a leading axis for the series.
+            The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
+            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
 
         Raises
         ------
         ShapeError, ParameterError
             Wrong shapes; a name in ``keep`` that this filter does not fill.
         """
-        series = as_many(zs, self.dim_z)
-        if not len(series):
-            raise ShapeError(f"zs: got shape {series.shape}, expected at least one series")
+        many = self._read_many(zs, by)
         given = {"resume": True} if as_flag("resume", resume) else {}
-        results = self._filter_each(series, [given] * len(series))
-        filled = tuple(
-            name for name, value in vars(results[0]).items() if value is not None and name != "index"
-        )
-        if keep is USUAL_FIELDS:  # nobody asked for what this kind of filter does not have
-            keep = [name for name in USUAL_FIELDS if name in filled]
-        names = check_keep(keep, filled)
-        return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
+
+        def several(series: FloatArray, _: Any) -> dict[str, FloatArray]:
+            results = self._filter_each(series, [given] * len(series))
+            filled = tuple(name for name in FIELDS if any(getattr(one, name) is not None for one in results))
+            if keep is USUAL_FIELDS:  # nobody asked for what this kind of filter does not have
+                return stacked(results, [name for name in USUAL_FIELDS if name in filled])
+            return stacked(results, check_keep(keep, filled))
+
+        return many.filtered(several)
+
+    def _read_many(self, zs: Any, by: Any) -> ManySeries:
+        """Read many series, in any of the forms in which they come."""
+        return read_many(zs, self.dim_z, by)
+
+    def _follow(self, index: Any) -> None:
+        """Remember how the index of a series goes on that the filter has just come to the end of."""
+        sequel = sequel_of(index)
+        if sequel is not None:
+            self._sequel: tuple[Sequel, Any] = sequel, self._position()
+
+    def _index_ahead(self, steps: int) -> Any:
+        """Return the index of the steps to come; None if nobody knows it."""
+        sequel, position = self.__dict__.get("_sequel", (None, None))
+        passed = None if sequel is None else self._passed_since(position)
+        return None if passed is None else sequel.ahead(steps, passed)
+
+    def _position(self) -> Any:
+        """Return by what `_passed_since` tells whether the filter has moved."""
+        return self.P  # no verb writes into an array that is there
+
+    def _passed_since(self, position: Any) -> int | None:
+        """Return how many observations were taken since; None if nobody has counted."""
+        return 0 if self.P is position else None
 
     def _filter_each(
         self, series: FloatArray, arguments: Sequence[Mapping[str, Any]] | None = None

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from fuzzykf.errors import MissingDependencyError, ParameterError
+from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import (
     as_choice,
     as_count,
@@ -25,14 +25,17 @@ from fuzzykf.gaussian import (
 )
 from fuzzykf.reprs import WIDTH, cut, html_table, reprs, shown, shown_html, value_text
 from fuzzykf.summaries import summarise_fit
+from fuzzykf.tables import as_dataframe, as_dataset, bounds_as_frames, is_pandas
+from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     import pandas as pd
+    import xarray as xr
     from matplotlib.axes import Axes
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.summaries import FitSummary
 
 __all__ = ["FIELDS", "FilterResult", "FitResult", "ResultField", "Simulation", "bic", "field_shapes"]
@@ -101,7 +104,11 @@ class FilterResult:
     ----------
     FIELDS
     index : object or None
-        The index of the pandas object that was filtered.
+        The index of what was filtered, of pandas or xarray; of many series a list where it differs.
+    names : sequence or None
+        What the series are called, where the result is of many that have names.
+    lengths : ndarray of int, shape (series,), or None
+        How long they are, where they are not all of one length; beyond its end a series has NaN.
 
     Examples
     --------
@@ -155,6 +162,22 @@ class FilterResult:
         streamed=False,
     )
     index: Any = None
+    names: Any = None
+    lengths: IntArray | Any = None
+
+    @property
+    def is_many(self) -> bool:
+        """Whether it is of many series, along a leading axis."""
+        return len(self.shape) > 1
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of steps, (n,), or of series and of their steps, (series, n)."""
+        for name, known in FIELDS.items():
+            shape = getattr(getattr(self, name), "shape", None)
+            if known.axes[0] == "step" and isinstance(shape, tuple) and shape:
+                return shape[: 1 + len(shape) - len(known.axes)]
+        return (0,)
 
     def __len__(self) -> int:
         """Return the length of the leading axis: steps, or series."""
@@ -164,7 +187,7 @@ class FilterResult:
                 return len(value)
         return 0
 
-    def interval(self, level: float = 0.9) -> tuple[FloatArray, FloatArray]:
+    def interval(self, level: float = 0.9) -> tuple[FloatArray | Any, FloatArray | Any]:
         """Central interval of every state component.
 
         With `node_x` and `node_P` (``keep_nodes=True``) its ends are quantiles of the
@@ -180,12 +203,20 @@ class FilterResult:
         Returns
         -------
         lower, upper : ndarray of the shape of `x`
+            If the result of one series has an index of pandas, DataFrames with it.
 
         Raises
         ------
         ParameterError
             If ``level`` is outside ]0, 1[, or the result holds no `x` and `P`.
         """
+        bounds = self._bounds(level)
+        if self.is_many or not is_pandas(self.index):
+            return bounds
+        return bounds_as_frames(*bounds, self.index)
+
+    def _bounds(self, level: float) -> tuple[FloatArray, FloatArray]:
+        """Return the ends of `interval` as arrays."""
         if not 0.0 < as_real("level", level, "a number between 0 and 1") < 1.0:
             raise ParameterError(f"level: got {level}, expected a number between 0 and 1")
         if self.x is None or self.P is None:
@@ -219,48 +250,92 @@ class FilterResult:
 
         return plot_result(self, ax, **options)
 
-    def to_dataframe(self, index: Any = None) -> pd.DataFrame:
-        """Return the result of one series as a pandas DataFrame, one row per step.
+    def to_dataframe(self, index: Any = None, *, level: float | None = None) -> pd.DataFrame:
+        """Return the result as a pandas DataFrame, one row per step.
 
         There is a column for each field of one number a step, and ``x`` (``x0``, ``x1``, ... for
         several components) for each field of one vector a step, followed by ``x_std`` where its
-        covariance is known; as far as the result holds them.
+        covariance is known; as far as the result holds them.  Many series follow one another: their
+        rows are labelled by series and step, and end where each ends.
 
         Parameters
         ----------
         index : sequence, optional
-            Index of the rows; by default the index of the filtered pandas object,
-            else 0, 1, ...
+            Index of the rows of a series; by default the index of what was filtered, else 0, 1, ...
+        level : float, optional
+            Adds the ends of the `interval` of that level, ``x_lower`` and ``x_upper``.
 
         Raises
         ------
         MissingDependencyError
             If pandas is not installed.
         ParameterError
-            If the result holds many series.
+            If ``index`` is of another length; with ``level`` as from `interval`.
         """
-        try:
-            import pandas as pd
-        except ImportError as error:
-            raise MissingDependencyError("to_dataframe needs pandas: pip install 'fuzzykf[cli]'") from error
-        columns: dict[str, FloatArray] = {}
-        for name, known in FIELDS.items():
-            value = getattr(self, name)
-            if value is None or known.axes not in (("step",), ("step", "state"), ("step", "observation")):
-                continue
-            if value.ndim != len(known.axes):
-                raise ParameterError(
-                    f"to_dataframe: the result holds many series ({name} has shape {value.shape}); select one"
-                )
-            columns |= _columns(name, value)
-            covariance = None if known.spread is None else getattr(self, known.spread)
-            if covariance is not None:
-                std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-                columns |= _columns(name, std, "_std")
-        try:
-            return pd.DataFrame(columns, index=self.index if index is None else index)
-        except (TypeError, ValueError) as error:
-            raise ParameterError(f"index: got {brief(index)}, expected one entry a step ({error})") from error
+        bounds = None if level is None else self._bounds(level)
+        return as_dataframe(self, FIELDS, index, bounds)
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return the result as an xarray Dataset, one variable for each field.
+
+        Its dimensions are those of `fuzzykf.results.ResultField`: the steps, called as the index is (else
+        ``time``, or ``step``), ``state``, ``node``, ...; of many series ``series`` comes first.  The index,
+        the names of the series and the nodes of the switch are coordinates; indexes that differ from
+        series to series are one of two dimensions, ``time_of_series``.
+
+        Raises
+        ------
+        MissingDependencyError
+            If xarray is not installed.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> FilterResult(x=np.zeros((3, 1)), P=np.ones((3, 1, 1))).to_xarray().P.dims
+        ('step', 'state', 'state_column')
+        """
+        return as_dataset(self, FIELDS)
+
+    def one(self, name: Any) -> FilterResult:
+        """Return the result of one of many series.
+
+        Parameters
+        ----------
+        name : hashable
+            What it is called, or its number where the series have no names.
+
+        Returns
+        -------
+        FilterResult
+            Up to the end of the series, with its index.
+
+        Raises
+        ------
+        ParameterError
+            If the result is of one series, or there is none of that name.
+
+        Examples
+        --------
+        >>> from fuzzykf import KalmanFilter
+        >>> found = KalmanFilter(1, 1, H=[[1.0]]).filter_many({"a": [1.0, 2.0], "b": [3.0]})
+        >>> found.one("b").x.round(2)
+        array([[2.]])
+        """
+        if not self.is_many:
+            raise ParameterError("one: the result is of one series")
+        count, n = self.shape
+        names = list(range(count)) if self.names is None else list(self.names)
+        if name not in names:
+            raise ParameterError(
+                f"name: got {brief(name)}, expected one of {listed([str(k) for k in names])}"
+            )
+        k = names.index(name)
+        end = n if self.lengths is None else int(self.lengths[k])
+        fields = {
+            field: value if FIELDS[field].axes[0] != "step" or value is None else value[k, :end]
+            for field, value in ((field, getattr(self, field)) for field in FIELDS)
+        }
+        return FilterResult(**fields, index=self.index[k] if isinstance(self.index, list) else self.index)
 
     @shown
     def __repr__(self) -> str:
@@ -283,13 +358,9 @@ class FilterResult:
         return [(name, _size(value)) for name, value in found if value is not None]
 
     def _title(self) -> str:
-        for name, known in FIELDS.items():
-            shape = getattr(getattr(self, name), "shape", None)
-            if known.axes[0] == "step" and isinstance(shape, tuple) and shape:
-                several = len(shape) > len(known.axes)
-                steps = f"{shape[1]} steps" if several else f"{shape[0]} steps"
-                return f"{type(self).__name__} of " + (f"{shape[0]} series of {steps}" if several else steps)
-        return f"{type(self).__name__} of 0 steps"
+        *many, n = self.shape
+        steps = f"{'up to ' if self.lengths is not None else ''}{n} steps"
+        return f"{type(self).__name__} of " + (f"{many[0]} series of {steps}" if many else steps)
 
 
 #: What stands for a space at which a line is not broken.
@@ -342,13 +413,6 @@ def field_shapes(names: Iterable[str], **sizes: int) -> dict[str, tuple[int, ...
         name: tuple(sizes[axis.removesuffix("_column")] for axis in FIELDS[name].axes if axis != "step")
         for name in names
     }
-
-
-def _columns(name: str, values: FloatArray, suffix: str = "") -> dict[str, FloatArray]:
-    if values.ndim == 1:
-        return {f"{name}{suffix}": values}
-    m = values.shape[1]
-    return {f"{name}{'' if m == 1 else k}{suffix}": values[:, k] for k in range(m)}
 
 
 # --------------------------------------------------------------------------- simulation

@@ -257,7 +257,7 @@ def test_inherited_filter_many():
     assert f.n == 0
     with pytest.raises(ParameterError, match="keep: got 'log_likelihood', expected names among"):
         f.filter_many([[1.0]], keep=("x", "log_likelihood"))
-    with pytest.raises(ShapeError, match="expected at least one series"):
+    with pytest.raises(ShapeError, match="got no series, expected at least one"):
         f.filter_many(np.empty((0, 3)))
 
 

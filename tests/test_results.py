@@ -6,6 +6,7 @@ import builtins
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.stats
 
@@ -87,8 +88,84 @@ def test_dataframe_of_components_and_index():
 
 
 def test_dataframe_of_many_series():
-    with pytest.raises(ParameterError, match=r"many series \(x has shape \(3, 4, 1\)\); select one"):
-        FilterResult(x=np.zeros((3, 4, 1))).to_dataframe()
+    x = np.arange(12.0).reshape(3, 4, 1)
+    frame = FilterResult(x=x, P=x[..., None] ** 2, log_likelihood=-x[..., 0]).to_dataframe()
+    assert frame.index.names == ["series", "step"]
+    assert frame.columns.tolist() == ["x", "x_std", "log_likelihood"]
+    assert frame.loc[(2, 1), "x"] == 9.0
+    assert frame.loc[(2, 1), "x_std"] == 9.0
+    assert len(frame) == 12
+    days = pd.date_range("2026-01-01", periods=4, name="day")
+    named = FilterResult(x=x, names=pd.Index(list("abc"), name="meter"), index=days).to_dataframe()
+    assert named.index.names == ["meter", "day"]
+    np.testing.assert_array_equal(named.xs(days[2], level="day")["x"], [2.0, 6.0, 10.0])
+    assert FilterResult(x=x).to_dataframe(index=list("wxyz")).loc[(1, "z"), "x"] == 7.0
+    with pytest.raises(ParameterError, match=r"index: got .* expected one entry a step"):
+        FilterResult(x=x).to_dataframe(index=[1, 2])
+
+
+def test_series_end_where_they_end():
+    x = np.arange(8.0).reshape(2, 4, 1)
+    hours = pd.date_range("2026-01-01", periods=4, freq="h", tz="Europe/Berlin", name="hour")
+    many = FilterResult(
+        x=x, names=["a", "b"], index=[hours[:2], hours], lengths=np.array([2, 4]), mu=x, nodes=np.zeros(1)
+    )
+    assert len(many.to_dataframe()) == 6
+    assert many.to_dataframe().index.names == ["series", "hour"]
+    assert many.to_dataframe().loc["a"].index.equals(hours[:2])
+    assert repr(many).startswith("FilterResult of 2 series of up to 4 steps")
+    one = many.one("a")
+    np.testing.assert_array_equal(one.x, [[0.0], [1.0]])
+    assert one.index.equals(hours[:2])
+    np.testing.assert_array_equal(one.nodes, [0.0])
+    assert not one.is_many
+    ds = many.to_xarray()
+    assert ds.sizes == {"series": 2, "hour": 4, "state": 1, "node": 1}
+    assert ds["length"].values.tolist() == [2, 4]
+    assert ds["hour_of_series"].values[0, 1] == hours[1]
+    assert pd.isna(ds["hour_of_series"].values[0, 2])
+    assert ds.sel(series="b").x.values.ravel().tolist() == [4.0, 5.0, 6.0, 7.0]
+    naive = FilterResult(
+        x=x, index=[hours[:2].tz_localize(None), hours.tz_localize(None)], lengths=many.lengths
+    )
+    assert naive.to_xarray()["hour_of_series"].dtype.kind == "M"
+    assert np.isnat(naive.to_xarray()["hour_of_series"].values[0, 2])
+    with pytest.raises(ParameterError, match="name: got 'c', expected one of a, b"):
+        many.one("c")
+    with pytest.raises(ParameterError, match="one: the result is of one series"):
+        one.one("a")
+
+
+def test_dataset_of_one_series():
+    days = pd.date_range("2026-01-01", periods=4, name="day")
+    ds = result(m=2, index=days).to_xarray()
+    assert ds.x.dims == ("day", "state")
+    assert ds.P.dims == ("day", "state", "state_column")
+    assert ds.indexes["day"].equals(days)
+    assert ds.x.attrs["long_name"].startswith("mean of the state")
+    assert "day" not in result().to_xarray().coords
+    periods = FilterResult(x=np.zeros((3, 1)), index=pd.period_range("2026-01", periods=3, freq="M"))
+    assert periods.to_xarray().time.values[2] == pd.Period("2026-03", "M")
+    switch = FilterResult(mu=np.full((2, 3), 1 / 3), nodes=np.array([0.0, 0.5, 1.0]), index=["a", "b"])
+    assert switch.to_xarray().node.values.tolist() == [0.0, 0.5, 1.0]
+    assert switch.to_xarray().step.values.tolist() == ["a", "b"]
+
+
+@pytest.mark.parametrize("m", [1, 2])
+def test_intervals_keep_an_index_of_pandas(m):
+    days = pd.date_range("2026-01-01", periods=4)
+    plain, dated = result(m=m), result(m=m, index=days)
+    lower, upper = dated.interval(0.8)
+    assert lower.index.equals(days)
+    assert lower.columns.tolist() == (["x"] if m == 1 else ["x0", "x1"])
+    np.testing.assert_array_equal(lower, plain.interval(0.8)[0])
+    np.testing.assert_array_equal(upper, plain.interval(0.8)[1])
+    frame = dated.to_dataframe(level=0.8)
+    ends = frame[[c for c in frame if c.endswith("_lower")]]
+    np.testing.assert_array_equal(ends, lower)
+    assert isinstance(result(m=m, index=list("abcd")).interval()[0], np.ndarray)
+    with pytest.raises(ParameterError, match="level: got 2"):
+        dated.to_dataframe(level=2)
 
 
 def test_dataframe_without_pandas(monkeypatch):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import as_many, as_observations, check_keep
+from fuzzykf.base import as_observations, check_keep
 from fuzzykf.engine.selected import predict_stack, seen_components
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_count, as_flag, brief
@@ -27,18 +27,18 @@ from fuzzykf.kalman.series import (
     field_shapes,
     given_per_step,
     named_per_step,
-    stack_results,
     unchanged_on_error,
     whole_verb,
 )
 from fuzzykf.kalman.smoothing import check_motion, smooth_result
 from fuzzykf.kalman.updates import condition, observed
+from fuzzykf.many import stacked
 from fuzzykf.observations import check_aligned
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 
-    from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
+    from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.base import FilterResult
 
 __all__ = ["ExtendedKalmanFilter"]
@@ -327,7 +327,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         """
         as_flag("resume", resume)
         check_aligned(zs=zs, us=us)
-        return as_result(self._collect(zs, us, fx_args, hx_args), zs)
+        return as_result(self, self._collect(zs, us, fx_args, hx_args), zs)
 
     def _collect(
         self,
@@ -381,7 +381,7 @@ class ExtendedKalmanFilter(GaussianFilter):
             check_motion(self, k, None, predict_stack(P, F, Q, 1.0), "F and Q")
             motions.append((F, Q))
 
-        forward = as_result(self._collect(zs, us, fx_args, hx_args, moved), zs)
+        forward = as_result(self, self._collect(zs, us, fx_args, hx_args, moved), zs)
         F, Q = np.array(motions).reshape(len(motions), 2, d, d).swapaxes(0, 1)
         return smooth_result(forward, F, Q)
 
@@ -448,12 +448,13 @@ class ExtendedKalmanFilter(GaussianFilter):
 
     def filter_many(
         self,
-        zs: ManyNumbers,
+        zs: ManySeriesLike,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
         us: Sequence[Any] | None = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
         *,
+        by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
         """Filter many series, each from the current x and P on.
@@ -463,19 +464,25 @@ class ExtendedKalmanFilter(GaussianFilter):
 
         Parameters
         ----------
-        zs : array_like, shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1
-            NaN where missing; pad series of unequal length with NaN.
+        zs : array_like, DataFrame, DataArray, list, tuple or mapping
+            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  A frame, whose
+            columns are the series (pairs (series, component) if ``dim_z`` is not 1).  A list or a mapping of
+            series, each as `filter` takes it, of any length.
         keep : sequence of str
             What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
         us, fx_args, hx_args
             As in `filter`; the same for every series.
+        by : hashable, optional
+            The column (or level of the index) of a frame that says which series a row belongs to, if its rows
+            are those of all series.
         resume : bool
             As in `filter`.
 
         Returns
         -------
         FilterResult
-            The fields in ``keep``, each with a leading axis for the series.
+            The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
+            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
 
         Raises
         ------
@@ -484,5 +491,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         """
         as_flag("resume", resume)
         names = check_keep(keep, FIELDS)
-        series, given = as_many(zs, self.dim_z), {"us": us, "fx_args": fx_args, "hx_args": hx_args}
-        return stack_results(self._filter_each(series, [given] * len(series)), names)
+        many, given = self._read_many(zs, by), {"us": us, "fx_args": fx_args, "hx_args": hx_args}
+        return many.filtered(
+            lambda series, _: stacked(self._filter_each(series, [given] * len(series)), names)
+        )

@@ -54,11 +54,12 @@ def forecast(
             rows.append((np.array(ahead.x, dtype=np.float64).ravel(), np.array(ahead.P, dtype=np.float64)))
             observations.append(expected(ahead, k))
     x, P = (np.array(column) for column in zip(*rows, strict=True))
+    index = f._index_ahead(steps)
     known = [one for one in observations if one is not None]
     if len(known) < steps:
-        return FilterResult(x=x, P=P)
+        return FilterResult(x=x, P=P, index=index)
     z_prior, S = (np.array(column) for column in zip(*known, strict=True))
-    return FilterResult(x=x, P=P, z_prior=z_prior, S=S)
+    return FilterResult(x=x, P=P, z_prior=z_prior, S=S, index=index)
 
 
 def expected_linear(f: Any, _step: int = 0) -> Expected:

@@ -12,7 +12,6 @@ import numpy as np
 from fuzzykf.base import (
     Filter,
     FilterResult,
-    as_many,
     as_observation,
     as_observations,
     check_keep,
@@ -34,20 +33,20 @@ from fuzzykf.kalman.series import (
     collect,
     field_shapes,
     given_per_step,
-    stack_results,
     unchanged_on_error,
     whole_verb,
 )
 from fuzzykf.kalman.stepper import BankStepper
+from fuzzykf.many import stacked
 from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import VERBS, follows_copies, is_patched, lookups, overrides
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Hashable, Iterable
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
+    from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
 
 __all__ = ["IMMEstimator"]
 
@@ -352,7 +351,7 @@ class IMMEstimator(BankStepper, Filter):
         check_aligned(zs=zs, us=us)
         stored = self._collect(zs, us)
         modes = np.arange(self.N, dtype=np.float64)
-        return as_result(stored, zs, nodes=modes, switch=modes[stored["mu"].argmax(axis=1)])
+        return as_result(self, stored, zs, nodes=modes, switch=modes[stored["mu"].argmax(axis=1)])
 
     def _collect(self, zs: Any, us: Sequence[Any] | None) -> dict[str, FloatArray]:
         series = as_observations(zs, self.dim_z)
@@ -434,9 +433,10 @@ class IMMEstimator(BankStepper, Filter):
 
     def filter_many(
         self,
-        zs: ManyNumbers,
+        zs: ManySeriesLike,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
         *,
+        by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
         """Filter many series, each from the current estimates on.
@@ -446,17 +446,23 @@ class IMMEstimator(BankStepper, Filter):
 
         Parameters
         ----------
-        zs : array_like, shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1
-            NaN where missing; pad series of unequal length with NaN.
+        zs : array_like, DataFrame, DataArray, list, tuple or mapping
+            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  A frame, whose
+            columns are the series (pairs (series, component) if ``dim_z`` is not 1).  A list or a mapping of
+            series, each as `filter` takes it, of any length.
         keep : sequence of str
             What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``log_likelihood``.
+        by : hashable, optional
+            The column (or level of the index) of a frame that says which series a row belongs to, if its rows
+            are those of all series.
         resume : bool
             As in `filter`.
 
         Returns
         -------
         FilterResult
-            The fields in ``keep``, each with a leading axis for the series.
+            The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
+            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
 
         Raises
         ------
@@ -465,20 +471,24 @@ class IMMEstimator(BankStepper, Filter):
         """
         as_flag("resume", resume)
         names = check_keep(keep, BANK_FIELDS)
-        series = as_many(zs, self.dim_z)
-        if not len(series):
-            raise ShapeError("zs: got no series, expected at least one")
+        many = self._read_many(zs, by)
+        return many.filtered(
+            lambda series, _: self._at_once(series, names) or stacked(self._filter_each(series), names)
+        )
+
+    def _at_once(self, series: FloatArray, names: tuple[str, ...]) -> dict[str, FloatArray] | None:
+        """Filter many series at once; None if that has to be done one by one."""
         model = bank_series.whole_model(self.filters) if self._is_plain() else None
         if model is None or self._log_cbar is not None:
-            return stack_results(self._filter_each(series), names)
+            return None
         weights, every_pair = (self._log_weights(), self._log_transition()), self.method == "gpb2"
         try:
             found = bank_series.filter_many(self.filters, model, series, weights, every_pair, names)
         except SingularInnovationError:  # or what an observation beyond all numbers leaves looks like it
-            return stack_results(self._filter_each(series), names)
+            return None
         if not all(np.isfinite(found[name][:, -1:]).all() for name in {"x", "P"} & found.keys()):
-            return stack_results(self._filter_each(series), names)
-        return FilterResult(**found)
+            return None  # the verbs say what has become too large
+        return found
 
     def _follows_copies(self) -> bool:
         return all(map(follows_copies, (self, *self.filters)))

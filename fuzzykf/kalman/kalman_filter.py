@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import FilterResult, as_many, as_observations, check_keep
+from fuzzykf.base import FilterResult, as_observations, check_keep
 from fuzzykf.engine.selected import predict_linear
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_flag, as_numbers, as_real, brief
+from fuzzykf.kalman import linear_series
 from fuzzykf.kalman.arguments import (
     as_covariance,
     as_matrix,
@@ -23,7 +24,6 @@ from fuzzykf.kalman.arguments import (
 )
 from fuzzykf.kalman.forecast import expected_linear, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD, GaussianFilter
-from fuzzykf.kalman.linear_series import LinearModel, control_terms, filter_many, filter_one
 from fuzzykf.kalman.series import (
     FIELDS,
     as_batch,
@@ -33,7 +33,6 @@ from fuzzykf.kalman.series import (
     field_shapes,
     given_per_step,
     run_batch,
-    stack_results,
     unchanged_on_error,
     whole_verb,
 )
@@ -47,15 +46,16 @@ from fuzzykf.kalman.variants import (
     update_with_gain,
     whole_observation,
 )
+from fuzzykf.many import stacked
 from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Hashable, Iterable, Sequence
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
+    from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
 
 __all__ = ["KalmanFilter"]
 
@@ -483,23 +483,23 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         series = as_observations(zs, self.dim_z)
         with whole_verb(self):
             if us is None and len(series) and self._is_plain():
-                return as_result(self._filter_at_once(series), zs)
+                return as_result(self, self._filter_at_once(series), zs)
             stored = collect(self, series, field_shapes(self.dim_x), given_per_step(len(series), us=us))
-            return as_result(stored, zs)
+            return as_result(self, stored, zs)
 
     def _filter_at_once(self, series: FloatArray, names: tuple[str, ...] = FIELDS) -> dict[str, FloatArray]:
         """Do predict and update for a whole series, and stay at its last observation."""
-        stored, innovation = filter_one(self._model(), series, names)
+        stored, innovation = linear_series.filter_one(self._model(), series, names)
         x, P, x_prior, P_prior = (stored[name][-1] for name in FIELDS[:4])
         check_in_range(x=x, P=P)  # what is no number stays none
         self._end_series((x_prior, P_prior), (x, P), series[-1], innovation)
         return stored
 
-    def _model(self) -> LinearModel:
+    def _model(self) -> linear_series.LinearModel:
         n, m = self.dim_x, self.dim_z
         (x, P), Q, F = self._state(), as_square("Q", self.Q, n), as_matrix("F", self.F, (n, n))
         H, R = as_matrix("H", self.H, (m, n)), as_square("R", self.R, m)
-        return LinearModel(x, P, F, Q, H, R, self._alpha_sq)
+        return linear_series.LinearModel(x, P, F, Q, H, R, self._alpha_sq)
 
     def smooth(self, zs: ManyNumbers, us: Sequence[Any] | None = None) -> FilterResult:
         """Run `filter`, then the smoother of Rauch, Tung and Striebel backwards.
@@ -535,7 +535,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         motions = LinearMotions(self, given_per_step(len(series), us=us))
         with whole_verb(self):
             stored = collect(self, series, field_shapes(d), motions.moves, moved=motions)
-            return smooth_result(as_result(stored, zs), motions.F, motions.noise)
+            return smooth_result(as_result(self, stored, zs), motions.F, motions.noise)
 
     def forecast(self, steps: int, us: Sequence[Any] | None = None) -> FilterResult:
         """Predict states and observations ahead; the filter stays where it is.
@@ -570,10 +570,11 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
     def filter_many(
         self,
-        zs: ManyNumbers,
+        zs: ManySeriesLike,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
         us: Numbers = None,
         *,
+        by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
         """Filter many series at once, each from the current x and P on.
@@ -582,19 +583,25 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
         Parameters
         ----------
-        zs : array_like, shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1
-            NaN where missing; pad series of unequal length with NaN.
+        zs : array_like, DataFrame, DataArray, list, tuple or mapping
+            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  A frame, whose
+            columns are the series (pairs (series, component) if ``dim_z`` is not 1).  A list or a mapping of
+            series, each as `filter` takes it, of any length.
         keep : sequence of str
             What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
         us : array_like, shape (series, n, dim_u) or (n, dim_u), optional
-            Controls; the latter are the same for every series.
+            Controls; the latter are the same for every series, up to the end of each.
+        by : hashable, optional
+            The column (or level of the index) of a frame that says which series a row belongs to, if its rows
+            are those of all series.
         resume : bool
             As in `filter`.
 
         Returns
         -------
         FilterResult
-            The fields in ``keep``, each with a leading axis for the series.
+            The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
+            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
 
         Raises
         ------
@@ -612,19 +619,19 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         as_flag("resume", resume)
         names = check_keep(keep, FIELDS)
-        series, model = as_many(zs, self.dim_z), self._model()
-        terms = None if us is None else control_terms(self.B, us, series.shape[:2], self.dim_x)
-        if self._is_plain():
-            stored = filter_many(model, series, names, terms)
+        many, model = self._read_many(zs, by), self._model()
+        shape, flat = many.values.shape[:2], model.x.ndim == 1
+        terms = None if us is None else linear_series.control_terms(self.B, us, shape, self.dim_x)
+
+        def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
+            if not self._is_plain():
+                each = linear_series.controls_of(us, rows, series.shape[:2], flat)
+                return stacked(self._filter_each(series, each), names)
+            stored = linear_series.filter_many(model, series, names, terms, rows)
             check_in_range(**{name: stored[name][:, -1:] for name in FIELDS[:4] if name in stored})
-            return FilterResult(**stored)
-        if us is None:
-            return stack_results(self._filter_each(series), names)
-        column = () if model.x.ndim == 1 else (1,)
-        controls = as_numbers("us", us)
-        controls = np.broadcast_to(controls, (*series.shape[:2], controls.shape[-1]))
-        each = [{"us": one.reshape(*one.shape, *column)} for one in controls]
-        return stack_results(self._filter_each(series, each), names)
+            return stored
+
+        return many.filtered(several)
 
     def batch_filter(
         self,

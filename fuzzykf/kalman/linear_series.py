@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["LinearModel", "control_terms", "filter_many", "filter_one"]
+__all__ = ["LinearModel", "control_terms", "controls_of", "filter_many", "filter_one"]
 
 
 class LinearModel(NamedTuple):
@@ -53,9 +53,13 @@ def filter_one(
 
 
 def filter_many(
-    model: LinearModel, series: FloatArray, names: Iterable[str], controls: FloatArray | None
+    model: LinearModel, series: FloatArray, names: Iterable[str], terms: FloatArray | None, rows: Any
 ) -> dict[str, FloatArray]:
-    """Return the fields named for many series (series, n, m), with the terms B u of `control_terms`."""
+    """Return the fields named for many series (series, n, m).
+
+    They are those ``rows`` of the series that the terms B u of `control_terms` belong to, up to their end.
+    """
+    controls = None if terms is None else (terms if len(terms) == 1 else terms[rows])[:, : series.shape[1]]
     x, P, F, Q, H, R, alpha_sq = model
     out = empty_fields(names, field_shapes(len(P)), *series.shape[:2])
     try:
@@ -82,3 +86,15 @@ def control_terms(B: Any, us: Any, shape: tuple[int, ...], dim_x: int) -> FloatA
         raise ParameterError("us, B: got NaN or infinity, expected finite numbers")
     terms: FloatArray = controls @ matrix.T
     return terms
+
+
+def controls_of(us: Any, rows: Any, shape: tuple[int, ...], flat: bool) -> list[dict[str, FloatArray]] | None:
+    """Return the controls of some of the series, of the shape (s, n), as the filter of each takes them."""
+    if us is None:
+        return None
+    controls = as_numbers("us", us)
+    own = np.broadcast_to(
+        controls[: shape[1]] if controls.ndim == 2 else controls[rows, : shape[1]],
+        (*shape, controls.shape[-1]),
+    )
+    return [{"us": one if flat else one[..., None]} for one in own]

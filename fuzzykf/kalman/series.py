@@ -31,7 +31,6 @@ __all__ = [
     "named_per_step",
     "per_step",
     "run_batch",
-    "stack_results",
     "unchanged_on_error",
     "whole_verb",
 ]
@@ -152,9 +151,12 @@ def collect(
     return stored
 
 
-def as_result(stored: dict[str, FloatArray], zs: Any, **more: Any) -> FilterResult:
-    """Make a `FilterResult` that remembers the index of a pandas object."""
-    return FilterResult(**stored, **more, index=index_of(zs))
+def as_result(f: Any, stored: dict[str, FloatArray], zs: Any, **more: Any) -> FilterResult:
+    """Return what a filter found that has come to the end of a series, with the index of that."""
+    index = index_of(zs)
+    if index is not None:
+        f._follow(index)
+    return FilterResult(**stored, **more, index=index)
 
 
 def as_batch(
@@ -188,10 +190,3 @@ def run_batch(
         if saver is not None:
             saver.save()
     return means, covariances, means_p, covariances_p
-
-
-def stack_results(results: Sequence[FilterResult], names: Iterable[str]) -> FilterResult:
-    """Return the fields named of many series, each with a leading axis for them."""
-    if not results:
-        raise ShapeError("zs: got no series, expected at least one")
-    return FilterResult(**{name: np.stack([getattr(result, name) for result in results]) for name in names})

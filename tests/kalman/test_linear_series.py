@@ -161,7 +161,11 @@ def test_only_what_is_kept_is_stored(system):
     [
         ({"zs": np.zeros((2, 4, 3))}, ShapeError, r"zs: got shape \(2, 4, 3\), expected \(series, n, 2\)"),
         ({"zs": np.zeros((4, 2))}, ShapeError, "zs: got shape"),
-        ({"zs": [[[1.0, 2.0]], [[1.0, 2.0], [3.0, 4.0]]]}, ShapeError, "pad series of unequal length"),
+        (
+            {"zs": [[[1.0, 2.0]], [[1.0, 2.0], [3.0]]]},
+            ShapeError,
+            "zs: series 1, observation 1, z: got shape",
+        ),
         ({"zs": np.full((2, 4, 2), np.inf)}, ParameterError, "zs: observation 0 of series 0"),
         (
             {"zs": np.zeros((2, 4, 2)), "keep": ("x", "mu")},

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.base import FilterResult, as_many, as_observation, as_observations, check_keep, index_of
+from fuzzykf.base import FilterResult, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_flag, as_numbers
+from fuzzykf.gaussian import as_flag, as_numbers, brief
+from fuzzykf.many import read_many, stacked
 from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
@@ -27,11 +28,12 @@ from fuzzykf.switching.inference.series import (
 from fuzzykf.switching.models.base import SwitchingModel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Hashable, Iterable
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
+    from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
+    from fuzzykf.many import ManySeries
     from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
     from fuzzykf.switching.dynamics.placed import KnownPath
 
@@ -284,20 +286,21 @@ class KnownSwitchFilter(SwitchingFilter):
 
     def filter_many(  # type: ignore[override]
         self,
-        zs: ManyNumbers,
+        zs: ManySeriesLike,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
         *,
-        r: ArrayLike | None = None,
+        r: ManySeriesLike | str = None,
+        by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
         """Filter many series with their switches, each as `filter` would; the filter stays as it is.
 
         Parameters
         ----------
-        zs, keep
+        zs, keep, by
             As in `SwitchingFilter.filter_many`.
-        r : array_like, shape (series, n)
-            Values of the switch.
+        r : array_like, shape (series, n), DataFrame, list, tuple or mapping
+            Values of the switch, of the same series and rows; with ``by`` the name of their column.
         resume : bool
             As in `filter`.
 
@@ -305,15 +308,27 @@ class KnownSwitchFilter(SwitchingFilter):
         -------
         FilterResult
         """
-        series = as_many(zs, self.dim_z)
         names = check_keep(keep, SHOWN)
-        switches = np.empty(0) if r is None else as_numbers("r", r)
-        if switches.shape != series.shape[:2]:
-            got = "nothing" if r is None else f"shape {switches.shape}"
-            raise ShapeError(f"r: got {got}, expected the switches, shape {series.shape[:2]}")
+        many, switches = self._read_many_and_switches(zs, r, by)
         given: dict[str, Any] = {"resume": True} if as_flag("resume", resume) else {}
-        results = self._filter_each(series, [{"r": path, **given} for path in switches])
-        return FilterResult(**{name: np.stack([getattr(one, name) for one in results]) for name in names})
+
+        def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
+            paths = switches[rows][:, : series.shape[1]]
+            return stacked(self._filter_each(series, [{"r": path, **given} for path in paths]), names)
+
+        return many.filtered(several)
+
+    def _read_many_and_switches(self, zs: Any, r: Any, by: Any) -> tuple[ManySeries, FloatArray]:
+        """Return many series, and their switches (series, n)."""
+        if by is None or not hasattr(zs, "columns"):
+            many = self._read_many(zs, by)
+            if r is None:
+                raise ShapeError(f"r: got nothing, expected the switches, shape {many.values.shape[:2]}")
+            return many, many.beside("r", r)
+        if not isinstance(r, str) or r not in zs.columns or r == by:
+            raise ParameterError(f"r: got {brief(r)}, expected a column of zs, as 'by' is given")
+        switches = zs[[name for name in zs.columns if name in (by, r)]]
+        return self._read_many(zs.drop(columns=r), by), read_many(switches, 1, by).values[..., 0]
 
     def forecast(self, steps: int) -> FilterResult:
         """Refuse: a forecast needs the switches of the future.

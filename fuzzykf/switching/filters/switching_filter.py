@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -11,7 +12,6 @@ from fuzzykf.base import (
     MOST_THREADS,
     Filter,
     FilterResult,
-    as_many,
     as_observation,
     as_observations,
     check_keep,
@@ -19,6 +19,7 @@ from fuzzykf.base import (
 )
 from fuzzykf.errors import ParameterError, SequenceError
 from fuzzykf.gaussian import as_count, as_flag
+from fuzzykf.many import stacked
 from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.switching.filters.stepper import STREAMS, Stepper
@@ -39,9 +40,9 @@ from fuzzykf.switching.inference.series import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Hashable, Iterable, Iterator
 
-    from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
+    from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables, SwitchingSystem
 
 __all__ = ["READ", "SwitchingFilter"]
@@ -104,6 +105,7 @@ class SwitchingFilter(Stepper, Filter):
         self._log_likelihood = 0.0
         self._before: Source | None = None  # from which the latest observation was predicted
         self._steady: PairTables | None = None  # the tables of all steps to come, once they are constant
+        self.__dict__.pop("_sequel", None)
 
     def reset(self) -> None:
         """Return to the initial law, before any observation."""
@@ -291,6 +293,8 @@ class SwitchingFilter(Stepper, Filter):
             self._adopt(trajectory, ys, stand)
         else:
             trajectory, _ = self._by_verbs(ys, states=keep_nodes, resume=resume)
+        if index is not None:
+            self._follow(index)
         return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index)
 
     def _by_verbs(
@@ -383,6 +387,8 @@ class SwitchingFilter(Stepper, Filter):
                 trajectory = filter_one(self._method, self._system, ys, SHOWN, states=True)
                 check_explained(type(self).__name__, walked, trajectory)
                 smoothed = self._method.smooth(self._system, trajectory, ys)
+        if index is not None:
+            self._follow(index)
         return smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index)
 
     @property
@@ -392,9 +398,10 @@ class SwitchingFilter(Stepper, Filter):
 
     def filter_many(
         self,
-        zs: ManyNumbers,
+        zs: ManySeriesLike,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
         *,
+        by: Hashable | None = None,
         threads: int = 1,
         resume: bool = False,
     ) -> FilterResult:
@@ -402,16 +409,21 @@ class SwitchingFilter(Stepper, Filter):
 
         The filter stays as it is.
 
-        Complete series go side by side, many times faster than one after the other; a
-        series with gaps, or padded at its end, goes alone.
+        Complete series of one length go side by side, many times faster than one after the other; a
+        series with gaps, or padded at its end with NaN, goes alone.
 
         Parameters
         ----------
-        zs : array_like, shape (series, n, dim_z)
-            Or (series, n) if ``dim_z`` is 1; NaN where missing.
+        zs : array_like, DataFrame, DataArray, list, tuple or mapping
+            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  A frame, whose
+            columns are the series (pairs (series, component) if ``dim_z`` is not 1).  A list or a mapping of
+            series, each as `filter` takes it, of any length.
         keep : sequence of str
             Which fields to store: names among ``x``, ``P``, ``x_prior``, ``P_prior``,
             ``mu``, ``switch``, ``switch_mean``, ``log_likelihood``.
+        by : hashable, optional
+            The column (or level of the index) of a frame that says which series a row belongs to, if its rows
+            are those of all series.
         threads : int
             How many threads the compiled engine shares complete series among; results are
             the same to the bit.  NumPy uses one.
@@ -421,19 +433,22 @@ class SwitchingFilter(Stepper, Filter):
         Returns
         -------
         FilterResult
-            The fields in ``keep``, each with a leading axis for the series.
+            The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
+            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
         """
         threads = as_count("threads", threads, 1, MOST_THREADS)
         names = check_keep(keep, SHOWN)
-        series = as_many(zs, self.dim_z)
+        many = self._read_many(zs, by)
         resume = as_flag("resume", resume)
-        if self._is_plain() or not len(series):
-            stand = self._stand() if resume else None
-            out = filter_many(self._method, self._system, series, names, threads, stand)
-        else:
-            results = self._filter_each(series, [{"resume": True} if resume else {}] * len(series))
-            out = {name: np.stack([getattr(result, name) for result in results]) for name in names}
-        return FilterResult(**out, nodes=self.nodes if "mu" in out else None)
+        stand = self._stand() if resume else None
+
+        def several(series: FloatArray, _: Any) -> dict[str, FloatArray]:
+            if self._is_plain() or not len(series):
+                return filter_many(self._method, self._system, series, names, threads, stand)
+            given = {"resume": True} if resume else {}
+            return stacked(self._filter_each(series, [given] * len(series)), names)
+
+        return many.filtered(several, self.nodes)
 
     def forecast(self, steps: int) -> FilterResult:
         """Predict states and observations ahead; the filter stays where it is.
@@ -452,7 +467,14 @@ class SwitchingFilter(Stepper, Filter):
             With ``x``, ``P``, ``z_prior``, ``S`` (mean and covariance of the
             observations), ``mu``, ``nodes``, ``switch`` and ``switch_mean``.
         """
-        return forecast(self._method, self._system, self._mixture, self._n, steps)
+        found = forecast(self._method, self._system, self._mixture, self._n, steps)
+        return replace(found, index=self._index_ahead(steps))
+
+    def _position(self) -> int:
+        return self._n
+
+    def _passed_since(self, position: int) -> int:
+        return self._n - position
 
     # ------------------------------------------------------------------ what users read
 

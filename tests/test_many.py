@@ -1,0 +1,345 @@
+"""Many series, in every form they come in: each as `filter` would alone, under its name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from fuzzykf import (
+    CGOMSMFilter,
+    ExtendedKalmanFilter,
+    Filter,
+    FuzzyRelationEstimator,
+    GaussianMembership,
+    IMMEstimator,
+    KalmanFilter,
+    KnownSwitchFilter,
+    OFSRFilter,
+)
+from fuzzykf.base import as_observation
+from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
+from fuzzykf.many import read_many
+
+HOURS = pd.date_range("2026-03-01", periods=5, freq="h", name="hour")
+A = np.array([0.3, 1.0, np.nan, 2.0, -0.4])
+B = np.array([1.2, 0.1, 0.8, -0.5, 0.0])
+SHORT = np.array([0.7, -0.2, 0.4])
+
+
+class Patched(KalmanFilter):
+    """A filter with a verb of its own, which goes through the series one by one."""
+
+    def update(self, z, R=None, H=None):
+        super().update(z, R, H)
+
+
+class Average(Filter):
+    """A filter of one's own."""
+
+    dim_x = dim_z = 1
+
+    def __init__(self):
+        self.x, self.P = np.zeros((1, 1)), np.array([[10.0]])
+        self.x_prior, self.P_prior = self.x, self.P
+
+    def predict(self):
+        self.x_prior, self.P_prior = self.x, self.P
+
+    def update(self, z):
+        y = as_observation(z, 1)
+        if y is not None:
+            self.x, self.P = 0.5 * (self.x + y[0]), 0.5 * self.P
+
+
+def linear(kind=KalmanFilter):
+    return kind(1, 1, F=[[0.9]], H=[[1.0]], Q=[[0.2]], R=[[0.5]], P=[[2.0]])
+
+
+def possible():
+    names = ("state", "process_noise", "measurement_noise")
+    est = FuzzyRelationEstimator(1, 1, **{name: GaussianMembership(0.0, 0.5) for name in names})
+    est.F, est.H = np.array([[0.9]]), np.eye(1)
+    return est
+
+
+def bank(method):
+    return IMMEstimator([linear(), linear(Patched)], [0.7, 0.3], [[0.9, 0.1], [0.2, 0.8]], method=method)
+
+
+def alike(method):
+    return IMMEstimator([linear(), linear()], [0.7, 0.3], [[0.9, 0.1], [0.2, 0.8]], method=method)
+
+
+@pytest.fixture(scope="module")
+def filters(small_models):
+    fuzzy, hard = small_models
+    return {
+        "OFSRFilter": OFSRFilter(fuzzy, 3),
+        "CGOMSMFilter": CGOMSMFilter(hard),
+        "KalmanFilter": linear(),
+        "KalmanFilter, own verb": linear(Patched),
+        "ExtendedKalmanFilter": ExtendedKalmanFilter(1, 1, fx=np.sin, hx=np.tanh, Q=0.2, R=0.5),
+        "IMM": alike("imm"),
+        "GPB2": alike("gpb2"),
+        "IMM of a patched filter": bank("imm"),
+        "FuzzyRelationEstimator": possible(),
+        "own": Average(),
+    }
+
+
+@pytest.fixture(scope="module")
+def small_models():
+    from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw
+
+    z = np.array([[0.5, 0.3], [0.3, 1.0]])
+    pair = np.block([[z, 0.5 * z], [0.5 * z, z]])
+    means = [[0.0, 0.0], [1.0, 2.0]]
+    fuzzy = CGOFMSModel(FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16), means, [[pair, pair], [pair, pair]], dim_x=1)
+    hard = CGOMSModel([[0.9, 0.1], [0.2, 0.8]], means, [[pair, pair], [pair, pair]], dim_x=1)
+    return fuzzy, hard
+
+
+NAMES = [
+    "OFSRFilter",
+    "CGOMSMFilter",
+    "KalmanFilter",
+    "KalmanFilter, own verb",
+    "ExtendedKalmanFilter",
+    "IMM",
+    "GPB2",
+    "IMM of a patched filter",
+    "FuzzyRelationEstimator",
+    "own",
+]
+
+WIDE = pd.DataFrame({"a": A, "b": B}, index=HOURS)
+LONG = WIDE.stack(future_stack=True).rename_axis(["hour", "meter"]).rename("load").to_frame()
+
+#: Forms of the series a and b, their names and their index.
+FORMS = {
+    "array": (np.array([A, B]), {}, None, None),
+    "array with components": (np.array([A, B])[..., None], {}, None, None),
+    "list of lists": ([A.tolist(), B.tolist()], {}, None, None),
+    "list with None": ([[None if np.isnan(v) else v for v in A], B], {}, None, None),
+    "masked": (np.ma.masked_invalid([A, B]), {}, None, None),
+    "wide frame": (WIDE, {}, ["a", "b"], HOURS),
+    "wide nullable frame": (WIDE.convert_dtypes(), {}, ["a", "b"], HOURS),
+    "wide frame of numbered rows": (WIDE.reset_index(drop=True), {}, ["a", "b"], pd.RangeIndex(5)),
+    "DataArray": (xr.DataArray(WIDE).rename(dim_1="meter").transpose("meter", "hour"), {}, ["a", "b"], HOURS),
+    "mapping": ({"a": A, "b": B}, {}, ["a", "b"], None),
+    "mapping of Series": ({"a": WIDE["a"], "b": WIDE["b"]}, {}, ["a", "b"], HOURS),
+    "list of Series": ([WIDE["a"], WIDE["b"]], {}, ["a", "b"], HOURS),
+    "Dataset": (xr.Dataset(WIDE), {}, ["a", "b"], HOURS),
+    "long frame, level": (LONG, {"by": "meter"}, ["a", "b"], HOURS),
+    "long frame, column": (LONG.reset_index("meter"), {"by": "meter"}, ["a", "b"], HOURS),
+    "long frame, column of times": (LONG.reset_index(), {"by": "meter"}, ["a", "b"], HOURS),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_is_filtered_as_each_series_alone(filters, name, form):
+    f = filters[name]
+    zs, given, names, index = FORMS[form]
+    found = f.filter_many(zs, **given)
+    for k, one in enumerate((A, B)):
+        alone = f.copy().filter(one)
+        np.testing.assert_allclose(found.x[k], alone.x, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(found.P[k], alone.P, rtol=1e-12)
+        if alone.log_likelihood is not None:
+            np.testing.assert_allclose(found.log_likelihood[k], alone.log_likelihood, rtol=1e-12, atol=1e-14)
+    assert found.lengths is None
+    assert (None if found.names is None else list(found.names)) == names
+    assert index is None or found.index.equals(index)
+    assert index is not None or found.index is None
+
+
+RAGGED = {
+    "list": ([A, SHORT, B], {}),
+    "mapping": ({"a": A, "s": SHORT, "b": B}, {}),
+    "mapping of Series": ({"a": pd.Series(A, HOURS), "s": pd.Series(SHORT, HOURS[1:4]), "b": WIDE["b"]}, {}),
+    "long frame": (
+        pd.DataFrame(
+            {
+                "load": [*A, *SHORT, *B],
+                "meter": [*"aaaaa", *"sss", *"bbbbb"],
+                "hour": [*HOURS, *HOURS[1:4], *HOURS],
+            }
+        ),
+        {"by": "meter"},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("form", RAGGED)
+def test_series_of_unequal_length_end_where_they_end(filters, name, form):
+    f = filters[name]
+    zs, given = RAGGED[form]
+    found = f.filter_many(zs, **given)
+    assert found.lengths.tolist() == [5, 3, 5]
+    assert found.shape == (3, 5)
+    for k, one in enumerate((A, SHORT, B)):
+        alone = f.copy().filter(one)
+        np.testing.assert_allclose(found.x[k, : len(one)], alone.x, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(
+            found.one(k if found.names is None else found.names[k]).P, alone.P, rtol=1e-12
+        )
+    assert np.isnan(found.x[1, 3:]).all()
+    assert np.isnan(found.P[1, 3:]).all()
+    assert found.log_likelihood is None or np.isnan(found.log_likelihood[1, 3:]).all()
+    if form in ("mapping of Series", "long frame"):
+        frame = found.to_dataframe()
+        assert frame.index.names == ["series", "hour"]
+        assert len(frame) == 13
+        assert frame.loc["s"].index.equals(HOURS[1:4])
+        np.testing.assert_allclose(
+            frame.loc["s", "x"], f.copy().filter(SHORT).x[:, 0], rtol=1e-12, atol=1e-14
+        )
+
+
+def test_switches_come_in_the_same_forms(small_models):
+    f = KnownSwitchFilter(small_models[0])
+    r = [np.linspace(0.0, 1.0, 5), np.array([0.0, 0.2, 1.0]), np.ones(5)]
+    alone = [f.copy().filter(z, one).x for z, one in zip((A, SHORT, B), r, strict=True)]
+    listed = f.filter_many([A, SHORT, B], r=r)
+    named = f.filter_many({"a": A, "s": SHORT, "b": B}, r=dict(zip("asb", r, strict=True)))
+    rows = pd.DataFrame({"z": [*A, *SHORT, *B], "valve": np.concatenate(r), "k": [*"aaaaasssbbbbb"]})
+    by = f.filter_many(rows, by="k", r="valve")
+    for found in (listed, named, by):
+        for k, x in enumerate(alone):
+            np.testing.assert_allclose(found.x[k, : len(x)], x, rtol=1e-12, atol=1e-14)
+    wide = f.filter_many(WIDE, r=pd.DataFrame({"a": r[0], "b": r[2]}, HOURS))
+    np.testing.assert_allclose(wide.x[1], alone[2], rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            {"r": pd.DataFrame({"b": A * 0, "a": A * 0}, HOURS)},
+            "r: got the series b, a, expected those of zs",
+        ),
+        (
+            {"r": pd.DataFrame({"a": A * 0, "b": A * 0}, HOURS[::-1])},
+            "r: the index of row 1|different indexes",
+        ),
+        ({"r": np.zeros((2, 4))}, "r: got 2 series of 4, expected one value for each of 2 series of 5"),
+        ({"r": [np.zeros(5), np.zeros(3)]}, "r: got 2 series of 5, 3, expected one value"),
+        ({}, r"r: got nothing, expected the switches, shape \(2, 5\)"),
+        ({"r": "valve", "by": "k"}, "r: got 'valve', expected a column of zs|by: got 'k'"),
+    ],
+)
+def test_switches_of_other_series_are_refused(small_models, arguments, message):
+    with pytest.raises(FuzzykfError, match=message):
+        KnownSwitchFilter(small_models[0]).filter_many(WIDE, **arguments)
+
+
+@pytest.mark.parametrize("kind", [KalmanFilter, Patched])
+def test_controls_end_with_the_series(kind):
+    f = kind(1, 1, 1, F=[[0.9]], H=[[1.0]], Q=[[0.2]], R=[[0.5]], B=[[2.0]])
+    us = np.arange(15.0).reshape(3, 5, 1)
+    found = f.filter_many([A, SHORT, B], us=us)
+    same = f.filter_many([A, SHORT, B], us=us[0])
+    for k, one in enumerate((A, SHORT, B)):
+        n = len(one)
+        np.testing.assert_allclose(found.x[k, :n], f.copy().filter(one, us=us[k, :n]).x, rtol=1e-12)
+        np.testing.assert_allclose(same.x[k, :n], f.copy().filter(one, us=us[0, :n]).x, rtol=1e-12)
+
+
+def test_several_components_come_as_pairs_of_columns():
+    f = KalmanFilter(2, 2, H=np.eye(2), R=np.diag([0.5, 2.0]))
+    one = pd.DataFrame({"u": A, "v": B}, index=HOURS)
+    wide = pd.concat({"east": one, "west": 2 * one}, axis=1)
+    found = f.filter_many(wide)
+    assert list(found.names) == ["east", "west"]
+    np.testing.assert_allclose(found.x[1], f.copy().filter(2 * one).x, rtol=1e-12)
+    long = pd.concat({"east": one, "west": 2 * one}, names=["side"])
+    np.testing.assert_array_equal(f.filter_many(long, by="side").x, found.x)
+    np.testing.assert_array_equal(f.filter_many({"east": one, "west": 2 * one}).x, found.x)
+    with_none = [[None if np.isnan(a) else [a, b] for a, b in zip(A, B, strict=True)]] * 2
+    alone = f.copy().filter(with_none[0])
+    np.testing.assert_allclose(f.filter_many(with_none).x[0], alone.x, rtol=1e-12)
+
+
+def test_a_wide_frame_resumes_where_the_filter_stands(small_models):
+    f = OFSRFilter(small_models[0], 3)
+    f.filter(B)
+    before = f.x.copy()
+    found = f.filter_many(WIDE, resume=True)
+    np.testing.assert_array_equal(f.x, before)
+    np.testing.assert_allclose(found.x[0], f.copy().filter(A, resume=True).x, rtol=1e-12)
+
+
+REFUSED = {
+    "times in the columns": (
+        WIDE.T,
+        {},
+        ParameterError,
+        r"its columns are times, expected those in the rows: zs.T",
+    ),
+    "two of a name": (pd.concat([WIDE, WIDE], axis=1), {}, ParameterError, "two columns have one name"),
+    "a column of text": (
+        LONG.reset_index("meter"),
+        {},
+        ParameterError,
+        r"the column 'meter' holds .*expected numbers: each column is a series \('by' names a column of keys",
+    ),
+    "rows in another order": (WIDE[::-1], {}, ParameterError, "the index of row 1"),
+    "infinite": (WIDE.replace(1.0, np.inf), {}, ParameterError, "observation 1 of series 'a' is inf"),
+    "infinite in a mapping": ({"a": [np.inf]}, {}, ParameterError, "zs: series 'a', observation 0, z: got"),
+    "no such key": (
+        LONG,
+        {"by": "metre"},
+        ParameterError,
+        "by: got 'metre', expected one of load, hour, meter",
+    ),
+    "keys": (LONG, {"by": ["meter"]}, ParameterError, "by: got"),
+    "key of an array": (np.zeros((2, 3)), {"by": "meter"}, ParameterError, "which goes with a DataFrame"),
+    "a missing key": (
+        LONG.reset_index().replace({"meter": {"b": None}}),
+        {"by": "meter"},
+        ParameterError,
+        "by: row 1 has no value of 'meter'",
+    ),
+    "two columns": (
+        LONG.reset_index("meter").assign(more=1.0),
+        {"by": "meter"},
+        ShapeError,
+        "series 'a', got shape|series 'a', observation",
+    ),
+    "one series": (A, {}, ShapeError, r"got shape \(5,\), expected \(series, n, 1\)"),
+    "times first": (
+        xr.DataArray(WIDE),
+        {},
+        ParameterError,
+        r"counts times, expected series first: zs.transpose\(",
+    ),
+    "nothing": ({}, {}, ShapeError, "got no series"),
+}
+
+
+@pytest.mark.parametrize("form", REFUSED)
+@pytest.mark.parametrize("name", ["OFSRFilter", "KalmanFilter", "own"])
+def test_what_cannot_be_told_apart_is_refused(filters, name, form):
+    zs, given, error, message = REFUSED[form]
+    with pytest.raises(error, match=message):
+        filters[name].filter_many(zs, **given)
+
+
+def test_a_frame_of_one_series_of_several_components_is_refused():
+    f = KalmanFilter(2, 2, H=np.eye(2))
+    with pytest.raises(
+        ShapeError, match=r"columns a, b, expected pairs \(series, component\).*one series alone"
+    ):
+        f.filter_many(WIDE)
+
+
+def test_series_without_rows():
+    many = read_many([[], [1.0]], 1)
+    assert many.lengths.tolist() == [0, 1]
+    found = linear().filter_many([[], [1.0]])
+    assert np.isnan(found.x[0]).all()
+    np.testing.assert_array_equal(found.x[1], linear().filter([1.0]).x)
