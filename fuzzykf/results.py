@@ -210,13 +210,28 @@ class FilterResult:
         ParameterError
             If ``level`` is outside ]0, 1[, or the result holds no `x` and `P`.
         """
-        bounds = self._bounds(level)
+        bounds = self.bounds(level)
         if self.is_many or not is_pandas(self.index):
             return bounds
         return bounds_as_frames(*bounds, self.index)
 
-    def _bounds(self, level: float) -> tuple[FloatArray, FloatArray]:
-        """Return the ends of `interval` as arrays."""
+    def bounds(self, level: float = 0.9) -> tuple[FloatArray, FloatArray]:
+        """Return the ends of the `interval` as arrays, whatever the index.
+
+        Parameters
+        ----------
+        level : float
+            Nominal coverage, between 0 and 1.
+
+        Returns
+        -------
+        lower, upper : ndarray of the shape of `x`
+
+        Raises
+        ------
+        ParameterError
+            As from `interval`.
+        """
         if not 0.0 < as_real("level", level, "a number between 0 and 1") < 1.0:
             raise ParameterError(f"level: got {level}, expected a number between 0 and 1")
         if self.x is None or self.P is None:
@@ -272,7 +287,7 @@ class FilterResult:
         ParameterError
             If ``index`` is of another length; with ``level`` as from `interval`.
         """
-        bounds = None if level is None else self._bounds(level)
+        bounds = None if level is None else self.bounds(level)
         return as_dataframe(self, FIELDS, index, bounds)
 
     def to_xarray(self) -> xr.Dataset:

@@ -174,7 +174,7 @@ def _columns(result: FilterResult, zs: FloatArray, level: float, fuzzy: bool) ->
     assert result.P is not None
     assert result.mu is not None
     assert result.log_likelihood is not None
-    lower, upper = result.interval(level)
+    lower, upper = result.bounds(level)
     result = replace(result, node_x=None, node_P=None)
     std = np.sqrt(np.diagonal(result.P, axis1=-2, axis2=-1))
     columns = components("x", result.x) | components("x", std, "_std")

@@ -75,7 +75,9 @@ def plot_result(
     if result.x is None or result.P is None:
         raise ParameterError("result: holds no x and P, which the picture shows")
     if result.x.ndim != 2:
-        raise ParameterError(f"result: holds many series (x has shape {result.x.shape}); select one")
+        raise ParameterError(
+            f"result: holds many series (x has shape {result.x.shape}); select one: result.one(name)"
+        )
     n, m = result.x.shape
     if not is_whole(component) or not -m <= component < m:
         raise ParameterError(
@@ -86,7 +88,7 @@ def plot_result(
         if known.shape not in {(n,), (n, m)}:
             raise ShapeError(f"truth: got shape {known.shape}, expected ({n},) or ({n}, {m})")
         known = known if known.ndim == 1 else known[:, component]
-    lower, upper = result.interval(level)
+    lower, upper = result.bounds(level)
     name = f"{100 * level:g} % band"
     if result.lower is not None and np.isfinite([result.lower, result.upper]).all():
         lower, upper, name = result.lower, result.upper, "possible"

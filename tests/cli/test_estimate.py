@@ -83,6 +83,11 @@ def test_filter_writes_what_the_filter_finds(model, data, observations, fuzzy_mo
         strict=True,
     ):
         np.testing.assert_array_equal(numbers(found[name]), values)
+    frame = expected.to_dataframe(level=0.9)  # the same columns, under the same names
+    estimates = [name for name in names if name.startswith("x")]
+    assert [name for name in frame if name in estimates] == estimates
+    for name in estimates:
+        np.testing.assert_array_equal(numbers(found[name]), frame[name])
     # An observation that is missing has an estimate all the same, and no likelihood: its cell is empty.
     assert [k for k, cell in enumerate(found["log_likelihood"]) if not cell] == [0, 7, 8]
 

@@ -47,6 +47,9 @@ def observations(f: KalmanFilter, table: pd.DataFrame, column: pd.Series[float])
     f.filter(column, resume=True)
     f.filter_many(np.zeros((3, 4, 2)), keep=["x"], resume=True)
     f.filter_many([[[1.0], [2.0]], [[3.0], [4.0]]])
+    f.filter_many([np.zeros(3), [1.0, None], column])
+    f.filter_many({"east": column, "west": column})
+    f.filter_many(table, by="meter")
     f.batch_filter([1.0, None])
 
 
