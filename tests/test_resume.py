@@ -220,6 +220,10 @@ def test_a_prediction_that_waits_is_a_gap(make) -> None:
     assert_same(attributes(f), attributes(whole))
     f.reset()
     f.predict(**{name: float(value) for name, value in more(f, 0).items()})  # shows the initial law alone
+    shown = f.x.copy()
+    f.filter(zs[:0], **more(f, slice(0, 0)), resume=True)  # nothing came, so nothing moves
+    np.testing.assert_array_equal(f.x, shown)
+    assert f._predicted
     assert_same(fields(f.filter(zs, **more(f), resume=True), slice(9, None)), expected)
 
 

@@ -249,7 +249,8 @@ class KnownSwitchFilter(SwitchingFilter):
         if self._is_plain():
             stand = self._stand() if resume else None
             trajectory = filter_one(self._method, path, ys, SHOWN, states=keep_nodes, stand=stand)
-            self._adopt_path(trajectory, ys, path, stand)
+            if len(ys) or not resume:
+                self._adopt_path(trajectory, ys, path, stand)
         else:
             trajectory, _ = self._by_verbs(ys, r, states=keep_nodes, resume=resume)
         result = result_of(path.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))

@@ -290,7 +290,8 @@ class SwitchingFilter(Stepper, Filter):
         if self._is_plain():
             stand = self._stand() if resume else None
             trajectory = filter_one(self._method, self._system, ys, SHOWN, states=keep_nodes, stand=stand)
-            self._adopt(trajectory, ys, stand)
+            if len(ys) or not resume:
+                self._adopt(trajectory, ys, stand)
         else:
             trajectory, _ = self._by_verbs(ys, states=keep_nodes, resume=resume)
         if index is not None:
@@ -344,8 +345,6 @@ class SwitchingFilter(Stepper, Filter):
 
     def _adopt(self, trajectory: Trajectory, ys: FloatArray, stand: Stand | None = None) -> None:
         """Stay at the last observation of a series, which began at ``stand``."""
-        if stand is not None and not len(ys):
-            return
         self._start()
         if len(ys):
             before = 0 if stand is None else stand.n + stand.skips
