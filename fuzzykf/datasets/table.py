@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.datasets.delimited import Dialect, find_dialect, read_lines
+from fuzzykf.datasets.delimited import MISSING, Dialect, find_dialect, read_lines, take_preamble
 from fuzzykf.errors import FileFormatError, ParameterError
 from fuzzykf.files import as_path, read_bytes
 from fuzzykf.texts import listed
@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
 
 __all__ = ["INDEX", "Table", "read_table"]
-
-#: Spellings of a missing value, in lower case.
-_MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
 
 #: What numbers look like, by the sign of their decimals; float() would take 1_5 and digits of other scripts.
 _NUMBERS = {
@@ -65,9 +62,9 @@ class Table:
         The line of the file in which each row begins, for messages; by default the rows follow
         one line of names.
     has_index : bool
-        Whether the first column had no name; it is called "index" here.
+        Whether the first column had no name, and is called "index" here.
     notes : tuple of str
-        What was found out and not told: separators, lines without cells.
+        What was found out and not told: separators, comments, lines without cells, columns left out.
 
     Examples
     --------
@@ -133,7 +130,7 @@ class Table:
         values = np.empty(len(self))
         number = _NUMBERS[self.decimal]
         for row, cell in enumerate(self.text(name)):
-            if cell.lower() in _MISSING:
+            if cell.lower() in MISSING:
                 if gaps:
                     values[row] = np.nan
                     continue
@@ -234,7 +231,13 @@ def read_table(
     There is a row for each row of the file: one whose cells are all empty is a row as well, at the end
     too.  A line with nothing in it at all between two rows is a row in which everything is missing
     (the table notes it); at the end of the file it is none.  A first column without a name, as pandas
-    writes an index, is called "index".
+    writes an index, is called "index", unless another is; all other columns without a name are left out
+    (and noted).
+
+    Before the names there may be a line ``sep=;``, as Excel has it, and lines of comments that begin with
+    ``#``; both are noted.  Missing is written as nothing, NA, N/A, <NA>, nan, null or none.  Nothing
+    separates thousands: where a number shows that something does (``1.234,5``) the file is refused, and
+    where it may be so (``1.234`` and the like throughout, between semicolons) a note says how it was read.
 
     Parameters
     ----------
@@ -259,9 +262,8 @@ def read_table(
     OSError
         If the file is missing or cannot be opened.
     FileFormatError
-        If it is no such table: no text, no rows, a column without a name (but the first) or with the
-        name of another, or a row with more or fewer cells than names; if it is too large, or can be
-        read in two ways.
+        If it is no such table: no text, no rows, a column with the name of another, or a row with more
+        or fewer cells than names; if it is too large, or can be read in two ways.
     ParameterError
         If ``sep`` or ``decimal`` is none, or they are the same.
     """
@@ -274,26 +276,38 @@ def read_table(
         raise FileFormatError(
             f"{path.name}: expected delimited text in UTF-8, got something else ({error})"
         ) from error
-    dialect = find_dialect(path.name, text, asked)
-    names, rows, lines, blank = read_lines(path.name, text, dialect)
-    has_index = not names[0]
+    preamble, text = take_preamble(text, asked)
+    dialect = find_dialect(path.name, text, asked, preamble)
+    names, rows, lines, blank = read_lines(path.name, text, dialect, preamble.lines)
+    has_index = not names[0] and INDEX not in names
     if has_index:
         names = [INDEX, *names[1:]]
     seen: set[str] = set()
     for column, name in enumerate(names):
-        if not name or name in seen:
-            fault = f"has the name {name!r} a second time" if name else "has no name"
-            raise FileFormatError(f"{path.name}: column {column + 1} {fault}")
+        if name and name in seen:
+            raise FileFormatError(f"{path.name}: column {column + 1} has the name {name!r} a second time")
         seen.add(name)
-    columns = zip(*rows, strict=True)
+    columns = zip(names, zip(*rows, strict=True), strict=True)
+    found = (
+        dialect.found(asked) if preamble.sep is None else dialect.found(Dialect(dialect.sep, asked.decimal))
+    )
     return Table(
         path.name,
-        {n: tuple(c.strip() for c in cells) for n, cells in zip(names, columns, strict=True)},
+        {name: tuple(c.strip() for c in cells) for name, cells in columns if name},
         decimal=dialect.decimal or ".",
         lines=lines,
         has_index=has_index,
-        notes=(*dialect.found(asked), *_blank_notes(blank)),
+        notes=(*preamble.notes, *found, *_nameless_notes(names), *_blank_notes(blank)),
     )
+
+
+def _nameless_notes(names: Sequence[str]) -> list[str]:
+    columns = [str(column + 1) for column, name in enumerate(names) if not name]
+    if not columns:
+        return []
+    if len(columns) == 1:
+        return [f"column {columns[0]} has no name: it is left out"]
+    return [f"columns {listed(columns, 5)} have no name: they are left out"]
 
 
 def _blank_notes(lines: Sequence[int]) -> list[str]:

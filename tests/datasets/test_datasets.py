@@ -114,7 +114,6 @@ def test_the_offset_orders_the_rows_and_the_local_clock_stays(tmp_path) -> None:
         ("", "names of the columns in line 1"),
         ("a,b\n", "rows below the names"),
         ("a,a\n1,2\n", "column 2 has the name 'a' a second time"),
-        ("a,\n1,2\n", "column 2 has no name"),
         ("a,b\n1,2\n1\n", "line 3: expected 2 cells, got 1"),
         ('a,b\n1,"2\n', "line 2: expected delimited text, got something else"),
     ],

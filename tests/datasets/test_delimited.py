@@ -31,6 +31,8 @@ def read(tmp_path):
 
 SEMICOLONS = "cells are separated by ';'"
 BOTH = "cells are separated by ';', decimals by ','"
+EXCEL = "line 1 says that cells are separated by ';'"
+COMMENT = "line 1 begins with '#': it is left out as a comment"
 
 #: Texts with the columns a = 1.5, 2 and b = -30, 4 in many dresses; options; and what is said of them.
 DRESSES = {
@@ -53,6 +55,44 @@ DRESSES = {
     "commas in quoted names": ('"a";"b"\n1,5;-30\n2;4\n', {}, (BOTH,)),
     "an index without a name": (",a,b\n0,1.5,-30\n1,2,4\n", {}, ()),
     "an index and semicolons": (";a;b\n0;1,5;-30\n1;2,0;4\n", {}, (BOTH,)),
+    # Columns without a name that nobody asks for.
+    "two without names": (",,a,b\n0,x,1.5,-30\n1,y,2,4\n", {}, ("column 2 has no name: it is left out",)),
+    "commas at the ends": (
+        "a,b,,\n1.5,-30,,\n2,4,,\n",
+        {},
+        ("columns 3, 4 have no name: they are left out",),
+    ),
+    "without a name within": (
+        "a;;b\n1.5;;-30\n2;;4\n",
+        {},
+        (SEMICOLONS, "column 2 has no name: it is left out"),
+    ),
+    # A name with a line break, which is no end of the line of names.
+    "line breaks in names": ('"a\n";"\nb"\n1.5;-30\n2;4\n', {}, (SEMICOLONS,)),
+    # What stands before the names.
+    "excel": ("sep=;\r\na;b\r\n1,5;-30\r\n2;4\r\n", {}, (EXCEL, "decimals are separated by ','")),
+    "excel, commas": ('"sep=,"\na,b\n1.5,-30\n2,4\n', {}, ("line 1 says that cells are separated by ','",)),
+    "excel, said": ("sep=;\na;b\n1.5;-30\n2;4\n", {"sep": ";"}, (EXCEL,)),
+    "excel, said otherwise": (
+        "sep=;\na|b\n1.5|-30\n2|4\n",
+        {"sep": "|"},
+        (f"{EXCEL}, and they are read by '|' as told",),
+    ),
+    "a comment": ("# made in May, by us\na,b\n1.5,-30\n2,4\n", {}, (COMMENT,)),
+    "a comment of as many cells": ("# May, June\na,b\n1.5,-30\n2,4\n", {}, (COMMENT,)),
+    "comments": (
+        '#\n# 5" pipe; no. 3\n#x\na;b\n1.5;-30\n2;4\n',
+        {},
+        ("lines 1 to 3 begin with '#': they are left out as comments", SEMICOLONS),
+    ),
+    "excel and a comment": (
+        "sep=|\n# May\na|b\n1.5|-30\n2|4\n",
+        {},
+        (
+            "line 1 says that cells are separated by '|'",
+            "line 2 begins with '#': it is left out as a comment",
+        ),
+    ),
 }
 
 
@@ -65,7 +105,7 @@ def test_one_table_is_read_in_all_its_dresses(read, dress, packed) -> None:
     np.testing.assert_array_equal(table.numbers("a"), [1.5, 2.0])
     np.testing.assert_array_equal(table.numbers("b"), [-30.0, 4.0])
     assert table.notes == notes
-    assert table.has_index == ("index" in table.columns) == ("index" in dress)
+    assert table.has_index == ("index" in table.columns) == (text[:1] in (",", ";"))
 
 
 @pytest.mark.parametrize(
@@ -104,14 +144,106 @@ def test_what_pandas_writes_is_read_back(read, options, index) -> None:
         ("y\n1,5\n2,5\n", {}, r"line 1 has one name, and there are commas below it.*; say which"),
         ("a;b\n1;2\n3\n", {}, r"line 3: expected 2 cells, got 1 \(cells are separated by ';'\)"),
         ("a,b;c\n1,2\n3,4\n5\n", {}, "line 4: expected 2 cells, got 1$"),
-        ("a,,c\n1,2,3\n", {}, "column 2 has no name"),
-        (",index\n1,2\n", {}, "column 2 has the name 'index' a second time"),
+        ("a,b,a\n1,2,3\n", {}, "column 3 has the name 'a' a second time"),
+        (",,\n1,2,3\n", {}, "expected the names of the columns in line 1, got nothing"),
+        ("# May\n\n", {}, "expected the names of the columns in line 3, got nothing"),
+        ("# May\n\na,b\n1,2\n3\n", {}, "line 5: expected 2 cells, got 1"),
+        ("# May\na,b\n1,2\n3\n", {}, "line 4: expected 2 cells, got 1"),
+        ('sep=;\n"y\n(MW)"\n1,5\nx;y\n', {}, "line 5: expected 1 cells, got 2"),
+        ("# May\ny\n1,5\n", {}, "line 2 has one name, and there are commas below it"),
+        # Thousands.
+        (
+            "a;b\n1.234;x\n5.678;1.234,5\n",
+            {},
+            r"line 3: there is the number '1\.234,5' with points and commas",
+        ),
+        (
+            "a;b\n1,234;x\n5,678;-1,234.5\n",
+            {},
+            r"line 3: there is the number '-1,234\.5' with points and comm",
+        ),
+        (
+            "# May\na\tb\n1.234\t1.234.567\n",
+            {},
+            r"line 3: there is the number '1\.234\.567' with points, some",
+        ),
+        ("a;b\n1,234;1,234,567\n", {}, "line 2: there is the number '1,234,567' with commas, some of which"),
         (b"a\x00b", {}, "expected rows below the names"),
     ],
 )
 def test_what_can_be_read_in_two_ways_or_in_none_is_refused(read, text, options, message) -> None:
     with pytest.raises(FileFormatError, match=message):
         read(text, **options)
+
+
+def test_a_first_column_without_a_name_beside_one_called_index_is_left_out(read) -> None:
+    frame = pd.DataFrame({"a": [1.5, 2.0]}, index=pd.Index([7, 8], name="index"))
+    table = read(frame.reset_index().to_csv())
+    assert list(table.columns) == ["index", "a"]
+    assert table.text("index") == ("7", "8")
+    assert not table.has_index
+    assert table.notes == ("column 1 has no name: it is left out",)
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("#a,b\n1,2\n", "#a"),
+        ("#a;b\n1,5;\n", "#a"),
+        ("# t\n2014-01-01\n", "# t"),
+        ("# May\n#a|b\nNA|-1\n", "#a"),
+        ("# y\n\n1\n2\n", "# y"),
+        ("sep=a\n1\n", "sep=a"),
+    ],
+)
+def test_names_are_taken_for_names_whatever_they_begin_with(read, text, name) -> None:
+    assert next(iter(read(text).columns)) == name
+
+
+THOUSANDS = (
+    "all numbers with a point have three digits after it, as thousands have: {} is read as {}; write {} if "
+    "thousands are meant"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "values", "note"),
+    [
+        ("a;b\n1.234;x\n5.678;y\n", {}, [1.234, 5.678], THOUSANDS.format("1.234", "1.234", "1234")),
+        ("a\tb\n-12.345\t1.000\n", {}, [-12.345], THOUSANDS.format("-12.345", "-12.345", "-12345")),
+        # Said, or shown by one number, or separated by commas, as they are where points are decimal.
+        ("a;b\n1.234;x\n5.678;y\n", {"decimal": "."}, [1.234, 5.678], ""),
+        ("a;b\n1.234;0.123\n5.678;y\n", {}, [1.234, 5.678], ""),
+        ("a;b\n1.234;1234.567\n", {}, [1.234], ""),
+        ("a;b\n1.5;1.234.567\n", {}, [1.5], ""),
+        ("a;b\n15;555.123.456\n", {}, [15.0], ""),
+        ("a,b\n1.234,5.678\n", {}, [1.234], ""),
+        ("a;b\n0.5;1.234,5\n", {"decimal": "."}, [0.5], ""),
+    ],
+)
+def test_points_that_may_separate_thousands_are_decimal_points_with_a_note(
+    read, text, options, values, note
+) -> None:
+    table = read(text, **options)
+    np.testing.assert_array_equal(table.numbers("a"), values)
+    assert [n for n in table.notes if "separated" not in n] == [note] * bool(note)
+
+
+def test_a_single_column_has_nothing_to_separate_or_to_note(read) -> None:
+    for text in ("y\n1,5\n2,5\n", '"y\n(MW, net)"\n1,5\n2,5\n', '"a\ny, z\n"\n1,5\n2,5\n'):
+        table = read(text, decimal=",")
+        (name,) = table.columns
+        np.testing.assert_array_equal(table.numbers(name), [1.5, 2.5])
+        assert table.notes == ()
+    assert list(read('"a\nb, c\nd"\n1\n').columns) == ["a\nb, c\nd"]
+
+
+@pytest.mark.parametrize("cell", ["", "NA", "n/a", "<NA>", "<na>", "NaN", "null", "None"])
+def test_words_for_missing_are_missing(read, cell) -> None:
+    table = read(f"a,b\n{cell},1\n2,3\n")
+    np.testing.assert_array_equal(table.numbers("a", gaps=True), [NAN, 2.0])
+    with pytest.raises(FileFormatError, match=r"line 2: a is missing"):
+        table.numbers("a")
 
 
 @pytest.mark.parametrize(
