@@ -5,11 +5,19 @@ from __future__ import annotations
 import io
 import sys
 
+from fuzzykf import engine
+from fuzzykf.errors import MissingDependencyError, ParameterError
+
 __all__ = ["main"]
 
 
 def main() -> None:
-    """Run the command line, or say which extra it needs."""
+    """Run the command line, or say which extra it needs, or which engine there is not."""
+    try:
+        engine.info()
+    except (MissingDependencyError, ParameterError) as error:  # the commands import kernels before they run
+        print(f"Error: {error}", file=sys.stderr)
+        sys.exit(2)
     try:
         from fuzzykf.cli.app import app
     except ModuleNotFoundError as error:

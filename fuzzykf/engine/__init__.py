@@ -3,8 +3,8 @@
 Functions on flat arrays, without checks: their callers own shapes, validity and missing
 data.  Where a compiled twin of a NumPy function exists, `fuzzykf.engine.selected` holds the one
 in use, and `info` says which it is.  The environment variable ``FUZZYKF_ENGINE``, read when the
-first of them is needed, decides between ``compiled`` and ``numpy``; without it, the compiled core
-is used where it has been built.
+first of them is needed, decides between ``compiled`` and ``numpy``; where it is not set, the compiled
+core is used if it has been built.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def info() -> EngineInfo:
     Raises
     ------
     ParameterError
-        If ``FUZZYKF_ENGINE`` is neither "numpy" nor "compiled".
+        If ``FUZZYKF_ENGINE`` is set, and neither "numpy" nor "compiled".
     MissingDependencyError
         If it is "compiled", and the compiled core has not been built.
 
@@ -70,9 +70,11 @@ def info() -> EngineInfo:
 
 @cache
 def _choice() -> tuple[str, str]:
-    wanted = os.environ.get(_VARIABLE, "")
-    if wanted not in ("", "numpy", "compiled"):
-        raise ParameterError(f"{_VARIABLE}: got {wanted!r}, expected 'numpy' or 'compiled'")
+    wanted = os.environ.get(_VARIABLE)
+    if wanted not in (None, "numpy", "compiled"):
+        raise ParameterError(
+            f"{_VARIABLE}: got {wanted!r}, expected 'numpy' or 'compiled', or no such variable"
+        )
     if wanted == "numpy":
         return wanted, f"{_VARIABLE} is set to 'numpy'"
     try:
@@ -83,7 +85,9 @@ def _choice() -> tuple[str, str]:
             "with a C compiler at hand"
         )
         if wanted:
-            raise MissingDependencyError(f"{_VARIABLE} is set to 'compiled', but {missing}") from error
+            raise MissingDependencyError(
+                f"{_VARIABLE} is set to 'compiled', but {missing}; expected 'numpy', or no such variable"
+            ) from error
         return "numpy", missing
     return "compiled", f"{_VARIABLE} is set to 'compiled'" if wanted else "the compiled core has been built"
 

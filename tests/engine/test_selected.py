@@ -113,9 +113,37 @@ def test_a_missing_core_is_reported_not_hidden() -> None:
     assert "MissingDependencyError" in run.stderr
 
 
-def test_an_unknown_engine_is_an_error() -> None:
-    run = in_a_new_process("from fuzzykf import engine; engine.info()", "fortran")
-    assert "FUZZYKF_ENGINE: got 'fortran', expected 'numpy' or 'compiled'" in run.stderr
+HIDE = "import sys; sys.modules['fuzzykf.engine.compiled'] = None; "
+
+#: What the variable says that cannot be had, and what the error says of it.
+REFUSED = [
+    ("", "got '', expected 'numpy' or 'compiled', or no such variable"),
+    ("fortran", "got 'fortran', expected 'numpy' or 'compiled', or no such variable"),
+    ("Compiled", "got 'Compiled', expected 'numpy' or 'compiled', or no such variable"),
+    ("compiled", "but the compiled core cannot be imported ("),
+]
+
+
+@pytest.mark.parametrize(("wanted", "message"), REFUSED)
+def test_an_engine_that_cannot_be_had_is_an_error_in_python(wanted, message) -> None:
+    error = "MissingDependencyError" if wanted == "compiled" else "ParameterError"
+    for code in ("from fuzzykf import engine; engine.info()", "from fuzzykf import KalmanFilter"):
+        run = in_a_new_process(HIDE + code, wanted)
+        assert run.returncode == 1
+        last = run.stderr.strip().splitlines()[-1]
+        assert last.startswith(f"fuzzykf.errors.{error}: FUZZYKF_ENGINE")
+        assert message in last
+        assert last.endswith("or no such variable")
+
+
+@pytest.mark.parametrize(("wanted", "message"), REFUSED)
+def test_an_engine_that_cannot_be_had_is_one_line_on_the_command_line(wanted, message) -> None:
+    code = HIDE + "from fuzzykf.__main__ import main; sys.argv = ['fuzzykf', '--version']; main()"
+    run = in_a_new_process(code, wanted)
+    assert (run.returncode, run.stdout) == (2, "")
+    (line,) = run.stderr.splitlines()
+    assert line.startswith("Error: FUZZYKF_ENGINE")
+    assert message in line
 
 
 def test_importing_the_engine_loads_numpy_and_nothing_heavier() -> None:
