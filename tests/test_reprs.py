@@ -58,7 +58,10 @@ from fuzzykf.comparison import (
     ModelComparison,
     Restoration,
     Score,
+    Task,
 )
+from fuzzykf.comparison.prepare import ClockSwitch
+from fuzzykf.datasets import Building, Table, Traffic, Victoria, load_victoria
 from fuzzykf.experiments import Experiment, Outcome
 from fuzzykf.possibility import RuleBase
 from fuzzykf.possibility.memberships import CutMembership, EllipticalMembership, JointMembership, Membership
@@ -70,14 +73,6 @@ from fuzzykf.summaries import FitSummary, SummaryTable
 from fuzzykf.switching import EXACT, Mixture, StationarySystem, SwitchingFilter
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables
 from fuzzykf.testing import CheckReport
-
-#: Modules of plain dataclasses that are not gone through here.
-PLAIN = {
-    "fuzzykf.datasets.series",
-    "fuzzykf.datasets.table",
-    "fuzzykf.comparison.prepare",
-    "fuzzykf.testing.check",
-}
 
 HOSTILE = "<script>\x1b[2J\n" + "name" * 5000
 
@@ -102,10 +97,7 @@ def public_classes():
 
 def needs_specimen(cls):
     return not (
-        inspect.isabstract(cls)
-        or getattr(cls, "_is_protocol", False)
-        or issubclass(cls, BaseException)
-        or cls.__module__ in PLAIN
+        inspect.isabstract(cls) or getattr(cls, "_is_protocol", False) or issubclass(cls, BaseException)
     )
 
 
@@ -327,7 +319,21 @@ SPECIMENS = {
         )
     ],
     Outcome: [lambda: Outcome(None, 1, 2, {}, [BIG] * 50)],
-    CheckReport: [lambda: CheckReport("A", ("one", "two"))],
+    CheckReport: [lambda: CheckReport("A", ("one", "two")), lambda: CheckReport(HOSTILE, (HOSTILE,) * 99)],
+    Table: [
+        lambda: Table("a.csv", {"x": ("1",) * 100_000}),
+        lambda: Table(HOSTILE, {f"{k}{HOSTILE}": ("1",) for k in range(5000)}, notes=(HOSTILE,)),
+    ],
+    Victoria: [load_victoria],
+    Building: [lambda: Building(INDEX.to_numpy(), BIG, BIG)],
+    Traffic: [lambda: Traffic(INDEX.to_numpy(), BIG, BIG)],
+    Task: [
+        lambda: Task(state=BIG[0], observation=BIG[0], n_train=3),
+        lambda: Task(
+            state=BIG, observation=BIG, n_train=3, switch=BIG, switch_source=HOSTILE, profile=DailyProfile()
+        ),
+    ],
+    ClockSwitch: [lambda: ClockSwitch(1.0, 13.0)],
     engine.EngineInfo: [engine.info],
 }
 CASES = [(cls, k) for cls, makers in SPECIMENS.items() for k in range(len(makers))]
@@ -436,6 +442,8 @@ EVAL = [
     FuzzyMarkovLaw.fmc2(0.12, 0.5, 0.17),
     SwitchChain.from_classes([[0.9, 0.1], [0.1, 0.9]]),
     Fold(0, 10, 20),
+    ClockSwitch(1.0, 13.0),
+    CheckReport("A", ("one", "two")),
     Standardizer(),
     DailyProfile(6.0),
 ]
@@ -464,6 +472,10 @@ SHOWN = [
     (singular, "\nlog_likelihood = -inf"),
     (comparison, "c1            2     0.900–1.20       90.0 %      none        0.10 to 0.20"),
     (lambda: EXACT, "EXACT"),
+    (lambda: Table("a.csv", {"t": ("1", "2"), "y": ("", "5")}), "Table of 2 rows from 'a.csv': t, y"),
+    (SPECIMENS[Table][1], " and 4,992 more"),
+    (load_victoria, "Victoria(time=array (17520,), demand=array (17520,), temperature=array (17520,), "),
+    (SPECIMENS[Task][0], "Task(state=array (40,), observation=array (40,), n_train=3, switch=None, "),
     (Cone, "Cone(dim=1)"),
     (OnlyMean, "OnlyMean(description='', notes=())"),
 ]

@@ -11,6 +11,7 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array, as_choice, as_real
 from fuzzykf.observations import check_aligned
 from fuzzykf.preprocessing import DailyProfile, as_days, as_times, hour_of_day, is_constant
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from typing import Self
@@ -35,6 +36,7 @@ QUANTILES = (0.2, 0.8)
 LEARNED = "hidden, learned with each model"
 
 
+@reprs()
 @dataclass(frozen=True)
 class ClockSwitch:
     """A switch that follows the clock: 0 where a series is lowest, 1 where it is highest.
@@ -139,6 +141,7 @@ def quantile_switch(learning: FloatArray) -> tuple[float, float]:
     return low, high
 
 
+@reprs()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
     """A series cut into a part to learn on and a part to be restored.

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fuzzykf.datasets.table import Table, read_table
+from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,6 +22,7 @@ __all__ = ["Building", "Traffic", "Victoria", "load_building", "load_traffic", "
 DATA_VARIABLE = "FUZZYKF_DATA"
 
 
+@reprs()
 @dataclass(frozen=True, eq=False)
 class Victoria:
     """Electricity demand and temperature in Victoria, Australia, in 2014.
@@ -44,6 +46,7 @@ class Victoria:
     workday: NDArray[np.bool_]
 
 
+@reprs()
 @dataclass(frozen=True, eq=False)
 class Building:
     """Outdoor temperature and power of one commercial building, first week of June 2010.
@@ -63,6 +66,7 @@ class Building:
     power: FloatArray
 
 
+@reprs()
 @dataclass(frozen=True, eq=False)
 class Traffic:
     """Speed and occupancy at one road sensor, two weeks of September 2015.

@@ -10,6 +10,7 @@ import gzip
 import re
 import zlib
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ import numpy as np
 from fuzzykf.datasets.delimited import MISSING, Dialect, find_dialect, read_lines, take_preamble
 from fuzzykf.errors import FileFormatError, ParameterError
 from fuzzykf.files import as_path, read_bytes
+from fuzzykf.reprs import cut, shown
 from fuzzykf.texts import listed
 from fuzzykf.times import Times, read_times
 
@@ -46,7 +48,7 @@ INDEX = "index"
 MAX_BYTES = 1 << 28
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Table:
     """The columns of a file of delimited text.
 
@@ -69,6 +71,8 @@ class Table:
     Examples
     --------
     >>> table = Table("example.csv", {"time": ("2014-01-01T00:00",), "load": ("3.9",)})
+    >>> table
+    Table of 1 row from 'example.csv': time, load
     >>> table.numbers("load")
     array([3.9])
     >>> table.numbers("power")
@@ -87,6 +91,14 @@ class Table:
     def __len__(self) -> int:
         """Return the number of rows below the line of names."""
         return len(next(iter(self.columns.values())))
+
+    @shown
+    def __repr__(self) -> str:
+        """Say where the table comes from, and what its columns are called."""
+        rows = "1 row" if len(self) == 1 else f"{len(self):,} rows"
+        names = listed([cut(name, 30) for name in islice(self.columns, 8)])
+        more = f" and {len(self.columns) - 8:,} more" if len(self.columns) > 8 else ""
+        return f"{type(self).__name__} of {rows} from {cut(self.source, 60)!r}: {names}{more}"
 
     def text(self, name: str) -> tuple[str, ...]:
         """Return one column as it is written in the file.

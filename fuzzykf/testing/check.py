@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_numbers, brief
+from fuzzykf.reprs import reprs
 from fuzzykf.testing import basics, capabilities, promises  # noqa: F401 - they register their checks
 from fuzzykf.testing.case import CHECKS, Case, FilterCheckError
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["CheckReport", "FilterCheckError", "check_filter"]
 
 
+@reprs()
 @dataclass(frozen=True)
 class CheckReport:
     """What `check_filter` did.
