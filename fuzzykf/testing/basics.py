@@ -14,6 +14,8 @@ from fuzzykf.testing.case import Case, check
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from fuzzykf.arrays import FloatArray
+
 
 @check("construction")
 def check_construction(case: Case) -> None:
@@ -79,6 +81,28 @@ def check_step(case: Case) -> None:
     case.compare(case.state(f), case.state(g), "step, instead of predict and update")
     if not np.array_equal(returned, f.x):
         case.fail(f"step returned {returned!r}, expected x, {f.x!r}")
+
+
+@check("priors")
+def check_priors(case: Case) -> None:
+    """Check that x_prior and P_prior are what predict left in x and P, after the update and in results.
+
+    A filter whose ``x_prior`` is the array of ``x`` itself shows the updated state there as soon as an
+    update writes into ``x``.
+    """
+    f = case.factory()
+    predicted: dict[str, list[FloatArray]] = {"x_prior": [], "P_prior": []}
+    for k, z in enumerate(case.zs):
+        f.predict()
+        after = {f"{name}_prior": np.array(getattr(f, name), dtype=np.float64) for name in ("x", "P")}
+        f.update(z)
+        shown = {name: np.array(getattr(f, name), dtype=np.float64) for name in after}
+        case.compare(shown, after, f"after step {k}, instead of x and P after its predict")
+        for name, value in after.items():
+            predicted[name].append(value)
+    got = case.fields(case.factory().filter(case.zs))
+    expected = {name: np.array(values) for name, values in predicted.items() if name in got}
+    case.compare(got, expected, "filter, instead of x and P after each predict")
 
 
 @check("filter")

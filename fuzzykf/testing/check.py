@@ -85,7 +85,7 @@ def check_filter(factory: Callable[[], Filter], zs: ArrayLike | None = None) -> 
     Notes
     -----
     Every filter: ``construction``, ``shapes``, ``covariance``, ``repeatable``, ``step``,
-    ``filter``, ``continuation``, ``empty_series``, ``batch_filter``, ``observation_forms``,
+    ``priors``, ``filter``, ``continuation``, ``empty_series``, ``batch_filter``, ``observation_forms``,
     ``bad_observations``, ``input``, ``copy``, ``pickle``, ``saver``, ``reset``, ``refused``,
     ``overrides``, ``resume``; and, unless its ``update(None)`` raises NotImplementedError,
     ``missing``, ``missing_nan``, ``missing_component`` and ``missing_forms``.

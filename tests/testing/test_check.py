@@ -274,6 +274,45 @@ class StepsWithoutPredict(Kalman):
         return self.x
 
 
+class PriorIsTheState(Kalman):
+    """Has the prior in the array of the state, and updates in place."""
+
+    def predict(self, *args):
+        super().predict(*args)
+        self.x_prior = self.x
+
+    def update(self, z, *args):
+        before = self.x
+        super().update(z, *args)
+        before[:] = self.x
+        self.x = before
+
+
+class PriorCovarianceIsTheState(Kalman):
+    def predict(self, *args):
+        super().predict(*args)
+        self.P_prior = self.P
+
+    def update(self, z, *args):
+        before = self.P
+        super().update(z, *args)
+        before[:] = self.P
+        self.P = before
+
+
+class PriorBeforeThePredict(Kalman):
+    def predict(self, *args):
+        before = self.x
+        super().predict(*args)
+        self.x_prior = before
+
+
+class CollectsOtherPriors(Kalman):
+    def filter(self, zs, us=None, *, resume=False):
+        result = super().filter(zs, us, resume=resume)
+        return FilterResult(x=result.x, P=result.P, x_prior=result.x, P_prior=result.P_prior)
+
+
 class FiltersOtherwise(Kalman):
     def filter(self, zs):
         result = super().filter(zs)
@@ -563,6 +602,7 @@ BROKEN = {
     "covariance": [AskewCovariance, NegativePrior],
     "repeatable": [NotTheSameTwice],
     "step": [StepsWithoutX, StepsWithoutPredict],
+    "priors": [PriorIsTheState, PriorCovarianceIsTheState, PriorBeforeThePredict, CollectsOtherPriors],
     "filter": [FiltersOtherwise, FiltersFlat],
     "continuation": [StaysWhereItWas, StartsAnew, GoesOn],
     "empty_series": [NeedsAnObservation],
