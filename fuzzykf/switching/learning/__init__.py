@@ -26,6 +26,7 @@ from fuzzykf.switching.learning.choice import forms_to_try, learn_forms
 from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.fit import Fitted, Options, fit_fuzzy, fit_hard
 from fuzzykf.switching.learning.law import known_switch_laws
+from fuzzykf.switching.learning.memory import check_memory, memory_of_fuzzy, memory_of_hard
 from fuzzykf.switching.models.base import given_regimes
 
 if TYPE_CHECKING:
@@ -52,6 +53,8 @@ def fit_fuzzy_model(
         raise ParameterError(f"law: got {law!r}, expected {known} (a free chain is learned without r)")
     n_nodes = as_count("n_nodes", n_nodes, 0)
     data = _prepared(x, y, r, options)
+    for form in forms_to_try(options["form"], data):
+        check_memory("n_nodes", n_nodes, 0, partial(memory_of_fuzzy, data=data, form=form))
     return _learn(partial(fit_fuzzy, law=law, n_nodes=n_nodes), data, x, progress, options)
 
 
@@ -68,6 +71,8 @@ def fit_hard_model(
     """See `CGOMSModel.fit`."""
     K = given_regimes(n_switches, n_regimes, 2)
     data = _prepared(x, y, r, options)
+    for form in forms_to_try(options["form"], data):
+        check_memory("n_switches, n_regimes", K, 1, partial(memory_of_hard, data=data, form=form))
     return _learn(partial(fit_hard, K=K), data, x, progress, options)
 
 
