@@ -43,6 +43,10 @@ NUMBERS = 6.0
 #: So many equal values one after the other are a stretch in which nothing moves.
 STRETCH = 5
 
+#: Values are equal if they differ by no more than so many gaps between doubles of the size of the column
+#: (1.5e-11 of it), and no more than this share of its standard deviation: far from zero that may be noise.
+GAPS, STILL = 65_536.0, 1e-6
+
 #: A regime whose noise has less than this share of the variance of the data has collapsed, if this share of
 #: the steps in which it stays is in such stretches.
 COLLAPSED, WITHIN = 1e-3, 0.5
@@ -143,7 +147,8 @@ def stuck(weights: FloatArray, system: SwitchingSystem, data: TrainingData) -> l
 
     The likelihood of a constant grows without bound as the noise vanishes, so a stuck sensor draws a regime
     to itself.  Such a regime has next to no noise in a component, and it is mostly in stretches of at least
-    `STRETCH` equal values of this component that it stays.
+    `STRETCH` equal values of this component that it stays.  Values are equal if they are so but for the last
+    digits of double precision, as those of a stuck sensor are after a change of units.
 
     Data without such stretches are never named, and rounded ones seldom have any: of 500 fits to healthy
     series of 300 rows, half of them rounded to a tenth, none was (two or three hard regimes 400, fuzzy
@@ -175,7 +180,9 @@ def stuck(weights: FloatArray, system: SwitchingSystem, data: TrainingData) -> l
             rows = f"{data.kept[first]} to {data.kept[last]}"
             rows += f" and {others} other stretches" if others > 0 else ""
             value = data.z[first, column] * data.scale.std[column] + data.scale.mean[column]
-            told = f"{component(column, data.dim_x)} is constant ({value:.6g})"
+            apart = float(np.ptp(data.z[first : last + 1, column])) * data.scale.std[column]
+            but = f", but for {apart:.1g}" if apart else ""
+            told = f"{component(column, data.dim_x)} is constant ({value:.6g}{but})"
             found.setdefault(rows, []).append(
                 f"{told} and its noise {share[column]:.1g} of the variance of the data"
             )
@@ -189,8 +196,11 @@ def stuck(weights: FloatArray, system: SwitchingSystem, data: TrainingData) -> l
 
 def _constant_stretches(data: TrainingData, column: int) -> list[tuple[int, int]]:
     """Return the first and last rows of the stretches of equal values of a column."""
+    mean, std = data.scale.mean[column], data.scale.std[column]
+    gap = np.spacing(abs(mean) + std * np.abs(data.z[:, column]).max())
+    near = min(GAPS * gap / std, STILL)
     equal = np.zeros(len(data.z) + 1, dtype=bool)  # whether a row equals the one before it
-    equal[data.after] = data.z[data.after, column] == data.z[data.before, column]
+    equal[data.after] = np.abs(data.z[data.after, column] - data.z[data.before, column]) <= near
     edges = np.flatnonzero(np.diff(np.concatenate([[False], equal]).astype(int)))
     runs = [(int(begin) - 1, int(end) - 1) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
     return [(first, last) for first, last in runs if last - first + 1 >= STRETCH]

@@ -118,6 +118,41 @@ def test_a_hidden_regime_on_a_stuck_stretch_is_named(name):
     assert fit.occupancy[regime] < 0.35
 
 
+@pytest.mark.parametrize(
+    ("offset", "unit", "noise", "named"),
+    [
+        (20.0, 1.0, 1e-12, True),
+        (0.0, 1e-9, 1e-12, True),
+        (0.0, 1e9, 1e-15, True),
+        (-1e4, 1.0, 1e-12, True),
+        (1e7, 1.0, 1e-14, True),
+        # What is more is a sensor that moves.
+        (20.0, 1.0, 1e-9, False),
+        (1e7, 1e-3, 1e-12, False),
+    ],
+)
+@pytest.mark.parametrize("name", ["hard2", "fmc1"])
+def test_a_sensor_stuck_but_for_rounding_is_named(name, offset, unit, noise, named) -> None:
+    x, y = series()
+    x = offset + unit * x
+    rng = np.random.default_rng(3)
+    size = abs(x[100]) if offset else unit
+    x[100:160] = x[100] + noise * size * rng.standard_normal(60)
+    r = np.zeros(300)
+    r[100:160] = 1.0
+    notes = said(FITS[name](x, y, r), "collapsed")
+    assert bool(notes) == named
+    if named:
+        assert "rows 100 to 159, in which x[0] is constant (" in notes[0]
+
+
+def test_healthy_data_far_from_zero_are_not_stuck() -> None:
+    x, y = series()
+    r = (np.arange(300) // 60) % 2.0
+    for offset, unit in ((1e7, 5e-4), (1e7, 3e-8), (1e3, 1e-9)):
+        assert not said(FITS["hard2"](offset + unit * x, y, r), "collapsed")
+
+
 def test_rows_are_those_of_the_data_as_given():
     x, y = stuck_data("x and y")
     x[20:30] = np.nan
