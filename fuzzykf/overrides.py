@@ -15,10 +15,13 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["VERBS", "attributes_of", "follows_copies", "is_patched", "lookups", "overrides"]
+__all__ = ["ACCESS", "VERBS", "attributes_of", "follows_copies", "is_patched", "lookups", "overrides"]
 
 #: What a filter does with time and with an observation.
 VERBS = ("predict", "update")
+
+#: How any attribute is read and written: whoever replaces these may change every verb.
+ACCESS = ("__getattribute__", "__setattr__")
 
 _ABSENT = object()
 

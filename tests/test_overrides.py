@@ -240,6 +240,38 @@ def test_every_run_is_the_verbs_in_turn(make, name, verb, how, monkeypatch) -> N
         np.testing.assert_allclose(got, expected, rtol=1e-8, atol=1e-10, err_msg=run.__name__)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_every_run_reads_and_writes_as_a_subclass_does(make, name) -> None:
+    # neither verb is overridden: what stands for update, and what is written, is changed on the way
+    cls = type(make[name]())
+
+    class Halving(cls):
+        def __getattribute__(self, attribute):
+            value = super().__getattribute__(attribute)
+            if attribute != "update":
+                return value
+            return lambda z, *more, **options: value(half(z), *more, **options)
+
+    class Counting(cls):
+        def __setattr__(self, attribute, value):
+            written.append(attribute)
+            super().__setattr__(attribute, value)
+
+    Halving.__name__ = Counting.__name__ = cls.__name__
+    written: list[str] = []
+    expected = by_verbs(make[name](Halving))
+    assert np.abs(expected - by_verbs(make[name]())).max() > 1e-3
+    for run in (by_step, by_filter, by_batch_filter, by_filter_many):
+        got = run(make[name](Halving))
+        np.testing.assert_allclose(got, expected, rtol=1e-8, atol=1e-10, err_msg=run.__name__)
+    f, seen = make[name](Counting), []
+    for z, r in zip(ZS, RS, strict=True):  # the engine may take over after some steps
+        written.clear()
+        f.step(z.copy(), *([r] if isinstance(f, KnownSwitchFilter) else []))
+        seen.append(len(written))
+    assert min(seen) > 0
+
+
 @pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize(
     "name", [name for name in NAMES if name in ("KalmanFilter", "ExtendedKalmanFilter") or "S" in name]

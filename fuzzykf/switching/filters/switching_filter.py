@@ -20,7 +20,7 @@ from fuzzykf.base import (
 from fuzzykf.errors import ParameterError, SequenceError
 from fuzzykf.gaussian import as_count, as_flag
 from fuzzykf.many import stacked
-from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
+from fuzzykf.overrides import ACCESS, VERBS, is_patched, lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.switching.filters.stepper import STREAMS, Stepper
 from fuzzykf.switching.inference.exact import EXACT
@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
 __all__ = ["READ", "SwitchingFilter"]
 
-#: The verbs, what they call, and what is read after each step of a series.
-READ = (*VERBS, "_take", "_initial_law", "_next_tables", "_ahead", *SHOWN)
+#: The verbs, what they call, what is read after each step of a series, and how anything is read and written.
+READ = (*VERBS, *ACCESS, "_take", "_initial_law", "_next_tables", "_ahead", *SHOWN)
 
 
 class SwitchingFilter(Stepper, Filter):
