@@ -80,7 +80,7 @@ def test_switching_models_agree_in_what_they_promise(construction, order, make_o
     oracle = make_oracle(*random_parameters(2, 2, 1, seed=31), construction, order=order)
     N, d = 5, 3
     paths, p = oracle.paths(N)
-    S1, S2 = (np.array([joint(path) for path in paths]) for joint in (oracle.joint_1, oracle.joint_2))
+    S1, S2 = oracle.joint_1(paths), oracle.joint_2(paths)
     here = np.arange((N - 1) * d, N * d)
     both = np.concatenate([here, oracle.window(N - 2)[2:]])
     for i, j in itertools.product(range(2), repeat=2):
