@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import itertools
 import sys
 from pathlib import Path
 
@@ -50,9 +49,8 @@ def _enumerate(initial, transition, first, step, y, m):
     out = {k: [] for k in ("x", "P", "x_prior", "P_prior", "mu", "log_likelihood", "y_prior", "S")}
     total_before = 0.0
     for n in range(1, len(y) + 1):
-        paths = np.array(list(itertools.product(range(len(initial)), repeat=n)))
+        paths = _paths(initial, transition, n)
         p = initial[paths[:, 0]] * np.prod(transition[paths[:, :-1], paths[:, 1:]], axis=1)
-        paths, p = paths[p != 0], p[p != 0]
         sign, log_p = np.sign(p), np.log(np.abs(p))  # a rule of quadrature may have negative weights
         mean, cov = _joint(paths, first, step)
         d = first[0].shape[1]
@@ -78,6 +76,15 @@ def _enumerate(initial, transition, first, step, y, m):
         out["log_likelihood"].append(total - total_before)
         total_before = total
     return {name: np.array(values) for name, values in out.items()}
+
+
+def _paths(initial, transition, n):
+    """All sequences of n nodes that can occur, one a row."""
+    paths = np.flatnonzero(initial)[:, None]
+    for _ in range(n - 1):
+        before, new = np.nonzero(transition[paths[:, -1]])
+        paths = np.concatenate([paths[before], new[:, None]], axis=1)
+    return paths
 
 
 def _joint(paths, first, step):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import ndtr
@@ -33,7 +34,17 @@ class Posterior:
         return float(self.weights @ ndtr((value - mean) / std))
 
 
-def joint_gaussian(paths, system, N):
+@lru_cache(maxsize=2)  # a filter asks for the posterior after each observation of the same series
+def joint_gaussian(system, N):
+    """All paths of positive probability (p, N), their probabilities, and the moments along them."""
+    chain = system.chain
+    paths = np.array(list(itertools.product(range(len(chain)), repeat=N)))
+    p = chain.initial[paths[:, 0]] * np.prod(chain.transition[paths[:, :-1], paths[:, 1:]], axis=1)
+    paths, p = paths[p != 0.0], p[p != 0.0]
+    return paths, p, *moments(paths, system, N)
+
+
+def moments(paths, system, N):
     """Mean (p, N, d) and covariance (p, N, d, N, d) of Z_1..N given paths of nodes (p, N)."""
     initial = system.initial()
     d = initial.mean.shape[1]
@@ -76,10 +87,7 @@ def enumerate_paths(system, ys, upto=None):
     ys = np.asarray(ys, dtype=float).reshape(len(ys), -1)
     N, q = ys.shape
     chain = system.chain
-    paths = np.array(list(itertools.product(range(len(chain)), repeat=N)))
-    p = chain.initial[paths[:, 0]] * np.prod(chain.transition[paths[:, :-1], paths[:, 1:]], axis=1)
-    paths, p = paths[p != 0.0], p[p != 0.0]
-    mean, covariance = joint_gaussian(paths, system, N)
+    paths, p, mean, covariance = joint_gaussian(system, N)
     d = mean.shape[2]
     m = d - q
     seen = ys.copy()

@@ -1,7 +1,7 @@
 """What is known in a gap keeps its digits when an outlier came before it.
 
 After an outlier the nodes expect things that lie as far apart as it is far off.  The reference for
-scalar systems is the recursion in decimal numbers of 300 digits.
+scalar systems is the recursion in decimal numbers of as many digits as the outlier needs.
 """
 
 from __future__ import annotations
@@ -77,7 +77,9 @@ class DecimalRecursion:
     def run(self, ys):
         """Means and variances of X, and the probabilities of the nodes."""
         with localcontext() as context:
-            context.prec, context.Emin, context.Emax = 300, -(10**9), 10**9
+            # variances beside the square of the outlier, and 60 digits to spare: up to 300 digits
+            context.prec = 60 + round(2.4 * np.log10(np.nanmax(np.abs(ys))))
+            context.Emin, context.Emax = -(10**9), 10**9
             seen = [None if np.isnan(y) else Decimal(float(y)) for y in ys]
             law, found, nodes = self.law, [], []
             for p, mean, S in zip(law.probability, law.mean, law.covariance, strict=True):

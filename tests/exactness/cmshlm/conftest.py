@@ -52,7 +52,7 @@ class Oracle:
         return every[p > 0], p[p > 0]
 
     def joint_1(self, paths):
-        """Covariance of (X_0, Y_0, X_1, Y_1, ...) in Model 1 along each path: (..., n) -> (..., size, size)."""
+        """Covariance of (X_0, Y_0, X_1, Y_1, ...) in Model 1 along each of paths (..., n)."""
         paths = np.asarray(paths)
         *shape, n = paths.shape
         m, q, s, t = self.m, self.q, self.C.shape[2], self.D.shape[2]
@@ -129,7 +129,7 @@ class Oracle:
         return root_post @ (a * np.minimum(s, 1.0)) @ b @ np.linalg.inv(root)
 
     def joint_2(self, paths):
-        """Covariance of (X_0, Y_0, X_1, Y_1, ...) in Model 2 along each path: (..., n) -> (..., size, size)."""
+        """Covariance of (X_0, Y_0, X_1, Y_1, ...) in Model 2 along each of paths (..., n)."""
         paths = np.asarray(paths)
         *shape, n = paths.shape
         d = self.m + self.q
