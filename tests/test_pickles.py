@@ -20,19 +20,27 @@ def through_pickle(value):
     return pickle.loads(pickle.dumps(value))
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, through_pickle])
-@pytest.mark.parametrize("switch", ["known", "hidden"])
-@pytest.mark.parametrize("kind", [CGOFMSModel, CGOMSModel])
-def test_what_was_learned_can_be_pickled_and_learned_again(sample, kind, switch, copied) -> None:
+@pytest.fixture(
+    scope="module", params=[(k, s) for k in (CGOFMSModel, CGOMSModel) for s in ("known", "hidden")]
+)
+def learned(request, sample):
+    """What was learned, and a replicate of it."""
+    kind, switch = request.param
     r = sample.r if switch == "known" else None
     if r is not None and kind is CGOMSModel:
         r = (r > 0.5).astype(float)
     found = kind.fit(sample.x, sample.y, r, max_iter=5, form="covariance")
+    return found, found.bootstrap(1, np.random.default_rng(1))[0]
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, through_pickle])
+def test_what_was_learned_can_be_pickled_and_learned_again(sample, learned, copied) -> None:
+    found, a = learned
     again = copied(found)
     assert again.log_likelihood == found.log_likelihood
     np.testing.assert_array_equal(again.trace, found.trace)
     np.testing.assert_array_equal(again.switch_mean, found.switch_mean)
-    a, b = (one.bootstrap(1, np.random.default_rng(1))[0] for one in (found, again))
+    b = again.bootstrap(1, np.random.default_rng(1))[0]
     assert a.log_likelihood == b.log_likelihood
     np.testing.assert_array_equal(a.model.filter().filter(sample.y).x, b.model.filter().filter(sample.y).x)
 

@@ -39,7 +39,11 @@ FILES = [
 #: Tests that are left out: they take half of the time, and nothing of fuzzykf takes part in them.
 LEFT_OUT = [
     "common/tests/test_helpers.py::test_outer_product",  # a loop over a million outer products
+    "common/tests/test_helpers.py::test_inv_diagonal",  # ten thousand inverses by filterpy's helper
     "kalman/tests/test_ukf.py::test_circle",  # an unscented filter alone
+    "kalman/tests/test_ukf.py::test_fixed_lag",  # this too
+    "kalman/tests/test_ukf.py::test_rts",  # and these
+    "kalman/tests/test_ukf.py::test_radar",
 ]
 
 #: Tests that may fail, "file::test" and why: only faults of filterpy that fuzzykf does not

@@ -40,7 +40,9 @@ def brute_force():
         blocks = [process(part[:, None] - f(x)) for part in np.array_split(x, 8)]
         mu, rows = state(x), []
         for z in zs:
-            predicted = np.concatenate([T(mu, block).max(axis=1) for block in blocks])
+            some = np.flatnonzero(mu)  # T(0, b) is 0
+            hull = slice(some[0], some[-1] + 1)
+            predicted = np.concatenate([T(mu[hull], block[:, hull]).max(axis=1) for block in blocks])
             mu, possibility = predicted, 1.0
             if z is not None:
                 mu = T(mu, measurement(z - h(x)))

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from fuzzykf import CGOFMSModel, CGOMSModel
 
-few = settings(max_examples=8, deadline=None)
+# an example is learned from twice, for half a second; tests/switching/learning has the plain ones
+few = settings(max_examples=5, deadline=None)
 seeds = st.integers(0, 10**6)
 forms = st.sampled_from(["regression", "covariance"])
 

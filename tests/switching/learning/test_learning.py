@@ -50,7 +50,7 @@ CASES = [(law, form) for law in ("fmc1", "fmc2", "free") for form in ("regressio
 
 @pytest.mark.parametrize(("law", "form"), CASES)
 def test_hidden_fuzzy_switches(law, form, sim):
-    fit = CGOFMSModel.fit(sim.x, sim.y, law=law, form=form, n_starts=1, max_iter=10)
+    fit = CGOFMSModel.fit(sim.x, sim.y, law=law, form=form, n_starts=1, max_iter=7)
     assert len(fit.trace) > 5
     assert (np.diff(fit.trace) > -1e-8).all()  # EM never lowers likelihood times prior
     z = np.hstack([sim.x, sim.y])
@@ -296,9 +296,9 @@ def test_bootstrap_estimates_the_spread_of_an_estimate():
 def test_more_starts_are_never_worse(sim):
     options = {"form": "regression", "n_switches": 3}
     one = CGOMSModel.fit(sim.x, sim.y, n_starts=1, **options)
-    many = CGOMSModel.fit(sim.x, sim.y, n_starts=8, rng=np.random.default_rng(17), **options)
+    many = CGOMSModel.fit(sim.x, sim.y, n_starts=5, rng=np.random.default_rng(17), **options)
     assert many.trace[-1] >= one.trace[-1] - 1e-3 * abs(one.trace[-1])
-    again = CGOMSModel.fit(sim.x, sim.y, n_starts=8, rng=np.random.default_rng(17), **options)
+    again = CGOMSModel.fit(sim.x, sim.y, n_starts=5, rng=np.random.default_rng(17), **options)
     np.testing.assert_array_equal(again.trace, many.trace)  # the seed decides
 
 

@@ -166,21 +166,21 @@ def test_tables_do_not_depend_on_the_order_in_which_they_are_asked_for(monkeypat
     monkeypatch.setattr(converted, "_KEPT_TABLES", 2)
     there, back, once = (moving(order=2).on_nodes() for _ in range(3))
     assert there.steady_from is None
-    N = 200
+    N = 150  # every 64th law is kept
     forward = [there.pair_tables(n).pairs for n in range(N)]
     backward = [back.pair_tables(n).pairs for n in reversed(range(N))][::-1]
     for n in range(N):
         for a, b in zip(forward[n], backward[n], strict=True):
             np.testing.assert_array_equal(a, b)
-    for a, b in zip(forward[150], once.pair_tables(150).pairs, strict=True):
+    for a, b in zip(forward[140], once.pair_tables(140).pairs, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 def test_memory_does_not_grow_with_the_series():
     system = moving(order=2).on_nodes()
-    for n in range(3000):
+    for n in range(1000):
         system.pair_tables(n)
-    assert len(system._laws) < 3000 // 64 + 2 * 64
+    assert len(system._laws) < 1000 // 64 + 2 * 64
     assert system._tables.cache_info().currsize <= 256
 
 
@@ -221,23 +221,20 @@ def test_simulated_series_have_the_likelihood_of_the_model(make, options):
     # E[(y - prediction)^2 / S] = 1 and uncorrelated, if the series are those of the model: regimes known
     model = make(**options)
     rng = np.random.default_rng(4)
-    scores, errors = [], []
-    for _ in range(60):
-        truth = model.simulate(40, rng)
-        f = KnownSwitchFilter(model)
-        result = f.filter(truth.y, truth.r)
-        scores.append(result.log_likelihood.sum())
-        e = truth.x - result.x
-        errors.append(np.einsum("ni,nij,nj->n", e, np.linalg.inv(result.P), e))
+    truths = [model.simulate(40, rng) for _ in range(60)]
+    x, y, r = (np.stack([getattr(truth, name) for truth in truths]) for name in "xyr")
+    result = KnownSwitchFilter(model).filter_many(y, keep=("x", "P", "log_likelihood"), r=r)
+    e = x - result.x
+    errors = np.einsum("sni,snij,snj->sn", e, np.linalg.inv(result.P), e)
     # the normalised squared error of the state has mean m = 2: its covariance is that claimed
     assert np.mean(errors) == pytest.approx(2.0, abs=0.15)
-    assert np.isfinite(scores).all()
+    assert np.isfinite(result.log_likelihood).all()
 
 
 def test_simulated_observations_have_the_covariance_of_the_model():
     model = stationary(order=2)
     rng = np.random.default_rng(5)
-    truth = model.simulate(20_000, rng)
+    truth = model.simulate(10_000, rng)  # the standard error of a variance is 5 % at most, of 12 allowed
     for j in range(2):
         z = np.concatenate([truth.x, truth.y], axis=1)[truth.r == j]
         law = model.on_nodes().initial()
