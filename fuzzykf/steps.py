@@ -14,10 +14,16 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["Steps", "find_steps", "step_note"]
+__all__ = ["Steps", "find_steps", "other_step", "spoken", "step_note"]
 
 #: A step of so many units that the stamps are written in is told from its rounding.
 _COARSE = 10
+
+#: From so many equal steps on they are no roundings of another length.
+_EXACT = 4
+
+#: Units of steps that are equally long, in nanoseconds.
+_NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +95,61 @@ def find_steps(times: Times) -> Steps:
     return none
 
 
+def other_step(times: Times, step: np.timedelta64) -> np.timedelta64 | None:
+    """Return how far rows are apart, if that is another length than ``step``.
+
+    Parameters
+    ----------
+    times : Times
+    step : timedelta64
+        A number of months, seconds, or parts of seconds.
+
+    Returns
+    -------
+    timedelta64 or None
+        None if it is the same, but for the rounding of the stamps, or cannot be told.
+
+    Examples
+    --------
+    >>> from fuzzykf.times import read_times
+    >>> days = read_times(["2014-01-01", "2014-01-02", "2014-01-03"])
+    >>> other_step(days, np.timedelta64(86400, "s")), other_step(days, np.timedelta64(3600, "s"))
+    (None, np.timedelta64(86400,'s'))
+    """
+    if np.datetime_data(step.dtype)[0] == "M":
+        times = _by_month(times)
+    found = find_steps(times).step
+    if found is None or _is_same(times, found, step):
+        return None
+    return found
+
+
+def _by_month(times: Times) -> Times:
+    """Return the months of times that stand at one place of theirs: two of these are no number of days."""
+    known = ~np.isnat(times.clock)
+    months = _months(times.clock[known]) if known.any() else None
+    if months is None:
+        return times
+    clock = np.full(len(times), np.datetime64("NaT"), dtype="datetime64[M]")
+    clock[known] = months
+    return Times(clock, clock, False)
+
+
+def _is_same(times: Times, found: np.timedelta64, step: np.timedelta64) -> bool:
+    (unit, _), (of_step, _) = np.datetime_data(found.dtype), np.datetime_data(step.dtype)
+    one, other = int(found.astype(np.int64)), int(step.astype(np.int64))
+    if "M" in (unit, of_step):
+        return unit == of_step and one == other
+    one, other = one * _NANOSECONDS[unit], other * _NANOSECONDS[of_step]  # whole numbers of any size
+    apart, tick = abs(one - other), max(_NANOSECONDS[unit], _NANOSECONDS[of_step])
+    if apart == 0:
+        return True
+    if apart > tick or min(one, other) < _COARSE * tick:
+        return False
+    steps = np.diff(times.instant)
+    return bool(len(steps) < _EXACT or (steps != found).any())
+
+
 def step_note(times: Times, column: str, shown: Sequence[Any] | None = None) -> str | None:
     """Say what a model of equal steps should know of the steps of these rows; None if they are equal.
 
@@ -119,7 +180,7 @@ def step_note(times: Times, column: str, shown: Sequence[Any] | None = None) -> 
         )
     if steps.step is None:
         return (
-            f"the steps between rows last from {_spoken(apart.min())} to {_spoken(apart.max())} "
+            f"the steps between rows last from {spoken(apart.min())} to {spoken(apart.max())} "
             f"(column {column}), and {remedy}"
         )
     names = times.clock if shown is None else shown
@@ -128,7 +189,7 @@ def step_note(times: Times, column: str, shown: Sequence[Any] | None = None) -> 
     more = f" and {len(after) - 3:,} places more" if len(after) > 3 else ""
     count = int(steps.missing.sum())
     rows = "1 row is" if count == 1 else f"{count:,} rows are"
-    told = f"{rows} missing (column {column}, steps of {_spoken(steps.step)}): {', '.join(places)}{more}"
+    told = f"{rows} missing (column {column}, steps of {spoken(steps.step)}): {', '.join(places)}{more}"
     told += f"; {remedy}"
     if not times.has_offsets and any(_may_be_spring(times, row, steps.step) for row in after.tolist()):
         told += " (where clocks were put forward nothing is missing: times with offsets show it)"
@@ -163,7 +224,14 @@ def _is_rounded(instant: NDArray[np.datetime64]) -> bool:
     return bool(length >= _COARSE and np.all(np.abs(units - length * np.arange(len(units))) <= 1.0))
 
 
-def _spoken(step: np.timedelta64) -> str:
+def spoken(step: np.timedelta64) -> str:
+    """Return the length of a step in words and digits.
+
+    Examples
+    --------
+    >>> spoken(np.timedelta64(1, "M")), spoken(np.timedelta64(90, "m"))
+    ('1 month', '1:30:00')
+    """
     if np.datetime_data(step.dtype)[0] == "M":
         count = int(step.astype(np.int64))
         return "1 month" if count == 1 else f"{count} months"

@@ -116,13 +116,17 @@ def _about_model(fit: Any) -> list[tuple[str, str]]:
     facts = []
     if hasattr(model, "describe_switch"):
         facts.append(("switch", model.describe_switch()))
-    for name, attribute in (
-        ("regimes", "n_classes"),
-        ("components of the state", "dim_x"),
-        ("components of an observation", "dim_z"),
-    ):
-        if hasattr(model, attribute):
-            facts.append((name, str(getattr(model, attribute))))
+    if hasattr(model, "n_classes"):
+        facts.append(("regimes", str(model.n_classes)))
+    if hasattr(model, "labels"):
+        facts += model.labels.facts(model.dim_x, model.dim_z)
+    else:
+        for name, attribute in (
+            ("components of the state", "dim_x"),
+            ("components of an observation", "dim_z"),
+        ):
+            if hasattr(model, attribute):
+                facts.append((name, str(getattr(model, attribute))))
     if hasattr(model, "form"):
         others = [f"{kind} {value:.1f}" for kind, value in fit.bic_of_forms.items()]
         facts.append(("form", model.form.kind + (f" (BIC: {', '.join(others)})" if len(others) > 1 else "")))
@@ -150,12 +154,22 @@ def _about_search(fit: Any) -> list[tuple[str, str]]:
     ]
 
 
+def _names(model: Any, which: str, letter: str, size: int) -> list[str]:
+    """Return the names of components with their units, as far as the model knows them."""
+    labels: Any = getattr(model, "labels", None)
+    names = getattr(labels, which, None)
+    return [f"{letter}[{k}]" for k in range(size)] if names is None else [*map(labels.with_unit, names)]
+
+
 def _regimes(fit: Any) -> list[SummaryTable]:
     """Return the table of the regimes: how much of the data they have, and the means of x and y there."""
     model = fit.model
     if fit.occupancy is None or not hasattr(model, "regime_means"):
         return []
-    components = [f"x[{k}]" for k in range(model.dim_x)] + [f"y[{k}]" for k in range(model.dim_z)]
+    components = [
+        *_names(model, "states", "x", model.dim_x),
+        *_names(model, "observations", "y", model.dim_z),
+    ]
     header = ("regime", "share of the rows", *(f"mean of {one}" for one in components[:MOST_MEANS]))
     means = np.asarray(model.regime_means())
     rows = tuple(

@@ -63,6 +63,7 @@ from fuzzykf.comparison import (
 from fuzzykf.comparison.prepare import ClockSwitch
 from fuzzykf.datasets import Building, Table, Traffic, Victoria, load_victoria
 from fuzzykf.experiments import Experiment, Outcome
+from fuzzykf.labels import Labels
 from fuzzykf.possibility import RuleBase
 from fuzzykf.possibility.memberships import CutMembership, EllipticalMembership, JointMembership, Membership
 from fuzzykf.possibility.norms import HAMACHER, MAX, PRODUCT, TConorm, TNorm
@@ -210,8 +211,9 @@ SPECIMENS = {
         lambda: SwitchChain.from_classes([[0.9, 0.1], [0.1, 0.9]]),
         lambda: FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16).discretize(200),
     ],
-    CGOFMSModel: [fuzzy],
-    CGOMSModel: [hard],
+    CGOFMSModel: [fuzzy, lambda: fuzzy().labelled(states=[HOSTILE], observations=["t"])],
+    CGOMSModel: [hard, lambda: hard().labelled(observations=[HOSTILE], units={HOSTILE: HOSTILE})],
+    Labels: [Labels, lambda: Labels([HOSTILE], [f"{k}{HOSTILE}" for k in range(99)], {HOSTILE: HOSTILE})],
     CGLSSM: [lambda: CGLSSM([[1.0]], [[[0.9]]], [[[1.0]]], [[[0.5]]], [[[1.0]]])],
     OFSRFilter: [lambda: OFSRFilter(fuzzy()), lambda: stepped(OFSRFilter(fuzzy(), 2))],
     CGOMSMFilter: [lambda: CGOMSMFilter(hard()), lambda: stepped(CGOMSMFilter(hard()))],

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fuzzykf.steps import find_steps, step_note
+from fuzzykf.steps import find_steps, other_step, step_note
 from fuzzykf.times import read_times
 
 TENTHS = np.datetime64("2014-01-01", "ms") + 100 * np.arange(50) * np.timedelta64(1, "ms")
@@ -136,3 +136,15 @@ def test_a_row_without_a_time_where_none_is_missing_is_told_as_such():
     assert note.startswith("rows without a time stand where none is missing (column time)")
     del stamps[3]  # now one is
     assert step_note(read_times(stamps, gaps=True), "time") is None
+
+
+@pytest.mark.parametrize("name", REGULAR)
+def test_rows_are_as_far_apart_as_themselves_and_not_as_far_as_twice(name) -> None:
+    stamps, _ = REGULAR[name]
+    times = read_times(stamps)
+    step = find_steps(times).step
+    assert other_step(times, step) is None
+    assert other_step(times, 2 * step) is not None
+    # neither is told of rows that show no step
+    assert other_step(times[:1], 2 * step) is None
+    assert other_step(read_times(["2014-01-01", "2014-01-02", "2014-01-09T03:00"]), step) is None

@@ -60,6 +60,7 @@ def things():
         "hard regressions": hard,
         "steady": steady,
         "moving": moving,
+        "labelled": fuzzy.labelled(states=["load"], units={"load": "GW"}, step=np.timedelta64(1, "h")),
         "CGLSSM": CGLSSM(**LINEAR),
         "fresh": OFSRFilter(fuzzy, 3),
     }

@@ -346,6 +346,7 @@ class KnownSwitchFilter(SwitchingFilter):
 
     def _read(self, zs: ManyNumbers, r: ArrayLike, resume: bool = False) -> tuple[FloatArray, KnownPath]:
         """Return observations and path of the switch, which begins where the filter is if it resumes."""
+        zs = self._named(zs)
         check_aligned(zs=zs, r=r)
         ys = as_observations(zs, self.dim_z)
         switches = _as_switches(r).reshape(-1)

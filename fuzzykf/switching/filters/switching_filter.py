@@ -19,6 +19,7 @@ from fuzzykf.base import (
 )
 from fuzzykf.errors import ParameterError, SequenceError
 from fuzzykf.gaussian import as_count, as_flag
+from fuzzykf.labels import Labels, match_series
 from fuzzykf.many import stacked
 from fuzzykf.overrides import ACCESS, VERBS, is_patched, lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
@@ -269,7 +270,8 @@ class SwitchingFilter(Stepper, Filter):
         Parameters
         ----------
         zs : array_like
-            Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
+            Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.  Of a table with names
+            the columns that the model was learned on, if it knows them.
         keep_nodes : bool
             Keep mean and covariance of the state given each node, from which
             `FilterResult.interval` takes its quantiles.
@@ -284,7 +286,14 @@ class SwitchingFilter(Stepper, Filter):
             With ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``nodes``, ``switch``,
             ``switch_mean`` and ``log_likelihood``.  The filter stays at the last
             observation, so that `step` continues.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If ``zs`` has a wrong shape, something infinite, not the columns of the model, or steps of
+            another length.
         """
+        zs = self._named(zs)
         ys, index = as_observations(zs, self.dim_z), index_of(zs)
         keep_nodes, resume = as_flag("keep_nodes", keep_nodes), as_flag("resume", resume)
         if self._is_plain():
@@ -297,6 +306,17 @@ class SwitchingFilter(Stepper, Filter):
         if index is not None:
             self._follow(index)
         return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index)
+
+    def _named(self, zs: Any, argument: str = "zs") -> Any:
+        """Return the observations of a series, by the names that the model knows of them.
+
+        Every verb that is given a series begins here.  Arrays and lists go by position, see
+        `fuzzykf.labels.match_series`.
+        """
+        if isinstance(zs, np.ndarray | list):
+            return zs
+        labels = getattr(getattr(self, "model", None), "labels", None)
+        return match_series(zs, labels, self.dim_z, argument) if isinstance(labels, Labels) else zs
 
     def _by_verbs(
         self, ys: FloatArray, moves: FloatArray | None = None, *, states: bool = False, resume: bool = False
@@ -374,6 +394,7 @@ class SwitchingFilter(Stepper, Filter):
             If the method has no smoother, or verbs of a subclass do more than to pass on other
             observations (an outlier as missing, for instance): the way back knows the system alone.
         """
+        zs = self._named(zs)
         ys, index = as_observations(zs, self.dim_z), index_of(zs)
         keep_nodes = as_flag("keep_nodes", keep_nodes)
         if self._is_plain():

@@ -8,7 +8,7 @@ chooses between the forms of the Gaussian part.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from numbers import Real
@@ -18,6 +18,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_choice, as_count, as_flag, check_generator
+from fuzzykf.labels import NO_LABELS, Labels
 from fuzzykf.progress import progress_bar
 from fuzzykf.registry import either
 from fuzzykf.results import FitResult, bic
@@ -87,7 +88,7 @@ def _learn(
         )
 
     fitted, values = _with_progress(progress, learn)
-    refit = Refit(fit, {**options, "form": fitted.model.form.kind}, data.r is not None)
+    refit = Refit(fit, {**options, "form": fitted.model.form.kind}, data.r is not None, data.labels)
     return _present(fitted, values, data, x, refit)
 
 
@@ -102,11 +103,14 @@ class Refit:
     options : dict of str to object
     knows_switch : bool
         Whether the switch was known, and is known again.
+    labels : Labels
+        Of the data that are simulated.
     """
 
     fit: Callable[..., Fitted]
     options: dict[str, Any]
     knows_switch: bool
+    labels: Labels = NO_LABELS
 
     def __call__(self, sample: Simulation) -> FitResult[Any]:
         """Learn from a simulation."""
@@ -114,7 +118,8 @@ class Refit:
         guess = None if self.knows_switch else sample.r
         found = self.fit(data, options=Options(guess=guess, **self.options))
         value = bic(found.n_parameters, len(data.z), found.log_likelihood)
-        return _present(found, {found.model.form.kind: value}, data, sample.x, self)
+        named = replace(data, labels=self.labels)
+        return _present(found, {found.model.form.kind: value}, named, sample.x, self)
 
 
 def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any]) -> TrainingData:
@@ -150,7 +155,7 @@ def _present(
         switch = pd.Series(switch, index=x.index, name="switch_mean")
 
     return FitResult(
-        model=fitted.model,
+        model=fitted.model._with_labels(data.labels),
         log_likelihood=fitted.log_likelihood,
         n_parameters=fitted.n_parameters,
         n_observations=len(data.z),

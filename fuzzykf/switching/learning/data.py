@@ -10,6 +10,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
+from fuzzykf.labels import NO_LABELS, Labels, ordered, read_labels
 from fuzzykf.missing import as_floats
 from fuzzykf.observations import check_aligned
 
@@ -67,6 +68,8 @@ class TrainingData:
         Positions of the rows of `z` in the data as given, series after series.
     n_rows : int
         Number of rows given.
+    labels : Labels
+        What the data say of themselves: names, units, the length of a step.
     """
 
     z: FloatArray
@@ -78,6 +81,7 @@ class TrainingData:
     dim_x: int
     kept: np.ndarray
     n_rows: int
+    labels: Labels = NO_LABELS
 
 
 def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
@@ -87,15 +91,15 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
     ----------
     x, y : array_like, or sequence of these
         Shapes (n, m) and (n, q), or (n,) for one component; NaN where missing.  Several
-        series are given as lists of arrays.
+        series are given as lists of arrays, or of tables whose columns have the same names.
     r : array_like, or sequence, optional
         The switch, shape (n,).
 
     Raises
     ------
     ShapeError, ParameterError
-        If shapes do not agree, a value is infinite, too little is observed, a component is
-        constant, or components determine one another.
+        If shapes, names or the lengths of steps do not agree, a value is infinite, too little is observed,
+        a component is constant, or components determine one another.
     """
     if x is None or y is None:
         missing = "x" if x is None else "y"
@@ -103,10 +107,13 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
             f"{missing}: missing; the parameters of the state are not identifiable from y alone, so a "
             "stretch of data is needed in which x was measured as well"
         )
-    for one, other, switch in zip_longest(_parts(x), _parts(y), _parts(r)):
+    states, observations = _parts(x), _parts(y)
+    for one, other, switch in zip_longest(states, observations, _parts(r)):
         check_aligned(x=one, y=other, r=switch)
-    xs, ys = _series("x", x), _series("y", y)
-    rs: Sequence[Any] = [None] * len(xs) if r is None else _series("r", r)
+    labels = read_labels(states, observations)
+    xs = _series("x", ordered(states, labels.states, "x"))
+    ys = _series("y", ordered(observations, labels.observations, "y"))
+    rs: Sequence[Any] = [None] * len(xs) if r is None else _series("r", _parts(r))
     if not len(xs) == len(ys) == len(rs):
         raise ShapeError(f"x, y, r: got {len(xs)}, {len(ys)} and {len(rs)} series, expected as many of each")
     rows, switches, starts, before, positions = [], [], [], [], []
@@ -159,6 +166,7 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
         dim_x=m,
         kept=np.concatenate(positions),
         n_rows=n_given,
+        labels=labels,
     )
 
 
@@ -219,9 +227,8 @@ def _check_noise(now: FloatArray, then: FloatArray, m: int) -> None:
         )
 
 
-def _series(name: str, value: Any) -> list[FloatArray]:
+def _series(name: str, parts: Sequence[Any]) -> list[FloatArray]:
     """Return a list of arrays (n, k)."""
-    parts = _parts(value)
     result = []
     for k, part in enumerate(parts):
         try:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError
+from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_count
 from fuzzykf.immutable import Immutable
 from fuzzykf.io import Document
-from fuzzykf.reprs import html_table, reprs, shown_html
+from fuzzykf.labels import NO_LABELS, Labels
+from fuzzykf.reprs import html_table, reprs, shown_html, value_text
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from datetime import timedelta
+
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
@@ -40,11 +44,15 @@ class SwitchingModel(Immutable, Document):
     ----------
     form : Dynamics
         What state and observation do, given the switch.
+    labels : fuzzykf.labels.Labels
+        What is remembered of the data that the model was learned on: names of states and observations, their
+        units, the length of a step; empty where there is nothing.  See `labelled`.
     """
 
     #: Whether the switch takes values between the regimes, of which ``n_nodes`` stand for all.
     is_fuzzy: ClassVar[bool]
     form: Dynamics
+    labels: Labels = NO_LABELS
 
     @property
     def dim_x(self) -> int:
@@ -87,6 +95,88 @@ class SwitchingModel(Immutable, Document):
     @abstractmethod
     def _sample_switch(self, n: int, rng: np.random.Generator) -> FloatArray:
         """Draw ``n`` consecutive values of the switch."""
+
+    # ------------------------------------------------------------------ names
+
+    def labelled(
+        self,
+        *,
+        states: Iterable[str] | Literal["keep"] | None = "keep",
+        observations: Iterable[str] | Literal["keep"] | None = "keep",
+        units: Mapping[str, str] | Literal["keep"] | None = "keep",
+        step: np.timedelta64 | timedelta | Literal["keep"] | None = "keep",
+    ) -> Self:
+        """Return the same model with other names; what is not given stays as it is.
+
+        A filter of the model takes the observations from a table by their names, and refuses rows that are
+        farther apart, or nearer, than a step.  `fit` finds names and step in tables of pandas.
+
+        Parameters
+        ----------
+        states, observations : sequence of str, optional
+            Names of the components; None forgets them.
+        units : mapping of str to str, optional
+            Units by name.  Those that stay go with the components, if these get other names.
+        step : numpy.timedelta64 or timedelta, optional
+            How far rows are apart.
+
+        Returns
+        -------
+        SwitchingModel
+            Of the same class.
+
+        Raises
+        ------
+        ParameterError, ShapeError
+            If there are more or fewer names than components, see also `fuzzykf.labels.Labels`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pandas as pd
+        >>> from fuzzykf import CGOMSModel
+        >>> pair = np.kron([[1.0, 0.5], [0.5, 1.0]], np.eye(3))
+        >>> model = CGOMSModel([[1.0]], np.zeros((1, 3)), pair[None, None], dim_x=1)
+        >>> model = model.labelled(states=["load"], observations=["t", "h"], units={"load": "GW"})
+        >>> frame = pd.DataFrame({"h": [1.0, 2.0], "t": [3.0, 4.0]})
+        >>> found = model.filter().filter(frame)
+        >>> bool((found.x == model.filter().filter(frame[["t", "h"]].to_numpy()).x).all())
+        True
+        """
+        old = self.labels
+        names = Labels(_kept(states, old.states), _kept(observations, old.observations))
+        sizes = (("states", names.states, self.dim_x), ("observations", names.observations, self.dim_z))
+        for argument, given, size in sizes:
+            if given is not None and len(given) != size:
+                raise ShapeError(
+                    f"{argument}: got {len(given)} names, expected {size}, one for each component"
+                )
+        rest = _kept(units, old.units_as(names)), _kept(step, old.step)
+        return self._with_labels(Labels(names.states, names.observations, *rest))
+
+    def _with_labels(self, labels: Labels) -> Self:
+        model = type(self).__new__(type(self))
+        for name, value in {**self.__dict__, "labels": labels}.items():
+            setattr(model, name, value)
+        return model
+
+    def _labels_to_dict(self) -> dict[str, Any]:
+        """Return the part of the document that holds the labels; nothing if there are none."""
+        return {"labels": self.labels.to_dict()} if self.labels else {}
+
+    def _labelled_from(self, values: Mapping[str, Any]) -> Self:
+        """Return the model with the labels of a document, which older ones do not have."""
+        if "labels" not in values:
+            return self
+        found = Labels.from_dict(values["labels"])
+        return self.labelled(
+            states=found.states, observations=found.observations, units=found.units, step=found.step
+        )
+
+    def _labels_text(self) -> str:
+        """Return the names as the end of a repr."""
+        names = {"states": self.labels.states, "observations": self.labels.observations}
+        return "".join(f", {key}={value_text(value)}" for key, value in names.items() if value is not None)
 
     # ------------------------------------------------------------------ the way to a filter
 
@@ -183,11 +273,14 @@ class SwitchingModel(Immutable, Document):
         rows = [
             ("regimes", str(self.n_classes)),
             ("switch", self.describe_switch()),
-            ("components of the state", str(self.dim_x)),
-            ("components of an observation", str(self.dim_z)),
+            *self.labels.facts(self.dim_x, self.dim_z),
             ("form", self.form.kind),
         ]
         return html_table(type(self).__name__, (), rows)
+
+
+def _kept(given: Any, old: Any) -> Any:
+    return old if isinstance(given, str) and given == "keep" else given
 
 
 def given_regimes(n_switches: int | None, n_regimes: int | None, default: int | None = None) -> int:

@@ -189,7 +189,8 @@ class CGOFMSModel(SwitchingModel):
         ----------
         x, y : array_like, or list of these
             States (n, m) and observations (n, q), or (n,); NaN where missing.  Several
-            series are given as lists.
+            series are given as lists.  The model remembers the names of tables of pandas, and how far
+            their rows are apart (`labels`).
         r : array_like, shape (n,), or list of these, optional
             Values of the switch in [0, 1].  If it is hidden, it is learned too.
         law : {"fmc1", "fmc2", "free"}
@@ -225,7 +226,8 @@ class CGOFMSModel(SwitchingModel):
         ------
         ParameterError
             If ``x`` is missing (the parameters of the state are not identifiable from y
-            alone), or a parameter or the data are inadmissible.
+            alone), or a parameter or the data are inadmissible; if several series have other names, or
+            steps of other lengths.
 
         Notes
         -----
@@ -338,24 +340,27 @@ class CGOFMSModel(SwitchingModel):
         """
         joint = self.law.harden()
         initial = joint.sum(axis=1)
-        return CGOMSModel._from_form(joint / initial[:, None], self.form, initial / initial.sum())
+        hard = CGOMSModel._from_form(joint / initial[:, None], self.form, initial / initial.sum())
+        return hard._with_labels(self.labels)
 
     def _sample_switch(self, n: int, rng: np.random.Generator) -> FloatArray:
         return self.law.sample(n, rng)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return law and Gaussian form as plain values."""
-        return {"law": part_to_dict(self.law), "form": part_to_dict(self.form)}
+        """Return law, Gaussian form and labels as plain values."""
+        parts = {"law": part_to_dict(self.law), "form": part_to_dict(self.form)}
+        return parts | self._labels_to_dict()
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Make a model from what `to_dict` returned."""
         form = part_from_dict(values["form"], FORMS)
-        return cls._from_form(part_from_dict(values["law"], LAWS), form)
+        return cls._from_form(part_from_dict(values["law"], LAWS), form)._labelled_from(values)
 
     @shown
     def __repr__(self) -> str:
-        return f"CGOFMSModel({self.law!r}, dim_x={self.dim_x}, dim_z={self.dim_z}, form={self.form.kind!r})"
+        sizes = f"dim_x={self.dim_x}, dim_z={self.dim_z}"
+        return f"CGOFMSModel({self.law!r}, {sizes}, form={self.form.kind!r}{self._labels_text()})"
 
 
 def _transition_form(form: CovarianceForm) -> TransitionForm:

@@ -281,7 +281,7 @@ class CGOMSModel(SwitchingModel):
         Parameters
         ----------
         x, y : array_like, or list of these
-            States (n, m) and observations (n, q), or (n,); NaN where missing.
+            States (n, m) and observations (n, q), or (n,); NaN where missing.  As in `CGOFMSModel.fit`.
         r : array_like, shape (n,), or list of these, optional
             Regimes 0, ..., n_regimes - 1; learned too if they are hidden.
         n_regimes : int
@@ -435,22 +435,22 @@ class CGOMSModel(SwitchingModel):
         return self.form.closeness(np.ones(self.dim_x) if weights is None else weights)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the chain and the Gaussian form as plain values."""
+        """Return chain, Gaussian form and labels as plain values."""
         return {
             "transition": self.transition.tolist(),
             "initial": self.initial.tolist(),
             "form": part_to_dict(self.form),
-        }
+        } | self._labels_to_dict()
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Make a model from what `to_dict` returned."""
         form = part_from_dict(values["form"], FORMS)
-        return cls._from_form(values["transition"], form, values["initial"])
+        return cls._from_form(values["transition"], form, values["initial"])._labelled_from(values)
 
     @shown
     def __repr__(self) -> str:
         return (
             f"CGOMSModel(n_classes={self.n_classes}, dim_x={self.dim_x}, dim_z={self.dim_z}, "
-            f"form={self.form.kind!r})"
+            f"form={self.form.kind!r}{self._labels_text()})"
         )
