@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.times import Times
 
 __all__ = ["Rows", "as_csv", "components", "read_rows"]
 
@@ -39,6 +40,8 @@ class Rows:
         a name; else 0, 1, ...
     notes : list of str
         What a reader should know about the rows.
+    times : Times or None
+        When they were, if that is known.
     """
 
     source: str
@@ -46,6 +49,7 @@ class Rows:
     index_name: str
     index: Sequence[Any]
     notes: list[str]
+    times: Times | None = None
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -53,7 +57,12 @@ class Rows:
 
 
 def read_rows(
-    path: Path, columns: Mapping[str, Sequence[str]], index: str | None, reading: Reading | None = None
+    path: Path,
+    columns: Mapping[str, Sequence[str]],
+    index: str | None,
+    reading: Reading | None = None,
+    *,
+    hint: str = "",
 ) -> Rows:
     """Read columns of numbers that may have gaps.
 
@@ -66,6 +75,8 @@ def read_rows(
         Column to be kept as it is; by default the column of times, if there is one.
     reading : Reading, optional
         How the file is to be read.
+    hint : str
+        What to say if a column is not there that nobody has named.
 
     Raises
     ------
@@ -89,6 +100,10 @@ def read_rows(
                     f"{option}: the column {name!r} is named a second time, after {seen[name]}"
                 )
             seen[name] = option
+            if hint and name not in table.columns:
+                raise ParameterError(
+                    f"{path.name} has no column {name!r}, {hint}; its columns are {listed(table.columns)}"
+                )
     values = {
         option: np.column_stack([table.numbers(name, gaps=True) for name in names])
         for option, names in columns.items()
@@ -99,8 +114,8 @@ def read_rows(
     if kept is None and table.has_index:
         kept = INDEX
     if kept is None:
-        return Rows(path.name, values, "row", range(len(table)), notes)
-    return Rows(path.name, values, kept, table.text(kept), notes)
+        return Rows(path.name, values, "row", range(len(table)), notes, found.times)
+    return Rows(path.name, values, kept, table.text(kept), notes, found.times)
 
 
 def components(name: str, values: FloatArray, suffix: str = "") -> dict[str, FloatArray]:

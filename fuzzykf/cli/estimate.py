@@ -10,19 +10,30 @@ import numpy as np
 import typer
 
 from fuzzykf.cli.columns import Rows, as_csv, components, read_rows
-from fuzzykf.cli.output import check_file, console_beside, progress_bar, report_errors, say, say_written
+from fuzzykf.cli.output import (
+    UsageError,
+    check_file,
+    console_beside,
+    progress_bar,
+    report_errors,
+    say,
+    say_written,
+)
 from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat
 from fuzzykf.errors import ParameterError
 from fuzzykf.files import write_text
+from fuzzykf.labels import check_step
+from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.base import FilterResult
+    from fuzzykf.labels import Labels
 
 __all__ = ["FILTER_EXAMPLE", "SMOOTH_EXAMPLE", "filter_command", "smooth_command"]
 
-FILTER_EXAMPLE = "Example: fuzzykf filter model.json new.csv --obs temperature -o filtered.csv"
-SMOOTH_EXAMPLE = "Example: fuzzykf smooth model.json new.csv --obs temperature -o smoothed.csv"
+FILTER_EXAMPLE = "Example: fuzzykf filter model.json new.csv -o filtered.csv"
+SMOOTH_EXAMPLE = "Example: fuzzykf smooth model.json new.csv -o smoothed.csv"
 
 Model = Annotated[
     Path, typer.Argument(metavar="MODEL.json", help="A model that fuzzykf fit, or save(), has written.")
@@ -40,7 +51,8 @@ Obs = Annotated[
     typer.Option(
         "--obs",
         metavar="COL",
-        help="Column of the observation; repeated in the order in which they were learned.",
+        help="Column of the observation, in place of the one that the model was learned on; repeated in the "
+        "order in which they were learned.",
         show_default=False,
     ),
 ]
@@ -138,16 +150,19 @@ def _run(
         from fuzzykf.io import load_model
 
         model: Any = load_model(model_file)
-        rows = read_rows(data, {"--obs": obs}, index, reading)
+        f = _filter_of(model, nodes)
+        names, notes = _observed(model_file.name, model.labels, obs)
+        hint = "" if obs else f"which the model of {model_file.name} observes (--obs names another)"
+        rows = read_rows(data, {"--obs": names}, index, reading, hint=hint)
         zs = rows.values["--obs"]
         if zs.shape[1] != model.dim_z:
             raise ParameterError(
                 f"--obs: got {zs.shape[1]} columns, but the model of {model_file.name} has {model.dim_z} "
                 "observed components"
             )
+        _check_step(rows, model.labels)
         if not 0.0 < level < 1.0:
             raise ParameterError(f"--level: got {level:g}, expected a number between 0 and 1")
-        f = _filter_of(model, nodes)
         check_file(output, model_file, data)
         with progress_bar(2) as progress:
             progress(f"{verb}ing")
@@ -155,7 +170,38 @@ def _run(
             progress("writing")
             columns = _columns(result, zs, level, model.is_fuzzy)
             write_text(output, as_csv(rows.index_name, rows.index, columns, formulas=formulas))
-    _print(verb, rows, zs, output)
+    _print(verb, replace(rows, notes=[*notes, *rows.notes]), zs, output)
+
+
+def _observed(model: str, labels: Labels, obs: list[str]) -> tuple[list[str], list[str]]:
+    """Return the columns to read, in the order of the model, and what to know about them."""
+    learned = labels.observations or ()
+    for name in obs:
+        if name in (labels.states or ()) and name not in learned:
+            seen = f", which was learned on {listed(learned)}" if learned else ""
+            raise UsageError(
+                f"--obs: {name!r} is a state of the model of {model}{seen}; name what is observed"
+            )
+    if not obs or set(obs) == set(learned):
+        return list(learned), []
+    if len(obs) != len(learned):
+        return obs, []
+    for k, (name, before) in enumerate(zip(obs, learned, strict=True)):
+        if name in learned and name != before:
+            raise UsageError(
+                f"--obs: {name!r} is named in place {k + 1}, where the model of {model} has {before!r}; "
+                f"expected the order in which they were learned: {listed(learned)}"
+            )
+    pairs = zip(obs, learned, strict=True)
+    return obs, [f"{new} replaces {old}, which the model was learned on" for new, old in pairs if new != old]
+
+
+def _check_step(rows: Rows, labels: Labels) -> None:
+    """Refuse rows that are farther apart, or nearer, than those that were learned on."""
+    try:
+        check_step(rows.times, labels, rows.source, "--time none takes the rows as they come")
+    except ParameterError as error:
+        raise UsageError(str(error)) from error
 
 
 def _filter_of(model: Any, nodes: int | None) -> Any:

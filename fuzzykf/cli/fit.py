@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +14,9 @@ from fuzzykf.cli.columns import Rows, read_rows
 from fuzzykf.cli.output import check_file, console_beside, progress_bar, report_errors, say, say_written
 from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat
 from fuzzykf.errors import ParameterError
+from fuzzykf.steps import find_steps
 from fuzzykf.switching.laws.registry import learned_laws
+from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,6 +26,9 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = "Example: fuzzykf fit meters.csv --state demand --obs temperature --train 0.7 -o model.json"
+
+#: What stands between a column and its unit.
+EQUALS = "="
 
 
 if TYPE_CHECKING:
@@ -61,6 +67,16 @@ def command(
         list[str] | None,
         typer.Option(
             "--obs", metavar="COL", help="Column of the observation; may be repeated.", show_default=False
+        ),
+    ] = None,
+    unit: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--unit",
+            metavar="COL=UNIT",
+            help="Unit of a column that is named by --state or --obs, which the model remembers; may be "
+            "repeated.",
+            show_default=False,
         ),
     ] = None,
     output: Annotated[
@@ -125,9 +141,11 @@ def command(
     """Learn a switching model from rows in which the state was measured, and write it to a file.
 
     The switch is hidden: it is learned with the parameters, by maximum likelihood. Prints how well the
-    model describes the data, and what they cannot support.
+    model describes the data, and what they cannot support. The model remembers the names of the columns, and
+    how far the rows are apart.
     """
     with report_errors():
+        units = _units(unit or [], [*(state or []), *(obs or [])])
         columns = {"--state": state or [], "--obs": obs or []}
         rows = read_rows(data, columns, None, Reading(time, time_format, sep, decimal))
         if regimes is not None and switches is not None and regimes != switches:
@@ -160,10 +178,29 @@ def command(
             fit = _learn(rows, n_train, "fmc1" if law is None else law.value, hard, nodes, options)
             progress("testing")
             tested = _test(rows, n_train, fit, nodes)
-        fit.model.save(output)
+        step = None if rows.times is None else find_steps(rows.times).step
+        model = fit.model.labelled(states=state, observations=obs, units=units, step=step)
+        model.save(output)
     console = console_beside(output)
-    _print(console, rows, n_train, fit, tested, state or [], obs or [])
+    _print(console, rows, n_train, replace(fit, model=model), tested)
     say_written(console, output)
+
+
+def _units(given: list[str], columns: list[str]) -> dict[str, str]:
+    """Return units by column."""
+    found: dict[str, str] = {}
+    for word in given:
+        column, equals, name = word.rpartition(EQUALS)
+        if not equals or not name:
+            raise ParameterError(f"--unit: got {word!r}, expected COL=UNIT, such as demand=GW")
+        if column not in columns:
+            raise ParameterError(
+                f"--unit: got one of {column!r}, expected a column of --state or --obs: {listed(columns)}"
+            )
+        if column in found:
+            raise ParameterError(f"--unit: got {found[column]!r} and {name!r} for {column!r}, expected one")
+        found[column] = name
+    return found
 
 
 def _learn(
@@ -204,10 +241,10 @@ def _print(
     n_train: int,
     fit: FitResult[Any],
     tested: tuple[str, tuple[str, ...]],
-    state: list[str],
-    obs: list[str],
 ) -> None:
     model = fit.model
+    labels = model.labels
+    state, obs = (map(labels.with_unit, names) for names in (labels.states, labels.observations))
     iterations = f"{len(fit.trace) - 1} iterations"
     gaps = n_train - fit.n_observations
     lines = [

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 __all__ = [
+    "UsageError",
     "check_file",
     "check_folder",
     "console_beside",
@@ -30,9 +31,13 @@ __all__ = [
 ]
 
 
+class UsageError(ParameterError):
+    """What is asked for does not go with the model that it is asked of: exit code 2, as for any misuse."""
+
+
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """Turn an error that the user can mend into a message and exit code 1."""
+    """Turn an error that the user can mend into a message and exit code 1, or 2 if it is a `UsageError`."""
     try:
         yield
     except BrokenPipeError:  # nobody reads on: typer ends without a word
@@ -40,7 +45,7 @@ def report_errors() -> Iterator[None]:
     except (FuzzykfError, OSError) as error:
         told = Text.assemble(("Error: ", "bold red"), printable(_message(error)))
         Console(stderr=True, soft_wrap=True).print(told)
-        raise typer.Exit(1) from error
+        raise typer.Exit(2 if isinstance(error, UsageError) else 1) from error
 
 
 def _message(error: FuzzykfError | OSError) -> str:

@@ -43,7 +43,8 @@ def test_the_file_holds_the_model_that_the_library_learns(write, data, tmp_path)
     result = run(write(), "--state", "load", "--obs", "temperature", "-o", out, "--law", "fmc2", *QUICK)
     assert result.exit_code == 0, result.output
     fit = CGOFMSModel.fit(data[:, 0], data[:, 1], law="fmc2", n_nodes=0, n_starts=1, max_iter=3)
-    assert model_to_dict(load_model(out)) == model_to_dict(fit.model)
+    named = fit.model.labelled(states=["load"], observations=["temperature"])
+    assert model_to_dict(load_model(out)) == model_to_dict(named)
     printed = " ".join(result.output.split())
     assert "Learned load from temperature, on 240 rows of data.csv." in printed
     assert f"law fmc2; {fit.model.form.kind} form, {fit.n_parameters} parameters" in printed
@@ -63,7 +64,8 @@ def test_hard_regimes_can_be_learned_and_the_other_rows_test_the_filter(write, d
     model = load_model(out)
     assert isinstance(model, CGOMSModel)
     fit = CGOMSModel.fit(data[:180, 0], data[:180, 1], n_switches=2)
-    assert model_to_dict(model) == model_to_dict(fit.model)
+    named = fit.model.labelled(states=["load"], observations=["temperature"])
+    assert model_to_dict(model) == model_to_dict(named)
     # Oracle: the filter on the last quarter, begun 100 rows earlier.
     found = CGOMSMFilter(model).filter(data[80:, 1])
     rmse = np.sqrt(np.mean((found.x[100:, 0] - data[180:, 0]) ** 2))
