@@ -25,7 +25,17 @@ from fuzzykf.times import Times, has_times, read_times
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["NO_LABELS", "Labels", "check_step", "match_columns", "match_series", "ordered", "read_labels"]
+__all__ = [
+    "NO_LABELS",
+    "Labels",
+    "check_no_state",
+    "check_step",
+    "match_columns",
+    "match_series",
+    "names_of",
+    "ordered",
+    "read_labels",
+]
 
 #: Units that a step may be given in: of months, and of nanoseconds.
 _MONTHS = {"Y": 12, "M": 1}
@@ -274,10 +284,11 @@ def _columns_of(table: Any) -> list[Any] | None:
         index = table.indexes.get(table.dims[-1]) if table.ndim == 2 else None
     else:
         index = getattr(table, "columns", None)
-    return None if index is None else _named(list(index))
+    return None if index is None else names_of(list(index))
 
 
-def _named(columns: list[Any]) -> list[Any] | None:
+def names_of(columns: list[Any]) -> list[Any] | None:
+    """Return the names of columns; None if they are 0, 1, 2, ..., which are no names."""
     by_position = all(
         isinstance(one, int | np.integer) and not isinstance(one, bool) and one == k
         for k, one in enumerate(columns)
@@ -455,10 +466,10 @@ def match_series(zs: Any, labels: Labels, dim_z: int, argument: str = "zs") -> A
     check_step(index_of(zs), labels, argument)
     columns = _columns_of(zs)
     if columns is None:
-        _check_no_state([_name_of(zs)], labels, argument)
+        check_no_state([_name_of(zs)], labels, argument)
         return zs
     if labels.observations is None:
-        _check_no_state(map(str, columns), labels, argument)
+        check_no_state(map(str, columns), labels, argument)
         return zs
     known = {*labels.observations, *(labels.states or ())}
     strange = len(columns) == dim_z and known.isdisjoint(map(str, columns))
@@ -494,7 +505,8 @@ def match_columns(columns: Iterable[Any], names: Sequence[str], argument: str, r
     if missing:
         raise ParameterError(
             f"{argument}: got no column {listed([repr(name) for name in missing])}; the model was learned on "
-            f"{listed(names)}, and the columns are {listed(there) or 'none'}: rename them{remedy}"
+            f"{listed(names)}, and the columns are {listed(there) or 'none'}: rename what is called otherwise"
+            f"{remedy}"
         )
     for name in names:
         if there.count(name) > 1:
@@ -531,7 +543,8 @@ def check_step(index: Any, labels: Labels, argument: str, remedy: str | None = N
         )
 
 
-def _check_no_state(names: Iterable[str | None], labels: Labels, argument: str) -> None:
+def check_no_state(names: Iterable[str | None], labels: Labels, argument: str) -> None:
+    """Raise if one of the names is that of a state of a model, and of no observation."""
     observed = labels.observations or ()
     for name in names:
         if name is not None and name in (labels.states or ()) and name not in observed:

@@ -125,7 +125,7 @@ OTHER = {
     "the state alone": (lambda df: df["load"], r"zs: got 'load', a state of the model, which observes t, h"),
     "strange names": (
         lambda df: df[["t", "h"]].set_axis(["u", "v"], axis=1),
-        r"no column 't', 'h'; .* the columns are u, v: rename them, or pass zs.to_numpy\(\), whose col",
+        r"no column 't', 'h'; .* the columns are u, v: rename .*, or pass zs.to_numpy\(\), whose col",
     ),
     "twice": (lambda df: df[["t", "h", "t"]], r"zs: 2 columns are called 't', expected one"),
     "DataArray": (

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fuzzykf.base import check_keep
 from fuzzykf.distributed.blocks import apply, in_blocks
-from fuzzykf.distributed.inputs import check_components, find_filter, find_input, find_observations, probe
+from fuzzykf.distributed.inputs import (
+    check_components,
+    find_filter,
+    find_input,
+    find_observations,
+    match_components,
+    probe,
+)
 from fuzzykf.distributed.outputs import DIMS, check_names, describe
 from fuzzykf.distributed.stores import check_chunks, check_store, refuse_cut_short, write
 from fuzzykf.errors import MissingDependencyError, ParameterError
@@ -66,7 +73,8 @@ def filter_dataset(
     dim : hashable
         The dimension of time.
     component : hashable, optional
-        The dimension of the components of an observation, if there are several.
+        The dimension of the components of an observation, if there are several.  If it has a coordinate, and
+        the model knows what it was learned on, they are taken by these names.
     inputs : mapping, optional
         Other arguments of ``filter_many`` that have a value at each time, and the variables that
         hold them: ``{"r": "valve"}`` for `KnownSwitchFilter`, ``{"us": "heating"}`` for
@@ -113,7 +121,8 @@ def filter_dataset(
     MissingDependencyError
         If dask or xarray is not installed, or zarr where there is a ``store``.
     ParameterError, ShapeError
-        If an argument does not fit ``ds`` or the filter, or time is chunked; if ``ds`` comes from
+        If an argument does not fit ``ds`` or the filter, or time is chunked; if the variable is a state of
+        the model, or times are not as far apart as those that it was learned on; if ``ds`` comes from
         a store that was cut short or lacks chunks, or, with ``mode="r+"``, something else is in ``store``.
     FileExistsError
         If ``mode`` is "w-" and the store exists.
@@ -155,6 +164,7 @@ def filter_dataset(
     names = dict(inputs or {})
     series = find_observations(ds, observations, dim, component, set(names.values()))
     make, is_factory, filter_ = find_filter(model, n_nodes, rule)
+    series = match_components(series, dim, component, filter_)
     check_components(series, component, filter_.dim_z)
     others = {key: find_input(ds, key, name, series, dim, component) for key, name in names.items()}
     if missing_chunks == "raise":

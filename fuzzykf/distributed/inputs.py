@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.labels import Labels, check_no_state, check_step, match_columns, names_of
 from fuzzykf.times import has_times, read_times
 
 if TYPE_CHECKING:
@@ -16,7 +17,14 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import Filter, FilterResult
 
-__all__ = ["check_components", "find_filter", "find_input", "find_observations", "probe"]
+__all__ = [
+    "check_components",
+    "find_filter",
+    "find_input",
+    "find_observations",
+    "match_components",
+    "probe",
+]
 
 
 def find_observations(
@@ -79,6 +87,39 @@ def find_filter(model: Any, n_nodes: int | None, rule: str | None) -> tuple[Any,
         f"model: got {type(model).__name__}, expected a CGOFMSModel, a CGOMSModel, a filter, "
         "or a function that returns a filter"
     )
+
+
+def match_components(
+    series: xr.DataArray, dim: Hashable, component: Hashable | None, filter_: Filter
+) -> xr.DataArray:
+    """Return the observations that the model of a filter was learned on, by the coordinate of the components.
+
+    Raises
+    ------
+    ParameterError
+        If a component is missing, the variable is a state of the model, or its times are not as far apart as
+        those that were learned on.
+    """
+    labels = getattr(getattr(filter_, "model", None), "labels", None)
+    if not isinstance(labels, Labels) or not labels:
+        return series
+    check_no_state([str(series.name)], labels, "observations")
+    check_step(
+        series.indexes.get(dim),
+        labels,
+        "ds",
+        f"drop the coordinate {dim!r}, so that rows are taken as they come",
+    )
+    there = None if component is None else series.indexes.get(component)
+    columns = None if there is None else names_of(list(there))
+    if columns is None:
+        return series
+    if labels.observations is None:
+        check_no_state(map(str, columns), labels, "component")
+        return series
+    positions = match_columns(columns, labels.observations, f"component: {component!r}")
+    same = positions == list(range(len(columns)))
+    return series if same else series.isel({component: positions})
 
 
 def check_components(series: xr.DataArray, component: Hashable | None, dim_z: int) -> None:

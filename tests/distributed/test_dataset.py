@@ -18,6 +18,7 @@ import pytest
 from fuzzykf import (
     CGOFMSModel,
     CGOMSMFilter,
+    CGOMSModel,
     FilterResult,
     FuzzyMarkovLaw,
     FuzzyRelationEstimator,
@@ -438,3 +439,51 @@ def test_importing_it_loads_neither_dask_nor_xarray() -> None:
     code = "import sys, fuzzykf.distributed; print({'dask', 'xarray', 'zarr', 'pandas'} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "set()\n"
+
+
+# --------------------------------------------------------------------------- names
+
+
+def two_observations() -> CGOMSModel:
+    """A model of "load" from "t" and "h", hour by hour."""
+    z = np.array([[1.0, 0.4, 0.3], [0.4, 1.0, 0.0], [0.3, 0.0, 2.0]])
+    pair = np.block([[z, 0.5 * z], [0.5 * z, z]])
+    model = CGOMSModel([[1.0]], [[0.0, 1.0, -1.0]], pair[None, None], 1)
+    return model.labelled(states=["load"], observations=["t", "h"], step=np.timedelta64(1, "h"))
+
+
+def named_dataset(components, step="h", name="weather"):
+    values = np.random.default_rng(0).normal(size=(3, 12, len(components)))
+    hours = np.datetime64("2024-01-01", "ns") + np.arange(12) * np.timedelta64(1, step)
+    return xr.Dataset(
+        {name: (("meter", "time", "what"), values)}, {"time": hours, "what": list(components)}
+    ), values
+
+
+@pytest.mark.parametrize("of", ["model", "filter"])
+@pytest.mark.parametrize("components", [("t", "h"), ("h", "t"), ("load", "h", "wind", "t"), (0, 1)])
+def test_components_are_those_that_were_learned_on(components, of) -> None:
+    ds, values = named_dataset(components)
+    model = two_observations()
+    found = filter_dataset(ds, model if of == "model" else model.filter(), component="what")
+    positions = [0, 1] if 0 in components else [components.index("t"), components.index("h")]
+    assert_same(found.x.to_numpy(), model.filter().filter_many(values[..., positions]).x)
+
+
+@pytest.mark.parametrize(
+    ("dataset", "message"),
+    [
+        (
+            lambda: named_dataset(("t", "wind"))[0],
+            "component: 'what': got no column 'h'; the model was learned on",
+        ),
+        (lambda: named_dataset(("t", "h"), name="load")[0], "observations: got 'load', a state of the model"),
+        (
+            lambda: named_dataset(("t", "h"), step="D")[0],
+            "ds: its rows are 1 day, 0:00:00 apart, but the model",
+        ),
+    ],
+)
+def test_variables_that_were_not_learned_on_are_refused(dataset, message) -> None:
+    with pytest.raises(ParameterError, match=message):
+        filter_dataset(dataset(), two_observations(), component="what")
