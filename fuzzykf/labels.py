@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = [
     "NO_LABELS",
     "Labels",
+    "check_many",
     "check_no_state",
     "check_step",
     "match_columns",
@@ -475,6 +476,28 @@ def match_series(zs: Any, labels: Labels, dim_z: int, argument: str = "zs") -> A
     strange = len(columns) == dim_z and known.isdisjoint(map(str, columns))
     remedy = f", or pass {argument}.to_numpy(), whose columns go by position" if strange else ""
     return _take(zs, columns, match_columns(columns, labels.observations, argument, remedy))
+
+
+def check_many(zs: Any, labels: Labels, argument: str = "zs") -> None:
+    """Raise if a table whose columns are many series has a state of the model among them, or another step.
+
+    Parameters
+    ----------
+    zs : object
+        A DataFrame; anything else is looked at series by series.
+    labels : Labels
+        Of the model.
+    argument : str
+        What it is called, for messages.
+
+    Raises
+    ------
+    ParameterError
+    """
+    columns = _columns_of(zs) if labels and hasattr(zs, "to_numpy") else None
+    if columns is not None:
+        check_step(index_of(zs), labels, argument)
+        check_no_state(map(str, columns), labels, argument)
 
 
 def match_columns(columns: Iterable[Any], names: Sequence[str], argument: str, remedy: str = "") -> list[int]:

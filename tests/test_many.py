@@ -343,3 +343,45 @@ def test_series_without_rows():
     found = linear().filter_many([[], [1.0]])
     assert np.isnan(found.x[0]).all()
     np.testing.assert_array_equal(found.x[1], linear().filter([1.0]).x)
+
+
+@pytest.fixture(scope="module")
+def learned():
+    """A filter whose model observes t and h, in this order, once an hour."""
+    from fuzzykf import CGOMSModel
+
+    root = np.array([[1.0, 0.2, 0.1], [0.0, 1.0, 0.4], [0.0, 0.0, 0.7]])
+    pair = np.block([[root @ root.T, 0.5 * root @ root.T], [0.5 * root @ root.T, root @ root.T]])
+    model = CGOMSModel(
+        [[0.9, 0.1], [0.2, 0.8]], [[0.0, 0.0, 1.0], [1.0, 2.0, 0.0]], [[pair, pair], [pair, pair]], dim_x=1
+    )
+    return CGOMSMFilter(model.labelled(states=["load"], observations=["t", "h"], step=np.timedelta64(1, "h")))
+
+
+def test_components_of_many_series_go_by_name(learned):
+    one = pd.DataFrame({"t": A, "h": B}, index=HOURS)
+    other = one[["h", "t"]].assign(load=1.0)
+    expected = learned.copy().filter(one.to_numpy()).x
+    for zs, given in [
+        ({"east": one, "west": other}, {}),
+        ([one, other], {}),
+        (pd.concat({"east": one, "west": other}, axis=1), {}),
+        (pd.concat({"east": one, "west": other}, names=["side"]), {"by": "side"}),
+    ]:
+        found = learned.filter_many(zs, **given)
+        np.testing.assert_array_equal(found.x[0], expected)
+        np.testing.assert_array_equal(found.x[1], expected)
+    days = pd.date_range("2026-03-01", periods=5, freq="D")
+    with pytest.raises(ParameterError, match=r"series 'east', .*missing|series 'east', .*'h'"):
+        learned.filter_many({"east": one[["t"]]})
+    with pytest.raises(ParameterError, match=r"series 'west'.*1 day"):
+        learned.filter_many({"east": one, "west": one.set_axis(days)})
+
+
+def test_a_wide_frame_is_not_of_the_states_that_are_estimated(small_models):
+    f = OFSRFilter(small_models[0].labelled(states=["load"], observations=["z"], step=np.timedelta64(1, "h")))
+    np.testing.assert_array_equal(f.filter_many(WIDE).x[1], f.copy().filter(B).x)
+    with pytest.raises(ParameterError, match="zs: got 'load', a state of the model"):
+        f.filter_many(WIDE.rename(columns={"a": "load"}))
+    with pytest.raises(ParameterError, match="1 day"):
+        f.filter_many(WIDE.set_axis(pd.date_range("2026-03-01", periods=5, freq="D")))

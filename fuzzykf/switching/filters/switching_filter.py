@@ -19,7 +19,7 @@ from fuzzykf.base import (
 )
 from fuzzykf.errors import ParameterError, SequenceError
 from fuzzykf.gaussian import as_count, as_flag
-from fuzzykf.labels import Labels, match_series
+from fuzzykf.labels import Labels, check_many, match_series
 from fuzzykf.many import stacked
 from fuzzykf.overrides import ACCESS, VERBS, is_patched, lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Iterator
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
+    from fuzzykf.many import ManySeries
     from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables, SwitchingSystem
 
 __all__ = ["READ", "SwitchingFilter"]
@@ -315,8 +316,18 @@ class SwitchingFilter(Stepper, Filter):
         """
         if isinstance(zs, np.ndarray | list):
             return zs
+        labels = self._labels()
+        return zs if labels is None else match_series(zs, labels, self.dim_z, argument)
+
+    def _labels(self) -> Labels | None:
         labels = getattr(getattr(self, "model", None), "labels", None)
-        return match_series(zs, labels, self.dim_z, argument) if isinstance(labels, Labels) else zs
+        return labels if isinstance(labels, Labels) else None
+
+    def _read_many(self, zs: Any, by: Any) -> ManySeries:
+        labels = self._labels()
+        if labels is not None and by is None:  # with a key each series is looked at by itself
+            check_many(zs, labels)
+        return super()._read_many(zs, by)
 
     def _by_verbs(
         self, ys: FloatArray, moves: FloatArray | None = None, *, states: bool = False, resume: bool = False
