@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["as_floats"]
+__all__ = ["as_floats", "is_bytes"]
 
 #: Kinds of NumPy types that are numbers: truth values, whole numbers, floats.
 _NUMBERS = "biuf"
@@ -29,7 +29,7 @@ def as_floats(value: Any) -> FloatArray:
     Raises
     ------
     TypeError
-        If it holds something that is no real number: times, texts, complex numbers.
+        If it holds something that is no real number: times, texts, bytes, complex numbers.
     ValueError, OverflowError
         If it is ragged, or a whole number is too large.
 
@@ -40,6 +40,8 @@ def as_floats(value: Any) -> FloatArray:
     >>> as_floats([1, None, 3])
     array([ 1., nan,  3.])
     """
+    if is_bytes(value):
+        raise TypeError(f"{type(value).__name__} of bytes holds no real numbers")
     if isinstance(value, np.ma.MaskedArray):
         if value.dtype == object:
             there = value.data.copy()
@@ -58,16 +60,27 @@ def as_floats(value: Any) -> FloatArray:
     return given.astype(np.float64, copy=False)
 
 
+def is_bytes(value: Any) -> bool:
+    """Whether a value is bytes, of which NumPy makes numbers if they can be changed, or are looked at."""
+    if isinstance(value, memoryview):
+        return value.format.lstrip("@=<>!") in ("B", "c")
+    return isinstance(value, bytes | bytearray | np.void)
+
+
 def _check(dtype: np.dtype[Any]) -> None:
     if dtype.kind not in _NUMBERS:
         raise TypeError(f"an array of {dtype} holds no real numbers")
 
 
 def _hides(value: Any) -> bool:
-    """Whether `np.asarray` of a list with this in it would lose what is missing."""
+    """Whether `np.asarray` of a list with this in it would lose what is missing, or take bytes."""
     if isinstance(value, list | tuple):
         return any(map(_hides, value))
-    return isinstance(value, np.ma.MaskedArray) or (hasattr(value, "to_numpy") and np.ndim(value) > 0)
+    return (
+        isinstance(value, np.ma.MaskedArray)
+        or is_bytes(value)
+        or (hasattr(value, "to_numpy") and np.ndim(value) > 0)
+    )
 
 
 def _number(value: Any) -> float:

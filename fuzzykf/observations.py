@@ -13,8 +13,8 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import brief, is_complex
-from fuzzykf.missing import as_floats
-from fuzzykf.times import has_times, read_times
+from fuzzykf.missing import as_floats, is_bytes
+from fuzzykf.times import check_increasing
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
@@ -108,7 +108,9 @@ def as_observations(zs: ManyNumbers, dim_z: int) -> FloatArray:
     is_plain = type(zs) is np.ndarray and zs.dtype == np.float64
     if not is_plain and is_complex(zs):
         raise ParameterError("zs: got complex numbers, expected real ones")
-    if isinstance(zs, str | bytes | Mapping | Set):  # their members are no observations, or in no order
+    if is_bytes(zs) or isinstance(
+        zs, str | Mapping | Set
+    ):  # their members are no observations, or in no order
         raise ParameterError(f"zs: got {brief(zs)} ({type(zs).__name__}), expected a series of observations")
     if not isinstance(zs, np.ndarray):
         check_aligned(zs=zs)
@@ -205,7 +207,7 @@ def check_aligned(**tables: Any) -> None:
     """Raise unless the tables of pandas among these have one index, in one order; times in theirs.
 
     Arrays and lists have no index: they go by position, with anything.  An index of times has to
-    increase, for a series that stands in another order is another one.
+    increase, for a series that stands in another order is another one; so has an index of durations.
 
     Parameters
     ----------
@@ -215,8 +217,8 @@ def check_aligned(**tables: Any) -> None:
     Raises
     ------
     ParameterError
-        Names two that differ, with both ends of their indexes; or the row whose time is not later
-        than that of the row before.
+        Names two that differ, with both ends of their indexes; or the row whose time (or duration) is
+        not later than that of the row before, or missing.
 
     Examples
     --------
@@ -226,8 +228,8 @@ def check_aligned(**tables: Any) -> None:
     found = {name: index_of(table) for name, table in tables.items()}
     indexed = {name: index for name, index in found.items() if hasattr(index, "equals")}
     names = list(indexed)
-    if names and has_times(indexed[names[0]]):
-        read_times(indexed[names[0]], where=lambda row: f"{names[0]}: the index of row {row}")
+    if names:
+        check_increasing(indexed[names[0]], lambda row: f"{names[0]}: the index of row {row}")
     for other in names[1:]:
         one = names[0]
         if not indexed[one].equals(indexed[other]):

@@ -21,9 +21,9 @@ from fuzzykf.steps import find_steps
 from fuzzykf.times import Times, has_times, read_times
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, Numbers
 
 __all__ = ["DailyProfile", "Standardizer", "hour_of_day"]
 
@@ -88,7 +88,7 @@ class Standardizer:
     mean_: FloatArray
     scale_: FloatArray
 
-    def fit(self, values: ArrayLike) -> Self:
+    def fit(self, values: Numbers) -> Self:
         """Learn mean and standard deviation.
 
         Parameters
@@ -105,7 +105,7 @@ class Standardizer:
         self.mean_, self.scale_ = mean_and_scale("values", as_columns("values", values))
         return self
 
-    def transform(self, values: ArrayLike) -> Any:
+    def transform(self, values: Numbers) -> Any:
         """Return the values in standard units.
 
         Parameters
@@ -123,7 +123,7 @@ class Standardizer:
         columns = self._columns(values)
         return _like(values, (columns - self.mean_) / self.scale_)
 
-    def inverse_transform(self, values: ArrayLike) -> Any:
+    def inverse_transform(self, values: Numbers) -> Any:
         """Return values in standard units in the units of the training part.
 
         Parameters
@@ -134,7 +134,7 @@ class Standardizer:
         columns = self._columns(values)
         return _like(values, columns * self.scale_ + self.mean_)
 
-    def fit_transform(self, values: ArrayLike) -> Any:
+    def fit_transform(self, values: Numbers) -> Any:
         """Fit and transform the same values.
 
         Parameters
@@ -143,7 +143,7 @@ class Standardizer:
         """
         return self.fit(values).transform(values)
 
-    def _columns(self, values: ArrayLike) -> FloatArray:
+    def _columns(self, values: Numbers) -> FloatArray:
         _check_fitted(self, "mean_")
         columns = as_columns("values", values)
         if columns.shape[1] != len(self.mean_):
@@ -199,7 +199,7 @@ class DailyProfile:
             raise ParameterError(f"slot: got {slot} hours, expected a number of hours that divides 24")
         self.slot = slot
 
-    def fit(self, values: ArrayLike, time: Any = None, workday: ArrayLike | None = None) -> Self:
+    def fit(self, values: Numbers, time: Any = None, workday: Numbers | None = None) -> Self:
         """Average the values of each time of day and kind of day.
 
         Parameters
@@ -234,10 +234,11 @@ class DailyProfile:
             total = np.bincount(cell[there], weights=column[there], minlength=2 * slots)
             np.divide(total, count, out=means[:, j], where=count > 0)
         self.slot_ = slot
-        self.means_ = means.reshape(2, slots, k) if np.ndim(values) == 2 else means.reshape(2, slots)
+        given: Any = values
+        self.means_ = means.reshape(2, slots, k) if np.ndim(given) == 2 else means.reshape(2, slots)
         return self
 
-    def at(self, time: Any, workday: ArrayLike | None = None) -> FloatArray:
+    def at(self, time: Any, workday: Numbers | None = None) -> FloatArray:
         """Return the profile at the given times, shape (n,) or (n, k).
 
         Parameters
@@ -268,7 +269,7 @@ class DailyProfile:
             )
         return found
 
-    def transform(self, values: ArrayLike, time: Any = None, workday: ArrayLike | None = None) -> Any:
+    def transform(self, values: Numbers, time: Any = None, workday: Numbers | None = None) -> Any:
         """Return the values less the profile.
 
         Parameters
@@ -283,7 +284,7 @@ class DailyProfile:
         """
         return self._shift(values, time, workday, -1.0)
 
-    def inverse_transform(self, values: ArrayLike, time: Any = None, workday: ArrayLike | None = None) -> Any:
+    def inverse_transform(self, values: Numbers, time: Any = None, workday: Numbers | None = None) -> Any:
         """Add the profile to what is left after `transform`, such as a filtered state.
 
         Parameters
@@ -293,7 +294,7 @@ class DailyProfile:
         """
         return self._shift(values, time, workday, 1.0)
 
-    def fit_transform(self, values: ArrayLike, time: Any = None, workday: ArrayLike | None = None) -> Any:
+    def fit_transform(self, values: Numbers, time: Any = None, workday: Numbers | None = None) -> Any:
         """Fit and transform the same values.
 
         Parameters
@@ -303,7 +304,7 @@ class DailyProfile:
         """
         return self.fit(values, time, workday).transform(values, time, workday)
 
-    def _shift(self, values: ArrayLike, time: Any, workday: ArrayLike | None, sign: float) -> Any:
+    def _shift(self, values: Numbers, time: Any, workday: Numbers | None, sign: float) -> Any:
         _check_fitted(self, "means_")
         check_aligned(values=values, time=time, workday=workday)
         columns = as_columns("values", values)
@@ -413,7 +414,7 @@ def as_times(time: Any, values: Any, n: int) -> Times:
     return times
 
 
-def _workdays(workday: ArrayLike | None, time: NDArray[np.datetime64]) -> NDArray[np.bool_]:
+def _workdays(workday: Numbers | None, time: NDArray[np.datetime64]) -> NDArray[np.bool_]:
     return np.is_busday(time.astype("datetime64[D]")) if workday is None else as_days(workday, len(time))
 
 

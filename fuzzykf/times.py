@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["NIGHT", "Times", "has_times", "is_time", "read_times"]
+__all__ = ["NIGHT", "Times", "check_increasing", "has_durations", "has_times", "is_time", "read_times"]
 
 _ISO = re.compile(
     r"(\d{4}-\d\d-\d\d|\d{8}|\d{4}-?W\d\d-?\d)"
@@ -99,8 +99,8 @@ def read_times(
     Parameters
     ----------
     stamps : array_like of shape (n,), or Times
-        Text of ISO 8601, datetime objects, datetime64, or a Series or an index of pandas; all of
-        them with an offset from Greenwich (or a zone), or none.
+        Text of ISO 8601, datetime objects, stamps and periods of pandas, datetime64, or a Series or an
+        index of pandas; all of them with an offset from Greenwich (or a zone), or none.
     name : str
         Of the argument, for messages.
     format : str, optional
@@ -168,8 +168,69 @@ def has_times(index: Any) -> bool:
     """Whether an index of pandas, or an array, is made of times."""
     kind = getattr(getattr(index, "dtype", None), "kind", "")
     if kind == "O" and not _is_periods(index):  # such as times of several offsets
-        return len(index) > 0 and isinstance(index[0], datetime | np.datetime64)
+        first = _first(index)
+        return isinstance(first, date | np.datetime64) or _is_period(first)
     return kind == "M" or _is_zoned(index) or _is_periods(index)
+
+
+def check_increasing(index: Any, where: Callable[[int], str]) -> None:
+    """Raise unless the times, or the durations, of an index increase; any other index may be in any order.
+
+    Parameters
+    ----------
+    index : index of pandas, or array
+    where : callable
+        Names a row in messages.
+
+    Raises
+    ------
+    ParameterError
+        Names the first row that is not later than the one before it, or missing.
+
+    Examples
+    --------
+    >>> check_increasing(np.array([2, 1], dtype="timedelta64[h]"), lambda row: f"row {row}")
+    Traceback (most recent call last):
+        ...
+    fuzzykf.errors.ParameterError: row 1 is 1 hours, not later than 2 hours in the row before
+    """
+    if has_times(index):
+        read_times(index, where=where)
+    elif has_durations(index):
+        _check_durations(index, where)
+
+
+def _check_durations(index: Any, where: Callable[[int], str]) -> None:
+    if index.dtype.kind == "m":  # all at once, and one by one only to name what is wrong
+        spans = np.asarray(index)
+        if not np.isnat(spans).any() and bool((spans[1:] > spans[:-1]).all()):
+            return
+    before: Any = None
+    for row, span in enumerate(index):
+        if not isinstance(span, timedelta | np.timedelta64) or _is_missing(span):
+            raise ParameterError(f"{where(row)} is {_shown(span)}, expected a duration in every row")
+        if before is not None and not span > before:
+            raise ParameterError(f"{where(row)} is {span}, not later than {before} in the row before")
+        before = span
+
+
+def has_durations(index: Any) -> bool:
+    """Whether an index of pandas, or an array, is made of durations."""
+    kind = getattr(getattr(index, "dtype", None), "kind", "")
+    return kind == "m" or (kind == "O" and isinstance(_first(index), timedelta | np.timedelta64))
+
+
+def _first(index: Any) -> Any:
+    """Return the first entry that is not missing; None if there is none."""
+    return next((one for one in index if not _is_missing(one)), None)
+
+
+def _is_missing(stamp: Any) -> bool:
+    if stamp is None or type(stamp).__name__ in ("NAType", "NaTType"):
+        return True
+    if isinstance(stamp, np.datetime64 | np.timedelta64):
+        return bool(np.isnat(stamp))
+    return isinstance(stamp, float) and bool(np.isnan(stamp))
 
 
 def is_time(text: str) -> bool:
@@ -208,6 +269,11 @@ def _is_zoned(stamps: Any) -> bool:
 
 def _is_periods(stamps: Any) -> bool:
     return str(getattr(stamps, "dtype", "")).startswith("period[")
+
+
+def _is_period(stamp: Any) -> bool:
+    """Whether it is one period of pandas."""
+    return hasattr(stamp, "to_timestamp") and hasattr(stamp, "ordinal")
 
 
 def _zoned(stamps: Any) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -285,13 +351,11 @@ def _moment(stamp: Any, format: str | None) -> tuple[datetime | None, int]:
         stamp = stamp.decode("ascii", "replace")
     if isinstance(stamp, str):
         return _from_text(stamp.strip(), format)
-    if stamp is None or type(stamp).__name__ in ("NAType", "NaTType"):
+    if _is_missing(stamp):
         return None, 0
-    if isinstance(stamp, float) and np.isnan(stamp):
-        return None, 0
+    if _is_period(stamp):
+        stamp = stamp.to_timestamp()
     if isinstance(stamp, np.datetime64):
-        if np.isnat(stamp):
-            return None, 0
         whole = stamp.astype("datetime64[us]")
         return whole.item(), int((stamp.astype("datetime64[ns]") - whole) / np.timedelta64(1, "ns"))
     if isinstance(stamp, datetime):

@@ -330,7 +330,11 @@ def test_an_attribute_that_has_the_name_of_a_field_but_is_none_of_it_stays_out()
     np.testing.assert_array_equal(result.log_likelihood, [-1.5, -1.5])
 
 
-@pytest.mark.parametrize("zs", [{0: 5.0}, {1.0, 2.0}, b"12", "12"], ids=["dict", "set", "bytes", "text"])
+@pytest.mark.parametrize(
+    "zs",
+    [{0: 5.0}, {1.0, 2.0}, b"12", bytearray(b"12"), memoryview(b"12"), "12"],
+    ids=lambda zs: type(zs).__name__,
+)
 def test_what_is_no_series_is_refused(zs):
     # the keys of a mapping, and the members of a set, are no observations
     with pytest.raises(ParameterError, match=rf"zs: got .*\({type(zs).__name__}\), expected a series"):

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fuzzykf import CGOMSModel, DailyProfile, compare_models
+from fuzzykf import CGOMSModel, DailyProfile, KalmanFilter, compare_models
 from fuzzykf.comparison import ClockSwitch, prepare
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
 from fuzzykf.observations import check_aligned
@@ -37,6 +37,7 @@ ZONED = {
     "series of objects": pd.Series(AWARE, dtype=object),
     "series of text": pd.Series(TEXT),
     "timestamps": list(INDEX),
+    "tuple of timestamps": tuple(INDEX),
 }
 
 DAYS = np.array(["2014-01-30", "2014-01-31", "2014-02-03"], dtype="datetime64[s]")
@@ -57,6 +58,10 @@ NAIVE = {
     "series": pd.Series(DAYS),
     "periods": pd.PeriodIndex(DAYS, freq="D"),
     "series of periods": pd.Series(pd.PeriodIndex(DAYS, freq="D")),
+    "list of periods": list(pd.PeriodIndex(DAYS, freq="D")),
+    "objects: periods": pd.Index(list(pd.PeriodIndex(DAYS, freq="D")), dtype=object),
+    "list of timestamps": list(pd.DatetimeIndex(DAYS)),
+    "objects: timestamps": np.array(list(pd.DatetimeIndex(DAYS)), dtype=object),
     "categories": pd.Series(["2014-01-30", "2014-01-31", "2014-02-03"], dtype="category"),
     "masked": np.ma.array(DAYS, mask=[False] * 3),
 }
@@ -228,9 +233,80 @@ def test_a_format_that_is_none_or_does_not_fit_is_refused(stamps, format, messag
         read_times(stamps, format=format)
 
 
+#: Indexes of durations, and of objects, that are not in order, and what is said of them.
+STAMPS = list(pd.DatetimeIndex(DAYS))
+DISORDER = {
+    "durations": (pd.to_timedelta([1, 3, 2], unit="h"), "row 2 is 0 days 02:00:00, not later than 0 days 03"),
+    "equal durations": (
+        pd.to_timedelta([1, 1], unit="h"),
+        "row 1 is 0 days 01:00:00, not later than 0 days 01",
+    ),
+    "a missing duration": (
+        pd.to_timedelta([1, None], unit="h"),
+        "row 1 is NaT, expected a duration in every row",
+    ),
+    "objects: durations": (
+        pd.Index([timedelta(2), timedelta(1)], dtype=object),
+        "row 1 is 1 day, 0:00:00, not la",
+    ),
+    "objects: a first that is missing": (
+        pd.Index([None, timedelta(2)], dtype=object),
+        "row 0 is None, expected a",
+    ),
+    "objects: no duration": (
+        pd.Index([timedelta(2), "3"], dtype=object),
+        "row 1 is '3', expected a duration",
+    ),
+    "stamps": (pd.DatetimeIndex(STAMPS[::-1]), "row 1 is 2014-01-31 00:00:00, not later than 2014-02-03"),
+    "objects: stamps after None": (
+        pd.Index([None, *STAMPS], dtype=object),
+        "row 0 is not a time .None.: expected",
+    ),
+    "objects: dates": (
+        pd.Index([date(2014, 1, 2), date(2014, 1, 1)], dtype=object),
+        "row 1 is 2014-01-01, not lat",
+    ),
+    "objects: periods": (
+        pd.Index(list(pd.PeriodIndex(DAYS[::-1], freq="D")), dtype=object),
+        "row 1 is 2014-01-31, not later than 2014-02-03",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", DISORDER)
+def test_an_index_of_times_or_durations_has_to_increase_in_whatever_form(kind) -> None:
+    index, message = DISORDER[kind]
+    zs = pd.Series(np.arange(float(len(index))), index)
+    for call in (KalmanFilter(1, 1, H=[[1.0]]).filter, KalmanFilter(1, 1, H=[[1.0]]).smooth):
+        with pytest.raises(ParameterError, match=f"zs: the index of {message}"):
+            call(zs)
+    with pytest.raises(ParameterError, match=f"x: the index of {message}"):
+        CGOMSModel.fit(zs, zs)
+
+
+@pytest.mark.parametrize(
+    "index",
+    [
+        pd.to_timedelta([1, 2, 3], unit="h"),
+        pd.Index([timedelta(1), timedelta(2), timedelta(3)], dtype=object),
+        pd.Index([3, 1, 2]),
+        pd.Index(["c", "a", None], dtype=object),
+        pd.Index([None] * 3, dtype=object),
+        pd.Index(list(pd.PeriodIndex(DAYS, freq="D")), dtype=object),
+    ],
+)
+def test_an_index_in_order_or_of_names_is_let_in(index) -> None:
+    result = KalmanFilter(1, 1, H=[[1.0]]).filter(pd.Series([1.0, 2.0, 3.0], index))
+    assert result.index is index
+
+
 def test_what_holds_times_is_told_from_what_does_not() -> None:
     assert all(has_times(one) for one in (INDEX, pd.Index(AWARE, dtype=object), pd.DatetimeIndex(DAYS), DAYS))
     assert has_times(pd.PeriodIndex(DAYS, freq="D"))
+    for first in (None, pd.NaT, np.nan, np.datetime64("NaT")):  # what is missing tells nothing
+        for stamp in (INDEX[0], DAYS[0], date(2014, 1, 1), pd.Period("2014-01", freq="M")):
+            assert has_times(pd.Index([first, stamp], dtype=object))
+        assert not has_times(pd.Index([first, "2014-01-01"], dtype=object))
     assert not any(
         has_times(one) for one in (None, pd.RangeIndex(3), pd.Index(["a"]), pd.Index([], dtype=object))
     )
@@ -285,6 +361,14 @@ def test_rows_that_are_not_in_order_are_refused_by_all_that_take_times(user) -> 
     for times in WRONG.values():
         with pytest.raises(FuzzykfError, match=r"not later than .* in the row before"):
             USERS[user](times)
+
+
+@pytest.mark.parametrize("user", ["dataset", "compare_models of an index", "fit of an index", "alignment"])
+def test_durations_that_are_not_in_order_are_refused_by_all_that_take_an_index(user) -> None:
+    USERS[user](GOOD - GOOD[0])
+    for times in WRONG.values():
+        with pytest.raises(FuzzykfError, match=r"not later than .* in the row before"):
+            USERS[user](times - GOOD[0])
 
 
 @pytest.mark.parametrize("zone", [None, "Australia/Brisbane"])

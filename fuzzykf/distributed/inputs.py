@@ -8,7 +8,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.labels import Labels, check_no_state, check_step, match_columns, names_of
-from fuzzykf.times import has_times, read_times
+from fuzzykf.times import check_increasing
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
@@ -58,10 +58,8 @@ def find_observations(
 
 
 def _check_order(ds: xr.Dataset, dim: Hashable) -> None:
-    """Refuse rows whose times, the coordinate of ``dim`` if these are times, do not increase."""
-    index = ds.indexes.get(dim)
-    if has_times(index):
-        read_times(index, where=lambda row: f"ds: {dim!r} of row {row}")
+    """Refuse rows whose times or durations, the coordinate of ``dim`` if it has such, do not increase."""
+    check_increasing(ds.indexes.get(dim), lambda row: f"ds: {dim!r} of row {row}")
 
 
 def find_filter(model: Any, n_nodes: int | None, rule: str | None) -> tuple[Any, bool, Filter]:

@@ -10,6 +10,7 @@ import pandas as pd
 from fuzzykf import (
     CGOMSMFilter,
     CGOMSModel,
+    DailyProfile,
     ExtendedKalmanFilter,
     Filter,
     FilterResult,
@@ -18,6 +19,7 @@ from fuzzykf import (
     KalmanFilter,
     KnownSwitchFilter,
     OFSRFilter,
+    Standardizer,
 )
 from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
 
@@ -51,6 +53,25 @@ def observations(f: KalmanFilter, table: pd.DataFrame, column: pd.Series[float])
     f.filter_many({"east": column, "west": column})
     f.filter_many(table, by="meter")
     f.batch_filter([1.0, None])
+
+
+def preparing(
+    step: Standardizer, profile: DailyProfile, table: pd.DataFrame, column: pd.Series[float]
+) -> None:
+    """Fit what prepares data on data with gaps, in every form."""
+    step.fit([1.0, None])
+    step.fit([[1.0, None], [2.0, 3.0]])
+    step.fit(np.ma.masked_invalid(np.zeros(2)))
+    step.fit(table).transform(column)
+    step.fit_transform([1, 2, None])
+    step.inverse_transform((0.0, None))
+    hours = ["2026-01-01T00:00", "2026-01-01T01:00"]
+    profile.fit([1.0, None], hours, [True, False])
+    profile.fit(column, workday=np.ones(2, dtype=bool))
+    profile.transform([None, 1.0], hours)
+    profile.fit_transform(column)
+    profile.inverse_transform([0.0, None], hours)
+    assert_type(profile.at(hours, [True, True]), FloatArray)
 
 
 def results(

@@ -9,12 +9,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fuzzykf import (
+        DailyProfile,
         Filter,
         FuzzyRelationEstimator,
         IMMEstimator,
         KalmanFilter,
         KnownSwitchFilter,
         OFSRFilter,
+        Standardizer,
     )
 
     def texts(
@@ -55,3 +57,10 @@ if TYPE_CHECKING:
         kf.filter([1.0], resume="yes")  # refused
         kf.step(1.0).absent()  # refused
         kf.filter([1.0]).absent()  # refused
+
+    def preparing(step: Standardizer, profile: DailyProfile) -> None:
+        """Nor do texts prepare data."""
+        step.fit("1.0")  # refused
+        step.fit(["1.0", None])  # refused
+        profile.fit(["1.0"], ["2026-01-01"])  # refused
+        profile.fit([1.0], ["2026-01-01"], ["yes"])  # refused
