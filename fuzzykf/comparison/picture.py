@@ -49,7 +49,7 @@ def plot_comparison(
     ParameterError
         If ``steps`` is less than 2.
     """
-    from fuzzykf.plotting.style import figure_class
+    from fuzzykf.plotting.style import date_axis, figure_class
 
     if steps < 2:
         raise ParameterError(f"steps: got {steps}, expected at least 2")
@@ -81,7 +81,7 @@ def plot_comparison(
         axes.set_axisbelow(True)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize="small")
         if task.time is not None:
-            _date_axis(axes)
+            date_axis(axes)
     figure.align_ylabels()
     return figure
 
@@ -139,11 +139,3 @@ def _draw_switch(axes: Axes, comparison: Comparison, time: Any, excerpt: slice) 
             linewidth=width,
             label=f"{restoration.title},\nposterior mean",
         )
-
-
-def _date_axis(axes: Axes) -> None:
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-
-    locator = AutoDateLocator()  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]

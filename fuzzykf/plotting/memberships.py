@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_numbers
 from fuzzykf.plotting.style import BLUE, SURFACE, TRUTH, axes_or_new
 from fuzzykf.possibility.memberships import GridMembership, Membership
 from fuzzykf.possibility.memberships.base import as_level, as_vector
@@ -79,7 +80,7 @@ def plot_membership(
     kept = _checked_components(components, membership.dim)
     level = as_level("level", level)
     marks = {
-        name: as_vector(name, np.ravel(point), membership.dim)[kept]
+        name: as_vector(name, np.ravel(as_numbers(name, point)), membership.dim)[kept]
         for name, point in (("estimate", estimate), ("truth", truth))
         if point is not None
     }

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import brief, is_whole
-from fuzzykf.plotting.style import BLUE, STRIP, TRUTH, axes_or_new
+from fuzzykf.gaussian import as_numbers, brief, is_whole
+from fuzzykf.plotting.style import BLUE, STRIP, TRUTH, axes_or_new, date_axis
+from fuzzykf.times import has_durations, has_times, read_times
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike
 
+    from fuzzykf.arrays import Numbers
     from fuzzykf.results import FilterResult
 
 __all__ = ["plot_result"]
@@ -31,7 +32,7 @@ def plot_result(
     *,
     component: int = 0,
     level: float = 0.9,
-    truth: ArrayLike | None = None,
+    truth: Numbers | None = None,
     label: str = "state",
     unit: str = "",
 ) -> Axes:
@@ -49,7 +50,7 @@ def plot_result(
         Nominal coverage of the band.  Where the result holds finite bounds of the state, as
         of a possibilistic filter with memberships of bounded support, the band is these.
     truth : array_like, shape (n,) or (n, dim_x), optional
-        What the state was.
+        What the state was; where it is missing (NaN, None, masked) nothing is drawn.
     label, unit : str
         Of the state.
 
@@ -83,7 +84,7 @@ def plot_result(
         raise ParameterError(
             f"component: got {brief(component)}, expected one of {m} components, 0 to {m - 1}"
         )
-    known = None if truth is None else np.asarray(truth, dtype=np.float64)
+    known = None if truth is None else as_numbers("truth", truth)
     if known is not None:
         if known.shape not in {(n,), (n, m)}:
             raise ShapeError(f"truth: got shape {known.shape}, expected ({n},) or ({n}, {m})")
@@ -93,7 +94,7 @@ def plot_result(
     if result.lower is not None and np.isfinite([result.lower, result.upper]).all():
         lower, upper, name = result.lower, result.upper, "possible"
     axes = axes_or_new(ax)
-    time: Any = np.arange(n) if result.index is None else np.asarray(result.index)
+    time, name_of_time, dated = _abscissa(result.index, n)
     axes.fill_between(
         time,
         lower[:, component],
@@ -107,7 +108,9 @@ def plot_result(
         axes.plot(time, known, color=TRUTH, linewidth=0.9, linestyle=":", label="true")
     axes.plot(time, result.x[:, component], color=BLUE, linewidth=1.4, label="estimate")
     axes.set_ylabel(f"{label} ({unit})" if unit else label)
-    axes.set_xlabel("step" if result.index is None else getattr(result.index, "name", None) or "time")
+    axes.set_xlabel(name_of_time)
+    if dated:
+        date_axis(axes)
     axes.margins(x=0)
     if result.switch_mean is not None:
         _strip(axes, time, result)
@@ -115,6 +118,33 @@ def plot_result(
     axes.set_ylim(low, high + _LEGEND_HEIGHT * (high - low))
     axes.legend(loc="upper right", fontsize="small", ncols=3, frameon=False)
     return axes
+
+
+def _abscissa(index: Any, n: int) -> tuple[Any, str, bool]:
+    """Return what a picture is drawn against, what it is called, and whether it is made of times."""
+    if index is None:
+        return np.arange(n), "step", False
+    name = str(getattr(index, "name", None) or "time")
+    values: Any = np.asarray(index)
+    entries = index if hasattr(index, "dtype") else values
+    if has_times(entries):
+        times = read_times(entries, gaps=True, ordered=False)
+        return times.instant, f"{name} (UTC)" if times.has_offsets else name, True
+    if has_durations(entries):
+        spans = values.astype("timedelta64[ns]")
+        unit, written = next(
+            (pair for pair in _UNITS.items() if np.ptp(spans) >= 3 * _span(pair[0])), ("ns", "ns")
+        )
+        return spans / _span(unit), f"{name} ({written})", False
+    return values, name, False
+
+
+def _span(unit: str) -> Any:
+    return np.array(1, dtype=f"timedelta64[{unit}]")
+
+
+#: Units of durations, as NumPy has them and as they are written.
+_UNITS = {"D": "days", "h": "h", "m": "min", "s": "s", "ms": "ms", "us": "µs"}
 
 
 def _strip(axes: Axes, time: Any, result: FilterResult) -> None:

@@ -14,13 +14,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["BLUE", "ORANGE", "STRIP", "SURFACE", "TRUTH", "axes_or_new", "figure_class"]
+__all__ = ["BLUE", "ORANGE", "STRIP", "SURFACE", "TRUTH", "axes_or_new", "date_axis", "figure_class"]
 
 #: Colours: of the main estimate, of its rival, and of what is true.
 BLUE, ORANGE, TRUTH = "#0072B2", "#D55E00", "#000000"
 
 #: Colour maps whose lightness rises all the way: of strips, and of surfaces.
 STRIP, SURFACE = "Greys", "viridis"
+
+#: Most labels of dates on an axis, and on an inch of it; with fewer than five some ranges have no even steps.
+MOST_DATES, DATES_PER_INCH, FEWEST_DATES = 8, 1.6, 5
 
 _NEEDED = "pictures need matplotlib: pip install 'fuzzykf[cli]'"
 
@@ -45,3 +48,16 @@ def axes_or_new(ax: Axes | None, **options: Any) -> Axes:
     figure = pyplot.figure(figsize=options.pop("figsize", (8.0, 3.5)), layout="constrained")
     axes: Axes = figure.add_subplot(**options)
     return axes
+
+
+def date_axis(axes: Axes) -> None:
+    """Label an axis of times so that labels do not overlap, unless its owner has chosen labels for it."""
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    if not (axes.xaxis.isDefault_majloc and axes.xaxis.isDefault_majfmt):
+        return
+    inches = axes.bbox.width / axes.figure.dpi
+    most = min(max(int(DATES_PER_INCH * inches), FEWEST_DATES), MOST_DATES)
+    locator = AutoDateLocator(minticks=2, maxticks=most)  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]

@@ -169,6 +169,11 @@ def test_a_series_of_intervals_is_drawn_with_its_bounds():
         ({"components": []}, ParameterError, "components: got"),
         ({"components": [0], "level": 0.0}, ParameterError, "level: got 0.0"),
         ({"components": [0], "truth": [1.0]}, ShapeError, "truth: got shape"),
+        (
+            {"components": [0], "truth": np.ma.array([1.0, 9.0, 2.0], mask=[0, 1, 0])},
+            ParameterError,
+            "truth: entry .1,. is nan",
+        ),
         ({"components": [0, 1], "label": "x"}, ShapeError, "label: got"),
         ({"components": [0], "unit": ["m", "m/s"]}, ShapeError, "unit: got"),
     ],

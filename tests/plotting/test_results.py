@@ -1,5 +1,7 @@
 """The pictures of results, laws and models show the numbers they should."""
 
+from itertools import pairwise
+
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -68,12 +70,83 @@ def test_a_result_is_drawn_into_given_axes_against_its_index(model):
     assert (right - left) * 24.0 == pytest.approx(29.0)  # days of the axis of dates
 
 
+def labels_of(axes):
+    """Where the labels of the axis of time are, from left to right, and what they say."""
+    axes.figure.canvas.draw()
+    found = [(label.get_window_extent(), label.get_text()) for label in axes.get_xticklabels()]
+    return sorted(((box.x0, box.x1, text) for box, text in found if text), key=lambda one: one[0])
+
+
+#: Indexes of times in all their forms; the name of the axis.
+HOURS = {"start": "2014-12-28 10:00", "periods": 336, "freq": "h"}
+INDEXES = {
+    "hours": (lambda pd: pd.date_range(**HOURS), "time"),
+    "hours in a zone": (lambda pd: pd.date_range(**HOURS, tz="Europe/Berlin", name="t"), "t (UTC)"),
+    "seconds": (lambda pd: pd.date_range("2014-12-28 23:59", periods=100, freq="s"), "time"),
+    "quarters of an hour": (lambda pd: pd.date_range("2014-12-28", periods=100, freq="15min"), "time"),
+    "days": (lambda pd: pd.date_range("2014-12-28", periods=100, freq="D"), "time"),
+    "years": (lambda pd: pd.date_range("1914", periods=100, freq="YS"), "time"),
+    "months as periods": (lambda pd: pd.period_range("2014-12", periods=30, freq="M"), "time"),
+    "objects: dates": (lambda pd: pd.Index(pd.date_range(**HOURS).date[::24], dtype=object), "time"),
+    "a list": (lambda pd: pd.date_range(**HOURS).to_pydatetime().tolist(), "time"),
+    "hours passed": (lambda pd: pd.to_timedelta(np.arange(100), unit="h"), "time (days)"),
+    "seconds passed": (lambda pd: pd.to_timedelta(np.arange(100), unit="s"), "time (s)"),
+    "numbers": (lambda pd: pd.RangeIndex(100, name="row"), "row"),
+}
+
+
+@pytest.mark.filterwarnings("error::UserWarning")
+@pytest.mark.parametrize("kind", INDEXES)
+@pytest.mark.parametrize("width", [3.5, 6.0, 10.0])
+def test_labels_of_the_axis_of_time_do_not_overlap(kind, width):
+    from matplotlib import pyplot
+
+    make, name = INDEXES[kind]
+    index = make(pytest.importorskip("pandas"))
+    n = len(index)
+    result = FilterResult(x=np.zeros((n, 1)), P=np.ones((n, 1, 1)), index=index)
+    axes = result.plot(pyplot.subplots(figsize=(width, 3.0))[1])
+    labels = labels_of(axes)
+    assert len(labels) >= 2
+    assert all(left[1] < right[0] for left, right in pairwise(labels))
+    assert axes.get_xlabel() == name
+
+
+def test_labels_that_were_chosen_for_given_axes_stay():
+    from matplotlib import dates, pyplot
+
+    index = pytest.importorskip("pandas").date_range("2026-01-01", periods=30, freq="D")
+    result = FilterResult(x=np.zeros((30, 1)), P=np.ones((30, 1, 1)), index=index)
+    _, axes = pyplot.subplots()
+    chosen = dates.DateFormatter("%d. %m.")
+    axes.xaxis.set_major_formatter(chosen)
+    result.plot(axes)
+    assert axes.xaxis.get_major_formatter() is chosen
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        np.ma.array([0.0, -999.0, 2.0], mask=[0, 1, 0]),
+        np.ma.array([[0.0], [-999.0], [2.0]], mask=[[0], [1], [0]]),
+        [0.0, None, 2.0],
+        [0.0, np.nan, 2.0],
+    ],
+    ids=["masked", "masked column", "None", "NaN"],
+)
+def test_a_truth_that_is_missing_is_not_drawn(truth):
+    axes = FilterResult(x=np.zeros((3, 1)), P=np.ones((3, 1, 1))).plot(truth=truth)
+    np.testing.assert_array_equal(np.ma.filled(curve(axes, "true").get_ydata(), np.nan), [0.0, np.nan, 2.0])
+    assert axes.get_ylim()[0] > -900.0
+
+
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
         ({"component": 1}, ParameterError, "component: got 1"),
         ({"level": 1.5}, ParameterError, "level: got 1.5"),
         ({"truth": [1.0, 2.0]}, ShapeError, "truth: got shape"),
+        ({"truth": "high"}, ShapeError, "truth: expected an array of numbers, got 'high'"),
     ],
 )
 def test_inadmissible_options_are_named(options, error, message):
@@ -104,6 +177,9 @@ def test_a_law_is_drawn_with_its_masses_and_densities(monkeypatch):
     assert set(np.round(heights, 6)) == {0.0, 0.002, 0.15, 0.6}
     with pytest.raises(ParameterError, match="3-D"):
         plot_law(law, pyplot.subplots()[1])
+    given = pyplot.figure().add_subplot(projection="3d")
+    assert law.plot(given) is given
+    assert given.get_title() == axes.get_title()
 
 
 def test_a_fuzzy_and_a_hard_model_are_drawn_with_their_moments(model):
