@@ -150,7 +150,9 @@ def _is_same(times: Times, found: np.timedelta64, step: np.timedelta64) -> bool:
     return bool(len(steps) < _EXACT or (steps != found).any())
 
 
-def step_note(times: Times, column: str, shown: Sequence[Any] | None = None) -> str | None:
+def step_note(
+    times: Times, column: str, shown: Sequence[Any] | None = None, *, is_index: bool = False
+) -> str | None:
     """Say what a model of equal steps should know of the steps of these rows; None if they are equal.
 
     Parameters
@@ -160,6 +162,8 @@ def step_note(times: Times, column: str, shown: Sequence[Any] | None = None) -> 
         Where they stand.
     shown : sequence, optional
         The stamps as they were written.
+    is_index : bool
+        Whether they are an index of pandas, and ``column`` is the argument whose index it is.
 
     Examples
     --------
@@ -172,16 +176,18 @@ def step_note(times: Times, column: str, shown: Sequence[Any] | None = None) -> 
     apart = np.diff(times.instant[~np.isnat(times.instant)])
     if not apart.size or steps.is_regular:
         return None
-    remedy = "a model knows steps of one length: give missing times a row with empty cells"
+    place = f"index of {column}" if is_index else f"column {column}"
+    empty = "of NaN (asfreq, reindex)" if is_index else "with empty cells"
+    remedy = f"a model knows steps of one length: give missing times a row {empty}"
     if steps.step is None and apart.min() == apart.max():
         return (
-            f"rows without a time stand where none is missing (column {column}), and a model takes each for "
+            f"rows without a time stand where none is missing ({place}), and a model takes each for "
             "one step more: remove them, or give them their times"
         )
     if steps.step is None:
         return (
             f"the steps between rows last from {spoken(apart.min())} to {spoken(apart.max())} "
-            f"(column {column}), and {remedy}"
+            f"({place}), and {remedy}"
         )
     names = times.clock if shown is None else shown
     after = np.flatnonzero(steps.missing)
@@ -189,7 +195,7 @@ def step_note(times: Times, column: str, shown: Sequence[Any] | None = None) -> 
     more = f" and {len(after) - 3:,} places more" if len(after) > 3 else ""
     count = int(steps.missing.sum())
     rows = "1 row is" if count == 1 else f"{count:,} rows are"
-    told = f"{rows} missing (column {column}, steps of {spoken(steps.step)}): {', '.join(places)}{more}"
+    told = f"{rows} missing ({place}, steps of {spoken(steps.step)}): {', '.join(places)}{more}"
     told += f"; {remedy}"
     if not times.has_offsets and any(_may_be_spring(times, row, steps.step) for row in after.tolist()):
         told += " (where clocks were put forward nothing is missing: times with offsets show it)"

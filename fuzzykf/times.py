@@ -25,7 +25,16 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["NIGHT", "Times", "check_increasing", "has_durations", "has_times", "is_time", "read_times"]
+__all__ = [
+    "NIGHT",
+    "Times",
+    "as_spans",
+    "check_increasing",
+    "has_durations",
+    "has_times",
+    "is_time",
+    "read_times",
+]
 
 _ISO = re.compile(
     r"(\d{4}-\d\d-\d\d|\d{8}|\d{4}-?W\d\d-?\d)"
@@ -212,6 +221,25 @@ def _check_durations(index: Any, where: Callable[[int], str]) -> None:
         if before is not None and not span > before:
             raise ParameterError(f"{where(row)} is {span}, not later than {before} in the row before")
         before = span
+
+
+def as_spans(index: Any) -> Times | None:
+    """Return the times of an index that `check_increasing` has let in, durations as times since 1970.
+
+    None if it holds neither.
+
+    Examples
+    --------
+    >>> as_spans(np.array([1, 2], dtype="timedelta64[h]")).instant.tolist()
+    [datetime.datetime(1970, 1, 1, 1, 0), datetime.datetime(1970, 1, 1, 2, 0)]
+    """
+    if has_times(index):
+        return read_times(index)
+    if not has_durations(index):
+        return None
+    since = np.datetime64(0, "s") + np.asarray(index).astype("timedelta64[ns]")
+    moments = _coarsest("index", since)
+    return Times(moments, moments, False)
 
 
 def has_durations(index: Any) -> bool:

@@ -24,7 +24,7 @@ from fuzzykf.registry import either
 from fuzzykf.results import FitResult, bic
 from fuzzykf.switching.laws.registry import learned_laws
 from fuzzykf.switching.learning.choice import forms_to_try, learn_forms
-from fuzzykf.switching.learning.data import gather
+from fuzzykf.switching.learning.data import gather, irregular
 from fuzzykf.switching.learning.fit import Fitted, Options, fit_fuzzy, fit_hard
 from fuzzykf.switching.learning.law import known_switch_laws
 from fuzzykf.switching.learning.memory import check_memory, memory_of_fuzzy, memory_of_hard
@@ -56,7 +56,7 @@ def fit_fuzzy_model(
     data = _prepared(x, y, r, options)
     for form in forms_to_try(options["form"], data):
         check_memory("n_nodes", n_nodes, 0, partial(memory_of_fuzzy, data=data, form=form))
-    return _learn(partial(fit_fuzzy, law=law, n_nodes=n_nodes), data, x, progress, options)
+    return _learn(partial(fit_fuzzy, law=law, n_nodes=n_nodes), data, x, y, progress, options)
 
 
 def fit_hard_model(
@@ -74,11 +74,16 @@ def fit_hard_model(
     data = _prepared(x, y, r, options)
     for form in forms_to_try(options["form"], data):
         check_memory("n_switches, n_regimes", K, 1, partial(memory_of_hard, data=data, form=form))
-    return _learn(partial(fit_hard, K=K), data, x, progress, options)
+    return _learn(partial(fit_hard, K=K), data, x, y, progress, options)
 
 
 def _learn(
-    fit: Callable[..., Fitted], data: TrainingData, x: Any, progress: bool | None, options: dict[str, Any]
+    fit: Callable[..., Fitted],
+    data: TrainingData,
+    x: Any,
+    y: Any,
+    progress: bool | None,
+    options: dict[str, Any],
 ) -> FitResult[Any]:
     forms = forms_to_try(options.pop("form"), data)
 
@@ -89,7 +94,8 @@ def _learn(
 
     fitted, values = _with_progress(progress, learn)
     refit = Refit(fit, {**options, "form": fitted.model.form.kind}, data.r is not None, data.labels)
-    return _present(fitted, values, data, x, refit)
+    found = _present(fitted, values, data, x, refit)
+    return replace(found, warnings=(*irregular(x, y), *found.warnings))
 
 
 @dataclass(frozen=True)

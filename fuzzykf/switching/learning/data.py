@@ -12,14 +12,16 @@ from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
 from fuzzykf.labels import NO_LABELS, Labels, ordered, read_labels
 from fuzzykf.missing import as_floats
-from fuzzykf.observations import check_aligned
+from fuzzykf.observations import check_aligned, index_of
+from fuzzykf.steps import step_note
+from fuzzykf.times import as_spans
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["Scale", "TrainingData", "component", "gather"]
+__all__ = ["Scale", "TrainingData", "component", "gather", "irregular"]
 
 #: Standard deviations of no more than so many gaps between the doubles around the values are rounding errors:
 #: at 1e7 the gap is 1.9e-9.  Of noise that is larger, rounding takes less than a thousandth of the variance.
@@ -168,6 +170,20 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
         n_rows=n_given,
         labels=labels,
     )
+
+
+def irregular(x: Any, y: Any) -> list[str]:
+    """Say of which series rows are missing in an index of times or durations, or have unequal steps."""
+    several = _are_several(x) or _are_several(y)
+    notes = []
+    for k, tables in enumerate(zip_longest(_parts(x), _parts(y))):
+        indexed = ((name, index_of(table)) for name, table in zip("xy", tables, strict=True))
+        name, index = next(((name, index) for name, index in indexed if index is not None), ("", None))
+        times = as_spans(index)
+        note = None if times is None else step_note(times, name, index, is_index=True)
+        if note is not None:
+            notes.append(f"series {k}: {note}" if several else note)
+    return notes
 
 
 def _standardised(z: FloatArray, m: int) -> tuple[FloatArray, Scale]:

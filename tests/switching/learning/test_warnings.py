@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter
@@ -294,3 +295,73 @@ def test_a_result_is_shown_in_short(sim):
     assert "log-likelihood" in text
     assert "trace" not in text
     assert "switch_mean" not in text
+
+
+# --------------------------------------------------------------------------- rows that are missing
+
+N = 120
+HOURS = pd.date_range("2026-01-01", periods=N + 3, freq="h", name="time")
+LATER = HOURS.delete([5, 6, 100])
+GIVE = "a model knows steps of one length: give missing times a row of NaN"
+
+#: Indexes, and what is said of their steps.
+STEPS = {
+    "hours": (HOURS[:N], ""),
+    "hours, three missing": (
+        LATER,
+        r"3 rows are missing \(index of x, steps of 1:00:00\): 2 after 2026-01-01 04:00:00, 1 after "
+        rf"2026-01-05 03:00:00; {GIVE}",
+    ),
+    "hours in a zone": (
+        LATER.tz_localize("Europe/Berlin"),
+        r"3 rows are missing .*2 after 2026-01-01 04:00:00\+01",
+    ),
+    "objects": (pd.Index(LATER.to_pydatetime(), dtype=object), "3 rows are missing"),
+    "months": (pd.period_range("2001-01", periods=N, freq="M"), ""),
+    "months, one missing": (
+        pd.period_range("2001-01", periods=N + 1, freq="M").delete(1),
+        "1 row is missing .*1 month",
+    ),
+    "durations": (pd.to_timedelta(np.arange(N), unit="s"), ""),
+    "durations, one missing": (
+        pd.to_timedelta(np.delete(np.arange(N + 1), 3), unit="s"),
+        r"1 row is missing \(index of x, steps of 0:00:01\): 1 after 0 days 00:00:02",
+    ),
+    "no steps": (
+        pd.to_timedelta(np.cumsum(np.arange(N) % 7 + 1), unit="min"),
+        "the steps between rows last from 0:01:00 to 0:07:00",
+    ),
+    "numbers": (pd.RangeIndex(0, 2 * N, 2), ""),
+}
+QUICK = {"form": "regression", "max_iter": 1, "n_starts": 1}
+LEARN = {
+    "hard": lambda x, y: CGOMSModel.fit(x, y, n_regimes=1, **QUICK),
+    "fuzzy": lambda x, y: CGOFMSModel.fit(x, y, law="fmc1", n_nodes=1, **QUICK),
+}
+
+
+@pytest.mark.parametrize("kind", STEPS)
+@pytest.mark.parametrize("name", LEARN)
+def test_rows_that_an_index_lacks_are_a_warning(name, kind, paper) -> None:
+    index, note = STEPS[kind]
+    data = paper.simulate(N, np.random.default_rng(0))
+    x, y = pd.Series(data.x[:, 0], index), pd.Series(data.y[:, 0], index)
+    for fit in (LEARN[name](x, y), LEARN[name](x, data.y), LEARN[name](data.x, y)):
+        found = said(fit, "of one length")
+        assert len(found) == bool(note)
+        if note:
+            assert re.search(note.replace("index of x", "index of [xy]"), found[0])
+    assert not said(LEARN[name](data.x, data.y), "of one length")
+
+
+def test_rows_that_one_of_several_series_lacks_are_a_warning(paper) -> None:
+    data = paper.simulate(N, np.random.default_rng(0))
+    whole, gappy = pd.Series(data.x[:, 0], HOURS[:N]), pd.Series(data.x[:, 0], LATER)
+    (note,) = said(LEARN["hard"]([whole, gappy], [data.y, data.y]), "of one length")
+    assert note.startswith("series 1: 3 rows are missing (index of x, ")
+
+
+def test_a_fit_to_what_was_simulated_knows_of_no_rows_that_are_missing(paper) -> None:
+    data = paper.simulate(N, np.random.default_rng(0))
+    fit = LEARN["hard"](pd.Series(data.x[:, 0], LATER), data.y)
+    assert not said(fit.refit(fit.model.simulate(N, np.random.default_rng(1))), "of one length")
