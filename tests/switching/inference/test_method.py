@@ -77,9 +77,10 @@ def test_the_verbs_go_on_after_a_series(model, ys) -> None:
 
 
 def test_a_method_without_a_smoother_passes_the_checks_of_filters(fuzzy_model) -> None:
-    report = check_filter(lambda: SwitchingFilter(fuzzy_model.placed(3), Plain()))
+    zs = 0.5 * np.sin(1.3 * np.arange(6))  # as few as will do
+    report = check_filter(lambda: SwitchingFilter(fuzzy_model.placed(3), Plain()), zs)
     assert "smooth" in report.not_applicable
-    assert "smooth" in check_filter(lambda: SwitchingFilter(fuzzy_model.placed(3))).passed
+    assert "smooth" in check_filter(lambda: SwitchingFilter(fuzzy_model.placed(3)), zs).passed
 
 
 def test_without_a_smoother_there_is_none(model, ys) -> None:
