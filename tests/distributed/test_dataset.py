@@ -342,7 +342,9 @@ def test_from_zarr_to_zarr_nothing_is_missing_after_a_worker_was_killed(
 ) -> None:
     out, keep = tmp_path / "out.zarr", ("x", "P", "mu", "log_likelihood")
     options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    forked = {"distributed.worker.multiprocessing-method": "forkserver"}  # three workers import packages once
     with (
+        dask.config.set(forked),
         distributed.LocalCluster(**options) as cluster,
         distributed.Client(cluster) as client,
         ThreadPoolExecutor() as pool,

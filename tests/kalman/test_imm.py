@@ -41,31 +41,26 @@ def make(method="imm", kind=KalmanFilter, **dims):
 
 def enumerate_modes(imm, zs):
     """Exact mean, covariance, mode probabilities and log-likelihoods, over all mode sequences."""
-    K, mu, T = imm.N, imm.mu, np.asarray(imm.M)
-    n, totals = len(zs), [0.0]
-    for upto in range(1, n + 1):
-        weights, means, covariances, last = [], [], [], []
-        for path in itertools.product(range(K), repeat=upto + 1):
-            x, P = imm.filters[0].x.ravel(), imm.filters[0].P
-            log_w = np.log(mu[path[0]])
-            for k in range(1, upto + 1):
-                f, z = imm.filters[path[k]], zs[k - 1]
-                x, P = f.F @ x, f.F @ P @ f.F.T + f.Q
-                S = f.H @ P @ f.H.T + f.R
-                log_w += np.log(T[path[k - 1], path[k]]) + multivariate_normal(f.H @ x, S).logpdf(z)
-                gain = P @ f.H.T @ np.linalg.inv(S)
-                x, P = x + gain @ (z - f.H @ x), P - gain @ S @ gain.T
-            weights.append(log_w)
-            means.append(x)
-            covariances.append(P)
-            last.append(path[-1])
-        totals.append(logsumexp(weights))
-        w = np.exp(np.array(weights) - totals[-1])
-        x = w @ np.array(means)
-        P = sum(
-            wi * (Pi + np.outer(xi - x, xi - x)) for wi, xi, Pi in zip(w, means, covariances, strict=True)
-        )
-        modes = np.array([w[np.array(last) == j].sum() for j in range(K)])
+    K, T, totals = imm.N, np.asarray(imm.M), [0.0]
+    first = imm.filters[0]
+    ends = [(np.log(p), first.x.ravel(), first.P, j) for j, p in enumerate(imm.mu)]  # of every sequence so far
+    for z in zs:
+        longer = []
+        for (log_w, x, P, before), j in itertools.product(ends, range(K)):
+            f = imm.filters[j]
+            x, P = f.F @ x, f.F @ P @ f.F.T + f.Q
+            S = f.H @ P @ f.H.T + f.R
+            log_w = log_w + np.log(T[before, j]) + multivariate_normal(f.H @ x, S).logpdf(z)
+            gain = P @ f.H.T @ np.linalg.inv(S)
+            longer.append((log_w, x + gain @ (z - f.H @ x), P - gain @ S @ gain.T, j))
+        ends = longer
+        totals.append(logsumexp([log_w for log_w, *_ in ends]))
+    weights, means, covariances, last = (np.array(part) for part in zip(*ends, strict=True))
+    w = np.exp(weights - totals[-1])
+    x = w @ means
+    off = means - x
+    P = np.einsum("p,pkl->kl", w, covariances) + np.einsum("p,pk,pl->kl", w, off, off)
+    modes = np.array([w[last == j].sum() for j in range(K)])
     return x, P, modes, np.diff(totals)
 
 
