@@ -37,6 +37,7 @@ EXPLORED = 10
 
 DATA = Path(__file__).parent / "data"
 
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
     """Collect without looking for garbage, a tenth of the time: what is collected stays."""

@@ -43,7 +43,9 @@ def enumerate_modes(imm, zs):
     """Exact mean, covariance, mode probabilities and log-likelihoods, over all mode sequences."""
     K, T, totals = imm.N, np.asarray(imm.M), [0.0]
     first = imm.filters[0]
-    ends = [(np.log(p), first.x.ravel(), first.P, j) for j, p in enumerate(imm.mu)]  # of every sequence so far
+    ends = [
+        (np.log(p), first.x.ravel(), first.P, j) for j, p in enumerate(imm.mu)
+    ]  # of every sequence so far
     for z in zs:
         longer = []
         for (log_w, x, P, before), j in itertools.product(ends, range(K)):
