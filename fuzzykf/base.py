@@ -27,7 +27,7 @@ from fuzzykf.many import read_many, stacked
 from fuzzykf.observations import as_many, as_observation, as_observations, index_of
 from fuzzykf.overrides import attributes_of, follows_copies
 from fuzzykf.results import FIELDS, FilterResult, field_shapes
-from fuzzykf.sequel import sequel_of
+from fuzzykf.sequel import sequel_of, warn_of_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -199,7 +199,9 @@ class Filter(ABC):
             probabilistic filter, ``log_likelihood``; from a possibilistic one,
             ``possibility``, ``lower`` and ``upper``; with a switch, ``mu`` and ``switch``.
         """
-        as_flag("resume", resume)
+        index = index_of(zs)
+        if as_flag("resume", resume):
+            self._check_next(index)
         series = as_observations(zs, self.dim_z)
         sizes = {"state": self.dim_x, "observation": self.dim_z, "node": np.size(getattr(self, "mu", ()))}
         shapes = {name: shape for name, shape in _shapes(**sizes).items() if _shows(self, name, shape)}
@@ -215,7 +217,10 @@ class Filter(ABC):
             self.__dict__.update(before)
             raise
         nodes = getattr(self, "nodes", None) if "mu" in collected else None
-        return FilterResult(**collected, nodes=nodes, index=index_of(zs))
+        if index is not None:
+            self._follow(index)
+            warn_of_steps(index)
+        return FilterResult(**collected, nodes=nodes, index=index)
 
     def batch_filter(self, zs: ManyNumbers, *args: Any, **kwargs: Any) -> tuple[FloatArray, ...]:
         """Filter a series and return filterpy's four arrays.
@@ -287,7 +292,7 @@ class Filter(ABC):
 
     def _read_many(self, zs: Any, by: Any) -> ManySeries:
         """Read many series, in any of the forms in which they come."""
-        return read_many(zs, self.dim_z, by, self._named)
+        return read_many(zs, self.dim_z, by)
 
     def _named(self, zs: Any, argument: str = "zs") -> Any:
         """Return the observations of a series, by name where the filter knows any."""
@@ -298,6 +303,13 @@ class Filter(ABC):
         sequel = sequel_of(index)
         if sequel is not None:
             self._sequel: tuple[Sequel, Any] = sequel, self._position()
+
+    def _check_next(self, index: Any) -> None:
+        """Raise unless a dated series goes on where the latest one ended, as far as the filter knows."""
+        sequel, position = self.__dict__.get("_sequel", (None, None))
+        passed = None if sequel is None else self._passed_since(position)
+        if passed is not None:
+            sequel.check_next(index, passed)
 
     def _index_ahead(self, steps: int) -> Any:
         """Return the index of the steps to come; None if nobody knows it."""

@@ -20,6 +20,7 @@ __all__ = [
     "QuadratureError",
     "SequenceError",
     "ShapeError",
+    "StepsWarning",
     "SupportLostError",
     "SupportWarning",
     "UnreachableMeasurementError",
@@ -64,6 +65,10 @@ class UnreachableMeasurementError(EmptyIntersectionError):
 
 class SupportLostError(FuzzykfError, ValueError):
     """All possible states have left the fixed universe of a grid."""
+
+
+class StepsWarning(UserWarning):
+    """A dated series lacks rows, or its steps are unequal; a model takes each row for one step."""
 
 
 class SupportWarning(UserWarning):

@@ -31,7 +31,10 @@ __all__ = [
     "check_many",
     "check_no_state",
     "check_step",
+    "columns_of",
+    "labels_of",
     "match_columns",
+    "match_row",
     "match_series",
     "names_of",
     "ordered",
@@ -277,7 +280,7 @@ NO_LABELS = Labels()
 # --------------------------------------------------------------------------- what tables are called
 
 
-def _columns_of(table: Any) -> list[Any] | None:
+def columns_of(table: Any) -> list[Any] | None:
     """Return the names of the columns of a table; None if there are none but 0, 1, 2, ..."""
     if not hasattr(table, "to_numpy"):
         return None
@@ -369,7 +372,7 @@ def ordered(tables: Sequence[Any], names: Sequence[str] | None, argument: str) -
     """
     found = []
     for table in tables:
-        columns = None if names is None else _columns_of(table)
+        columns = None if names is None else columns_of(table)
         if columns is None or names is None:
             found.append(table)
         else:
@@ -378,7 +381,7 @@ def ordered(tables: Sequence[Any], names: Sequence[str] | None, argument: str) -
 
 
 def _common_names(argument: str, tables: Sequence[Any]) -> tuple[str, ...] | None:
-    frames = [columns for columns in map(_columns_of, tables) if columns is not None]
+    frames = [columns for columns in map(columns_of, tables) if columns is not None]
     if frames:
         names = tuple(map(str, frames[0]))
         _check_once(f"{argument}: columns", names)
@@ -428,11 +431,17 @@ def _times(index: Any, argument: str) -> Times:
 # --------------------------------------------------------------------------- a model meets data
 
 
+def labels_of(f: Any) -> Labels:
+    """Return the labels of the model of a filter; none if it has no model, or that none."""
+    labels = getattr(getattr(f, "model", None), "labels", None)
+    return labels if isinstance(labels, Labels) else NO_LABELS
+
+
 def match_series(zs: Any, labels: Labels, dim_z: int, argument: str = "zs") -> Any:
     """Return the observations of a model from a series, by their names where it has any.
 
     An array goes by position, and so do a Series and a table whose columns are 0, 1, 2, ...  Of a table
-    with names those of the model are taken, in its order.
+    with names, and of the rows of a list, those of the model are taken, in its order.
 
     Parameters
     ----------
@@ -462,10 +471,12 @@ def match_series(zs: Any, labels: Labels, dim_z: int, argument: str = "zs") -> A
     >>> list(match_series(frame, Labels(["load"], ["t", "h"]), 2).columns)
     ['t', 'h']
     """
+    if labels and isinstance(zs, list):
+        return [match_row(z, labels, f"{argument}: observation {k}") for k, z in enumerate(zs)]
     if not labels or not hasattr(zs, "to_numpy"):
         return zs
     check_step(index_of(zs), labels, argument)
-    columns = _columns_of(zs)
+    columns = columns_of(zs)
     if columns is None:
         check_no_state([_name_of(zs)], labels, argument)
         return zs
@@ -476,6 +487,45 @@ def match_series(zs: Any, labels: Labels, dim_z: int, argument: str = "zs") -> A
     strange = len(columns) == dim_z and known.isdisjoint(map(str, columns))
     remedy = f", or pass {argument}.to_numpy(), whose columns go by position" if strange else ""
     return _take(zs, columns, match_columns(columns, labels.observations, argument, remedy))
+
+
+def match_row(z: Any, labels: Labels, argument: str = "z") -> Any:
+    """Return one observation of a model from a row of a table, by the names that it has.
+
+    An array or a list goes by position, and so does a Series that is numbered 0, 1, 2, ...
+
+    Parameters
+    ----------
+    z : array_like, Series, DataFrame of one row, mapping or named tuple
+    labels : Labels
+        Of the model.
+    argument : str
+        What it is called, for messages.
+
+    Raises
+    ------
+    ParameterError
+        If a name is missing.
+
+    Examples
+    --------
+    >>> match_row({"h": 1.0, "load": 2.0, "t": 3.0}, Labels(["load"], ["t", "h"]))
+    [3.0, 1.0]
+    """
+    if z is None or isinstance(z, float | np.ndarray) or not labels.observations:
+        return z
+    if hasattr(z, "to_numpy"):
+        names = columns_of(z) if hasattr(z, "columns") else names_of(list(getattr(z, "index", ())))
+        values = np.asarray(z.to_numpy(), dtype=object).ravel()
+    elif isinstance(z, Mapping):
+        names, values = list(z), np.array([*z.values(), None], dtype=object)[:-1]
+    elif isinstance(z, tuple) and hasattr(z, "_fields"):
+        names, values = list(z._fields), np.array([*z, None], dtype=object)[:-1]
+    else:
+        return z
+    if names is None or len(values) != len(names) or (len(names) == 1 and len(labels.observations) == 1):
+        return z
+    return [values[k] for k in match_columns(names, labels.observations, argument)]
 
 
 def check_many(zs: Any, labels: Labels, argument: str = "zs") -> None:
@@ -494,7 +544,7 @@ def check_many(zs: Any, labels: Labels, argument: str = "zs") -> None:
     ------
     ParameterError
     """
-    columns = _columns_of(zs) if labels and hasattr(zs, "to_numpy") else None
+    columns = columns_of(zs) if labels and hasattr(zs, "to_numpy") and not hasattr(zs, "dims") else None
     if columns is not None:
         check_step(index_of(zs), labels, argument)
         check_no_state(map(str, columns), labels, argument)
@@ -555,15 +605,30 @@ def check_step(index: Any, labels: Labels, argument: str, remedy: str | None = N
     ParameterError
         Names both lengths.
     """
-    if labels.step is None or not (isinstance(index, Times) or has_times(index)):
+    if labels.step is None:
         return
-    other = other_step(_times(index, argument), labels.step)
+    if getattr(getattr(index, "dtype", None), "kind", "") == "m":
+        other = _other_duration(index, labels.step)
+    elif isinstance(index, Times) or has_times(index):
+        other = other_step(_times(index, argument), labels.step)
+    else:
+        return
     if other is not None:
         remedy = remedy or f"pass {argument}.to_numpy(), whose rows are taken as they come"
         raise ParameterError(
             f"{argument}: its rows are {spoken(other)} apart, but the model was learned on rows "
             f"{spoken(labels.step)} apart; resample it, or {remedy}"
         )
+
+
+def _other_duration(index: Any, step: np.timedelta64) -> np.timedelta64 | None:
+    """Return the step of an index of durations, if it is one, and another than ``step``."""
+    steps = np.diff(np.asarray(index))
+    months = np.datetime_data(step.dtype)[0] == "M"
+    if not steps.size or not (steps == steps[0]).all() or (not months and steps[0] == step):
+        return None
+    found: np.timedelta64 = steps[0]
+    return found
 
 
 def check_no_state(names: Iterable[str | None], labels: Labels, argument: str) -> None:

@@ -10,9 +10,11 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import brief
+from fuzzykf.labels import columns_of
 from fuzzykf.missing import as_floats
 from fuzzykf.observations import as_many, as_observations, check_aligned, index_of
 from fuzzykf.results import FilterResult
+from fuzzykf.sequel import warn_of_steps
 from fuzzykf.texts import listed
 from fuzzykf.times import has_times
 
@@ -161,7 +163,7 @@ def read_many(zs: Any, dim_z: int, by: Any = None, chosen: Chosen | None = None)
     if hasattr(zs, "columns") and hasattr(zs, "to_numpy"):
         return _of_columns(zs, dim_z, chosen)
     if hasattr(zs, "dims") and hasattr(zs, "indexes"):
-        return _of_dimensions(zs, dim_z)
+        return _of_dimensions(zs, dim_z, chosen)
     if isinstance(zs, list | tuple) and zs and all(map(_is_series, zs)):
         if any(index_of(one) is not None for one in zs) or len({len(one) for one in zs}) > 1:
             return _of_list(list(zs), dim_z, None, chosen)
@@ -186,26 +188,44 @@ def _is_series(value: Any) -> bool:
     return hasattr(value, "__len__") and not isinstance(value, str | bytes | bytearray)
 
 
-def _of_list(series: list[Any], dim_z: int, names: list[Any] | None, chosen: Chosen) -> ManySeries:
+def _of_list(series: list[Any], dim_z: int, names: Sequence[Any] | None, chosen: Chosen) -> ManySeries:
     """Read series one by one."""
     if not series:
         raise ShapeError("zs: got no series, expected at least one")
-    found = []
+    found: list[FloatArray] = []
+    order: list[Any] | None = None
     for k, one in enumerate(series):
         try:
-            found.append(as_observations(chosen(one), dim_z))
+            one, order = _as_ordered(chosen(one), order)
+            found.append(as_observations(one, dim_z))
         except (ShapeError, ParameterError) as error:
             which = f"series {k}" if names is None else f"series {names[k]!r}"
             raise type(error)(f"zs: {which}, {str(error).removeprefix('zs: ')}") from error
     if names is None:
         own = [getattr(one, "name", None) for one in series]
         names = own if None not in own and len(set(own)) == len(own) else None
+    indexes = [index_of(one) for one in series]
+    shared = _shared(indexes)
+    for k, index in enumerate(indexes if isinstance(shared, list) else [shared]):
+        warn_of_steps(
+            index, f"series {k if names is None else repr(names[k])}" if isinstance(shared, list) else "zs"
+        )
     lengths = np.array([len(one) for one in found])
     values = np.full((len(found), lengths.max(), dim_z), np.nan)
     for k, one in enumerate(found):
         values[k, : len(one)] = one
     ragged = bool((lengths != lengths[0]).any())
-    return ManySeries(values, names, _shared([index_of(one) for one in series]), lengths if ragged else None)
+    return ManySeries(values, names, shared, lengths if ragged else None)
+
+
+def _as_ordered(one: Any, order: list[Any] | None) -> tuple[Any, list[Any] | None]:
+    """Return a table with its columns in the order of those before it, and that order."""
+    columns = columns_of(one) if hasattr(one, "columns") else None
+    if columns is None or order is None or columns == order:
+        return one, order if columns is None else columns
+    if len(columns) != len(order) or set(columns) != set(order):
+        raise ParameterError(f"zs: got the columns {_named(columns)}, expected {_named(order)} as before")
+    return one[order], order
 
 
 def _shared(indexes: list[Any]) -> Any:
@@ -223,11 +243,12 @@ def _of_columns(frame: Any, dim_z: int, chosen: Chosen) -> ManySeries:
     columns, index = frame.columns, index_of(frame)
     if len(set(columns)) < len(columns):
         raise ParameterError(f"zs: two columns have one name; they are {_named(columns)}")
-    if has_times(columns) and not has_times(index):
+    if _in_time(columns) and not _in_time(index):
         raise ParameterError("zs: its columns are times, expected those in the rows: zs.T")
     if dim_z == 1:
         values = _numbers(frame)
         check_aligned(zs=frame)
+        warn_of_steps(index)
         return ManySeries(values.T[..., None], columns, index)
     if getattr(columns, "nlevels", 1) < 2:
         raise ShapeError(
@@ -235,8 +256,11 @@ def _of_columns(frame: Any, dim_z: int, chosen: Chosen) -> ManySeries:
             f"{dim_z} components; of a frame whose rows are those of all series, 'by' names the column that "
             "tells them apart; one series alone goes to filter"
         )
+    if columns.nlevels == 2 and columns.names[0] is None and columns.names[1] is not None:
+        frame = frame.swaplevel(axis=1)  # as pivot leaves them: what was spread has a name, values have none
+        columns = frame.columns
     names = columns.droplevel(list(range(1, columns.nlevels))).unique()
-    return _of_list([frame[name] for name in names], dim_z, list(names), chosen)
+    return _of_list([frame[name] for name in names], dim_z, names, chosen)
 
 
 def _numbers(frame: Any) -> FloatArray:
@@ -263,19 +287,26 @@ def _numbers(frame: Any) -> FloatArray:
     return values
 
 
-def _of_dimensions(array: Any, dim_z: int) -> ManySeries:
+def _in_time(index: Any) -> bool:
+    """Whether an index is made of times, or of durations."""
+    return has_times(index) or getattr(getattr(index, "dtype", None), "kind", "") == "m"
+
+
+def _of_dimensions(array: Any, dim_z: int, chosen: Chosen) -> ManySeries:
     """Read a DataArray (series, n) or (series, n, component)."""
     if array.ndim < 2:
         raise ShapeError(f"zs: got the dimensions {array.dims}, expected those of series and of rows")
     series, rows = array.dims[:2]
     names, index = array.indexes.get(series), array.indexes.get(rows)
-    if has_times(names) and not has_times(index):
+    if (_in_time(names) or str(series).lower() == "time") and not _in_time(index):
         raise ParameterError(
             f"zs: its first dimension, {series!r}, counts times, expected series first: "
             f"zs.transpose({rows!r}, {series!r}, ...)"
         )
-    many = as_many(array.to_numpy(), dim_z)
-    return ManySeries(many, names, index)
+    if chosen is _as_it_is:
+        return ManySeries(as_many(array.to_numpy(), dim_z), names, index)
+    many = _of_list([array[k] for k in range(len(array))], dim_z, None, chosen)
+    return ManySeries(many.values, names, index)
 
 
 def _of_rows(frame: Any, dim_z: int, by: Any, chosen: Chosen) -> ManySeries:
@@ -298,7 +329,12 @@ def _of_rows(frame: Any, dim_z: int, by: Any, chosen: Chosen) -> ManySeries:
     times = [name for name in rest.columns if has_times(rest[name])]
     if len(times) == 1 and not has_times(rest.index):  # a column of times is no observation
         rest = rest.set_index(times[0])
-    return _of_list([rest.iloc[rows] for rows in places.values()], dim_z, list(places), chosen)
+    named = (
+        type(frame.columns)(list(places), name=by)
+        if type(frame.columns).__name__ == "Index"
+        else list(places)
+    )
+    return _of_list([rest.iloc[rows] for rows in places.values()], dim_z, named, chosen)
 
 
 def _without_level(part: Any, level: Any) -> Any:

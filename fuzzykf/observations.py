@@ -51,7 +51,7 @@ def as_observation(z: Numbers, dim_z: int) -> FloatArray | None:
     >>> as_observation(float("nan"), 1) is None
     True
     """
-    if z is None:
+    if z is None or z is np.ma.masked or type(z).__name__ == "NAType":
         return None
     if dim_z == 1 and isinstance(z, float) and isfinite(z):  # the usual case in real time
         return np.array([z])
@@ -108,9 +108,8 @@ def as_observations(zs: ManyNumbers, dim_z: int) -> FloatArray:
     is_plain = type(zs) is np.ndarray and zs.dtype == np.float64
     if not is_plain and is_complex(zs):
         raise ParameterError("zs: got complex numbers, expected real ones")
-    if is_bytes(zs) or isinstance(
-        zs, str | Mapping | Set
-    ):  # their members are no observations, or in no order
+    # members of these are no observations, or in no order
+    if not is_plain and (isinstance(zs, str | Mapping | Set) or is_bytes(zs)):
         raise ParameterError(f"zs: got {brief(zs)} ({type(zs).__name__}), expected a series of observations")
     if not isinstance(zs, np.ndarray):
         check_aligned(zs=zs)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.steps import find_steps
-from fuzzykf.times import has_times, read_times
+from fuzzykf.errors import ParameterError, StepsWarning
+from fuzzykf.steps import find_steps, step_note
+from fuzzykf.times import as_spans, has_times, read_times
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Sequel", "sequel_of"]
+__all__ = ["Sequel", "is_of_working_days", "sequel_of", "warn_of_steps"]
 
 #: Digits that the steps of an index of floats may be off by, in units of the last place of its largest.
 _ROUNDING = 4
@@ -28,14 +30,14 @@ class Sequel:
     end : pandas.Index
         Its last entry, in its type and under its name.
     step : object
-        What is between its entries: an offset of pandas, or a number.
+        What is between its entries: an offset of pandas, or a number; None if it does not say.
     """
 
     end: Any
     step: Any
 
-    def ahead(self, steps: int, skip: int = 0) -> pd.Index:
-        """Return the entries that follow.
+    def ahead(self, steps: int, skip: int = 0) -> pd.Index | None:
+        """Return the entries that follow; None if the index does not say how it goes on.
 
         Parameters
         ----------
@@ -43,6 +45,8 @@ class Sequel:
         skip : int
             Entries that were passed since.
         """
+        if self.step is None:
+            return None
         import pandas as pd
 
         end, count = self.end[0], skip + steps + 1
@@ -60,9 +64,44 @@ class Sequel:
         ahead: pd.Index = found[skip + 1 :].rename(self.end.name)
         return ahead
 
+    def check_next(self, index: Any, skip: int = 0) -> None:
+        """Raise unless an index of times goes on where this one ends.
+
+        Parameters
+        ----------
+        index : object
+            Of the series that is to follow; numbers and names are passed over: parts are numbered anew.
+        skip : int
+            Entries that were passed since.
+
+        Raises
+        ------
+        ParameterError
+            Names both stamps.
+        """
+        if not (_is_timed(index) and _is_timed(self.end)) or not len(index):
+            return
+        first, expected = index[0], self.ahead(1, skip)
+        try:
+            later = first > self.end[0]
+        except TypeError as error:  # with a zone, and without
+            raise ParameterError(
+                f"zs: begins at {first}, but the filter stands at {self.end[0]}: {error}"
+            ) from error
+        if not later or (expected is not None and first != expected[0]):
+            follows = "a later time" if expected is None else f"{expected[0]}"
+            raise ParameterError(
+                f"zs: begins at {first}, but the filter stands at {self.end[0]}, so that resume expects "
+                f"{follows} next; give what is missing a row of NaN, or pass an array, which has no times"
+            )
+
+
+def _is_timed(index: Any) -> bool:
+    return has_times(index) or getattr(getattr(index, "dtype", None), "kind", "") == "m"
+
 
 def sequel_of(index: Any) -> Sequel | None:
-    """Return how an index of pandas goes on; None where it does not say so.
+    """Return how an index of pandas goes on; None where there is none.
 
     Times go on by their frequency, or by the step that they have where some rows are missing; numbers,
     if their steps are equal.
@@ -80,8 +119,7 @@ def sequel_of(index: Any) -> Sequel | None:
     """
     if not hasattr(index, "nlevels") or index.nlevels > 1 or not len(index):
         return None
-    step = _step(index)
-    return None if step is None else Sequel(index[-1:].copy(deep=True), step)
+    return Sequel(index[-1:].copy(deep=True), _step(index))
 
 
 def _step(index: Any) -> Any:
@@ -102,6 +140,39 @@ def _step(index: Any) -> Any:
     if not step or not off <= _ROUNDING * np.spacing(np.abs(values).max()):
         return None
     return int(step) if index.dtype.kind in "iu" else step
+
+
+def warn_of_steps(index: Any, argument: str = "zs") -> None:
+    """Warn if rows are missing in an index of times, or their steps are unequal; working days are equal.
+
+    Parameters
+    ----------
+    index : object
+        Of a series, None if it has none.
+    argument : str
+        What it is called, for the message.
+    """
+    if not _is_timed(index) or len(index) < 3 or getattr(index, "freq", None) is not None:
+        return
+    numbers = getattr(index, "asi8", None)
+    if numbers is not None and (np.diff(numbers) == numbers[1] - numbers[0]).all():
+        return
+    spans = as_spans(index)
+    note = None if spans is None else step_note(spans, argument, index, is_index=True)
+    if note is not None and not (has_times(index) and hasattr(index, "tz") and is_of_working_days(index)):
+        warnings.warn(note, StepsWarning, stacklevel=4)
+
+
+def is_of_working_days(index: Any) -> bool:
+    """Whether times are those of working days, of which some may be missing: over a week, and no weekend."""
+    clock = index.tz_localize(None)
+    return (
+        len(index) > 1
+        and int(clock.day_of_week.max()) < 5
+        and bool((clock - clock.normalize()).nunique() == 1)
+        and (clock[-1] - clock[0]).days >= 7
+        and int(np.diff(clock.normalize().to_numpy().astype("datetime64[D]")).astype(int).min()) == 1
+    )
 
 
 def _step_of_durations(index: Any) -> Any:
@@ -127,7 +198,7 @@ def _step_of_times(index: Any) -> Any:
     found = find_steps(read_times(index))
     if found.step is None:
         return None
-    if not found.is_regular and pd.bdate_range(index[0], periods=len(index)).equals(index):
+    if is_of_working_days(index):
         return pd.offsets.BDay()
     if np.datetime_data(found.step.dtype)[0] == "M":
         return pd.DateOffset(months=int(found.step.astype(np.int64)))

@@ -245,10 +245,16 @@ STEPS = {
         [FRAMES[::2], pd.date_range("2024", periods=9, freq="34ms")],
     ),
     "irregular": ("1h", [HOURS[[0, 1, 3, 7, 20]] + pd.to_timedelta([0, 7, 13, 21, 44], "s")], []),
-    "no times": ("1h", [pd.RangeIndex(5), pd.Index(list("abc")), pd.timedelta_range("0h", periods=4)], []),
+    "no times": ("1h", [pd.RangeIndex(5), pd.Index(list("abc"))], []),
+    "durations": (
+        "1h",
+        [pd.timedelta_range("0h", periods=4, freq="1h"), pd.to_timedelta([0, 1, 3], unit="h")],
+        [pd.timedelta_range("0h", periods=4)],
+    ),
 }
 
 
+@pytest.mark.filterwarnings("ignore::fuzzykf.errors.StepsWarning")  # some rows are missing
 @pytest.mark.parametrize("kind", STEPS)
 def test_rows_of_another_step_are_refused(kind) -> None:
     step, same, other = STEPS[kind]
@@ -264,6 +270,51 @@ def test_rows_of_another_step_are_refused(kind) -> None:
         ):
             f.filter(zs)
         f.filter(zs.to_numpy())
+
+
+# --------------------------------------------------------------------------- one row
+
+ROW = pd.Series({"h": 0.4, "load": 9.0, "t": -1.3})
+
+#: One observation with names, the state among them.
+ROWS = {
+    "row of a frame": ROW,
+    "row without the state": ROW[["h", "t"]],
+    "frame of one row": ROW.to_frame().T,
+    "mapping": dict(ROW),
+    "named tuple": next(ROW.to_frame().T.itertuples(index=False)),
+}
+
+
+@pytest.mark.parametrize("name", ROWS)
+@pytest.mark.parametrize("kind", ["fuzzy", "hard", "known"])
+def test_a_row_is_matched_by_name(kind, name) -> None:
+    model = make_model("fuzzy" if kind == "known" else kind)
+    more = {"r": 0.0} if kind == "known" else {}
+
+    def begun():
+        f = KnownSwitchFilter(model) if kind == "known" else model.filter()
+        for z in ([0.1, 0.2], [0.3, -0.1]):  # so that the compiled step is in force
+            f.step(np.array(z), **more)
+        return f
+
+    expected = begun()
+    expected.step(np.array([-1.3, 0.4]), **more)
+    for call in ("step", "update", "filter"):
+        f = begun()
+        if call == "step":
+            f.step(ROWS[name], **more)
+        elif call == "update":
+            f.predict(*more.values())
+            f.update(ROWS[name])
+        else:
+            f.filter([ROWS[name]], **({"r": [0.0]} if more else {}), resume=True)
+        np.testing.assert_allclose(f.x, expected.x, rtol=1e-12, err_msg=call)
+    f = begun()
+    before = f.x.copy()
+    with pytest.raises(ParameterError, match="z: got no column 't'"):
+        f.step(ROW[["h", "load"]], **more)
+    np.testing.assert_array_equal(f.x, before)
 
 
 # --------------------------------------------------------------------------- learning

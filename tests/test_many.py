@@ -192,7 +192,7 @@ def test_series_of_unequal_length_end_where_they_end(filters, name, form):
     assert found.log_likelihood is None or np.isnan(found.log_likelihood[1, 3:]).all()
     if form in ("mapping of Series", "long frame"):
         frame = found.to_dataframe()
-        assert frame.index.names == ["series", "hour"]
+        assert frame.index.names == ["meter" if "by" in given else "series", "hour"]
         assert len(frame) == 13
         assert frame.loc["s"].index.equals(HOURS[1:4])
         np.testing.assert_allclose(
@@ -273,7 +273,54 @@ def test_a_wide_frame_resumes_where_the_filter_stands(small_models):
     np.testing.assert_allclose(found.x[0], f.copy().filter(A, resume=True).x, rtol=1e-12)
 
 
+def test_tables_of_one_call_may_order_their_columns_otherwise():
+    f = KalmanFilter(2, 2, H=np.eye(2), R=np.diag([0.5, 2.0]))
+    one = pd.DataFrame({"u": A, "v": B}, index=HOURS)
+    expected = f.copy().filter(one).x
+    pairs = pd.concat({"east": one, "west": one[["v", "u"]]}, axis=1)
+    long = pd.concat({"east": one, "west": one}, names=["side"]).reset_index()
+    pivoted = long.pivot(index="hour", columns="side", values=["u", "v"])
+    for zs in ({"a": one, "b": one[["v", "u"]]}, pairs, pivoted, [one, one[["v", "u"]]]):
+        found = f.filter_many(zs)
+        np.testing.assert_allclose(found.x[0], expected, rtol=1e-12)
+        np.testing.assert_allclose(found.x[1], expected, rtol=1e-12)
+    assert list(f.filter_many(pivoted).names) == ["east", "west"]
+    with pytest.raises(ParameterError, match="series 'b', got the columns u, w, expected u, v as before"):
+        f.filter_many({"a": one, "b": one.rename(columns={"v": "w"})})
+
+
+def test_an_array_of_xarray_goes_by_the_names_of_its_components(learned):
+    one = pd.DataFrame({"t": A, "h": B}, index=HOURS)
+    expected = learned.copy().filter(one.to_numpy()).x
+    values = np.stack([one.to_numpy(), one.to_numpy()])
+    cube = xr.DataArray(
+        values,
+        dims=["meter", "hour", "quantity"],
+        coords={"hour": HOURS, "quantity": ["t", "h"], "meter": [7, 8]},
+    )
+    for zs in (cube, cube.sel(quantity=["h", "t"])):
+        found = learned.filter_many(zs)
+        np.testing.assert_array_equal(found.x[1], expected)
+        assert list(found.names) == [7, 8]
+    with pytest.raises(ParameterError, match="no column 't'"):
+        learned.filter_many(cube.assign_coords(quantity=["a", "b"]))
+    with pytest.raises(ParameterError, match="1 day"):
+        learned.filter_many(cube.assign_coords(hour=pd.date_range("2026-03-01", periods=5)))
+
+
 REFUSED = {
+    "durations in the columns": (
+        WIDE.set_axis(pd.timedelta_range("0h", periods=5, freq="h")).T,
+        {},
+        ParameterError,
+        "its columns are times",
+    ),
+    "time first, without coordinates": (
+        xr.DataArray(WIDE.to_numpy(), dims=["time", "meter"]),
+        {},
+        ParameterError,
+        r"expected series first: zs.transpose\('meter', 'time'",
+    ),
     "times in the columns": (
         WIDE.T,
         {},

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from fuzzykf import CGOMSMFilter, CGOMSModel, ExtendedKalmanFilter, IMMEstimator, KalmanFilter, OFSRFilter
+from fuzzykf.errors import ParameterError, StepsWarning
 from fuzzykf.sequel import sequel_of
 
 BERLIN = "Europe/Berlin"
@@ -52,6 +53,11 @@ INDEXES = {
         "%H",
     ),
     "working days": (pd.bdate_range("2026-01-01", periods=7), ["12", "13", "14"], "%d"),
+    "working days, some missing": (
+        pd.bdate_range("2026-01-01", periods=9).delete([3, 6]),
+        ["14", "15", "16"],
+        "%d",
+    ),
     "periods": (pd.period_range("2026-01", periods=3, freq="M"), ["04", "05", "06"], "%m"),
 }
 
@@ -100,7 +106,8 @@ def test_numbers_go_on(index, expected):
     ],
 )
 def test_nothing_is_known_of_what_follows(index):
-    assert sequel_of(index) is None
+    found = sequel_of(index)
+    assert found is None or found.ahead(2) is None
 
 
 def linear():
@@ -185,3 +192,67 @@ def test_coordinates_of_a_data_array_are_kept(f):
     assert found.to_xarray().indexes["hour"].equals(HOURS)
     np.testing.assert_array_equal(found.x, f.filter(LOAD).x if hasattr(f, "nodes") else found.x)
     assert f.forecast(3).index.equals(AHEAD)
+
+
+LATER = {
+    "overlap": HOURS[3:],
+    "earlier": HOURS[:2],
+    "a jump": HOURS + pd.Timedelta(days=2),
+    "a zone": (HOURS + pd.Timedelta(hours=5)).tz_localize(BERLIN),
+}
+
+
+@pytest.mark.parametrize("kind", LATER)
+def test_a_part_that_does_not_follow_is_refused(f, kind):
+    index = LATER[kind]
+    f.filter(LOAD)
+    before = f.x.copy()
+    with pytest.raises(
+        ParameterError, match=r"zs: begins at .*, but the filter stands at 2026-01-01 04:00:00"
+    ):
+        f.filter(pd.Series(0.1, index), resume=True)
+    np.testing.assert_array_equal(f.x, before)
+    f.filter(pd.Series(0.1, AHEAD), resume=True)
+    assert f.forecast(1).index[0] == AHEAD[-1] + pd.Timedelta(hours=1)
+    f.filter(pd.Series(0.1, index).to_numpy(), resume=True)  # arrays have no times
+    f.filter(LOAD.reset_index(drop=True), resume=True)  # parts are numbered anew
+
+
+def test_the_index_of_unequal_steps_still_has_to_go_on():
+    f = linear()
+    uneven = pd.Series([1.0, 2.0, 3.0], HOURS[[0, 1, 4]] + pd.to_timedelta([0, 3, 5], unit="min"))
+    with pytest.warns(StepsWarning, match="the steps between rows last from"):
+        f.filter(uneven)
+    with pytest.raises(ParameterError, match="so that resume expects a later time next"):
+        f.filter(uneven[:1], resume=True)
+
+
+GAPPY = LOAD.drop(HOURS[[2, 3]])
+
+
+@pytest.mark.parametrize("verb", ["filter", "smooth", "filter_many"])
+def test_rows_that_an_index_lacks_are_told(f, verb):
+    if not hasattr(f, verb):
+        pytest.skip("has no smoother")
+    zs = {"a": LOAD, "b": GAPPY} if verb == "filter_many" else GAPPY
+    name = "series 'b'" if verb == "filter_many" else "zs"
+    with pytest.warns(
+        StepsWarning, match=rf"2 rows are missing \(index of {name}, .* NaN \(asfreq, reindex\)"
+    ):
+        getattr(f, verb)(zs)
+    getattr(f, verb)({"a": LOAD} if verb == "filter_many" else LOAD)  # a warning is an error here
+
+
+@pytest.mark.parametrize(
+    "index",
+    [
+        pd.bdate_range("2026-01-01", periods=9),
+        pd.DatetimeIndex(pd.bdate_range("2026-01-01", periods=9).to_numpy()).delete(4),
+        pd.date_range("2026-01-31", periods=5, freq="ME"),
+        pd.DatetimeIndex(pd.date_range("2026-01-31", periods=5, freq="ME").to_numpy()),
+        pd.date_range("2026-03-28", periods=5, freq="D", tz=BERLIN),
+        pd.DatetimeIndex(["2026-01-01", "2026-01-02"]),
+    ],
+)
+def test_nothing_is_told_of_equal_steps(index):
+    linear().filter(pd.Series(0.1, index))  # a warning is an error here

@@ -284,6 +284,7 @@ def test_an_index_of_times_or_durations_has_to_increase_in_whatever_form(kind) -
         CGOMSModel.fit(zs, zs)
 
 
+@pytest.mark.filterwarnings("ignore::fuzzykf.errors.StepsWarning")  # days are missing in the last
 @pytest.mark.parametrize(
     "index",
     [

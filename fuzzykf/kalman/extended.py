@@ -33,7 +33,7 @@ from fuzzykf.kalman.series import (
 from fuzzykf.kalman.smoothing import check_motion, smooth_result
 from fuzzykf.kalman.updates import condition, observed
 from fuzzykf.many import stacked
-from fuzzykf.observations import check_aligned
+from fuzzykf.observations import check_aligned, index_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -325,7 +325,8 @@ class ExtendedKalmanFilter(GaussianFilter):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `predict` and `update`; the filter is then as it was before.
         """
-        as_flag("resume", resume)
+        if as_flag("resume", resume):
+            self._check_next(index_of(zs))
         check_aligned(zs=zs, us=us)
         return as_result(self, self._collect(zs, us, fx_args, hx_args), zs)
 

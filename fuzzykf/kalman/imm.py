@@ -38,7 +38,7 @@ from fuzzykf.kalman.series import (
 )
 from fuzzykf.kalman.stepper import BankStepper
 from fuzzykf.many import stacked
-from fuzzykf.observations import check_aligned
+from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.overrides import VERBS, follows_copies, is_patched, lookups, overrides
 
 if TYPE_CHECKING:
@@ -347,7 +347,8 @@ class IMMEstimator(BankStepper, Filter):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `predict` and `update`; the bank is then as it was before.
         """
-        as_flag("resume", resume)
+        if as_flag("resume", resume):
+            self._check_next(index_of(zs))
         check_aligned(zs=zs, us=us)
         stored = self._collect(zs, us)
         modes = np.arange(self.N, dtype=np.float64)

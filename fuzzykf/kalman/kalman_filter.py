@@ -47,7 +47,7 @@ from fuzzykf.kalman.variants import (
     whole_observation,
 )
 from fuzzykf.many import stacked
-from fuzzykf.observations import check_aligned
+from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
 
 if TYPE_CHECKING:
@@ -478,7 +478,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> result.x.ravel().round(3)
         array([0.667, 0.667, 1.636])
         """
-        as_flag("resume", resume)
+        if as_flag("resume", resume):
+            self._check_next(index_of(zs))
         check_aligned(zs=zs, us=us)
         series = as_observations(zs, self.dim_z)
         with whole_verb(self):

@@ -12,6 +12,7 @@ from fuzzykf.base import FilterResult, index_of
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import brief
 from fuzzykf.overrides import attributes_of
+from fuzzykf.sequel import warn_of_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -156,6 +157,7 @@ def as_result(f: Any, stored: dict[str, FloatArray], zs: Any, **more: Any) -> Fi
     index = index_of(zs)
     if index is not None:
         f._follow(index)
+        warn_of_steps(index)
     return FilterResult(**stored, **more, index=index)
 
 

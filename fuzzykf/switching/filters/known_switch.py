@@ -10,10 +10,12 @@ import numpy as np
 from fuzzykf.base import FilterResult, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_flag, as_numbers, brief
+from fuzzykf.labels import labels_of, match_row
 from fuzzykf.many import read_many, stacked
 from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
+from fuzzykf.sequel import warn_of_steps
 from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
 from fuzzykf.switching.inference.series import (
@@ -200,6 +202,7 @@ class KnownSwitchFilter(SwitchingFilter):
         """
         if r is None:
             raise ParameterError("r: missing; expected the value of the switch at this observation")
+        z = z if isinstance(z, float | np.ndarray) else match_row(z, labels_of(self))
         as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
         with self._as_it_was_on_error():
             self.predict(r)
@@ -244,6 +247,8 @@ class KnownSwitchFilter(SwitchingFilter):
             If ``r`` does not go with ``zs``, or, with ``resume``, with what was given to `predict`.
         """
         keep_nodes, resume = as_flag("keep_nodes", keep_nodes), as_flag("resume", resume)
+        if resume:
+            self._check_next(index_of(zs))
         ys, path = self._read(zs, r, resume)
         r = path.r[len(path.r) - len(ys) :]
         if self._is_plain():
@@ -253,6 +258,8 @@ class KnownSwitchFilter(SwitchingFilter):
                 self._adopt_path(trajectory, ys, path, stand)
         else:
             trajectory, _ = self._by_verbs(ys, r, states=keep_nodes, resume=resume)
+        self._follow(index_of(zs))
+        warn_of_steps(index_of(zs))
         result = result_of(path.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))
         return replace(result, nodes=None, switch=r, switch_mean=r)
 
@@ -282,6 +289,8 @@ class KnownSwitchFilter(SwitchingFilter):
                 trajectory = filter_one(self._method, path, ys, SHOWN, states=True)
                 check_explained(type(self).__name__, walked, trajectory)
                 smoothed = self._method.smooth(path, trajectory, ys)
+        self._follow(index_of(zs))
+        warn_of_steps(index_of(zs))
         result = smoothed_result(path.chain, trajectory, smoothed, keep_nodes, index_of(zs))
         return replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
 

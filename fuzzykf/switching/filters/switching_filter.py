@@ -19,11 +19,13 @@ from fuzzykf.base import (
 )
 from fuzzykf.errors import ParameterError, SequenceError
 from fuzzykf.gaussian import as_count, as_flag
-from fuzzykf.labels import Labels, check_many, match_series
-from fuzzykf.many import stacked
+from fuzzykf.labels import check_many, labels_of, match_row, match_series
+from fuzzykf.many import read_many, stacked
 from fuzzykf.overrides import ACCESS, VERBS, is_patched, lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
+from fuzzykf.sequel import warn_of_steps
 from fuzzykf.switching.filters.stepper import STREAMS, Stepper
+from fuzzykf.switching.filters.walk import walk
 from fuzzykf.switching.inference.exact import EXACT
 from fuzzykf.switching.inference.forecast import forecast
 from fuzzykf.switching.inference.method import Method
@@ -32,7 +34,6 @@ from fuzzykf.switching.inference.series import (
     SHOWN,
     Stand,
     Trajectory,
-    allocate,
     check_explained,
     filter_many,
     filter_one,
@@ -161,11 +162,13 @@ class SwitchingFilter(Stepper, Filter):
                 "update: called twice without a predict in between; a switching filter takes one observation "
                 "per time (use step, or stack simultaneous measurements into one z)"
             )
+        z = z if isinstance(z, float | np.ndarray) else match_row(z, labels_of(self))
         y = as_observation(z, self.dim_z)
         self._take(np.full(self.dim_z, np.nan) if y is None else y)
 
     def _step_any(self, z: Numbers) -> FloatArray:
         """Do a step with any observation; `step` comes here unless it can be compiled."""
+        z = z if isinstance(z, float | np.ndarray) else match_row(z, labels_of(self))
         y = as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
         if y is not None and self._hand_over() and not np.isnan(y).any():
             estimate: FloatArray = self.step(y)
@@ -297,6 +300,9 @@ class SwitchingFilter(Stepper, Filter):
         zs = self._named(zs)
         ys, index = as_observations(zs, self.dim_z), index_of(zs)
         keep_nodes, resume = as_flag("keep_nodes", keep_nodes), as_flag("resume", resume)
+        if resume:
+            self._check_next(index)
+        sequel = self.__dict__.get("_sequel") if resume else None
         if self._is_plain():
             stand = self._stand() if resume else None
             trajectory = filter_one(self._method, self._system, ys, SHOWN, states=keep_nodes, stand=stand)
@@ -304,71 +310,35 @@ class SwitchingFilter(Stepper, Filter):
                 self._adopt(trajectory, ys, stand)
         else:
             trajectory, _ = self._by_verbs(ys, states=keep_nodes, resume=resume)
+        if sequel is not None:  # the count of observations goes on as well
+            self._sequel = sequel
         if index is not None:
             self._follow(index)
+            warn_of_steps(index)
         return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index)
 
     def _named(self, zs: Any, argument: str = "zs") -> Any:
         """Return the observations of a series, by the names that the model knows of them.
 
-        Every verb that is given a series begins here.  Arrays and lists go by position, see
+        Every verb that is given a series begins here.  Arrays go by position, see
         `fuzzykf.labels.match_series`.
         """
-        if isinstance(zs, np.ndarray | list):
-            return zs
-        labels = self._labels()
-        return zs if labels is None else match_series(zs, labels, self.dim_z, argument)
-
-    def _labels(self) -> Labels | None:
-        labels = getattr(getattr(self, "model", None), "labels", None)
-        return labels if isinstance(labels, Labels) else None
+        return zs if isinstance(zs, np.ndarray) else match_series(zs, labels_of(self), self.dim_z, argument)
 
     def _read_many(self, zs: Any, by: Any) -> ManySeries:
-        labels = self._labels()
-        if labels is not None and by is None:  # with a key each series is looked at by itself
+        labels = labels_of(self)
+        if by is None:  # with a key each series is looked at by itself
             check_many(zs, labels)
-        return super()._read_many(zs, by)
+        return read_many(zs, self.dim_z, by, self._named if labels else None)
 
     def _by_verbs(
         self, ys: FloatArray, moves: FloatArray | None = None, *, states: bool = False, resume: bool = False
     ) -> tuple[Trajectory, FloatArray]:
-        """Filter a series by the verbs, which somebody has changed; an error leaves the filter as it was.
-
-        Parameters
-        ----------
-        ys : ndarray, shape (n, dim_z)
-        moves : ndarray, shape (n,), optional
-            What `predict` is given.
-        states : bool
-            Whether the states of the nodes are wanted as well.
-        resume : bool
-            Whether to go on from where the filter stands.
-
-        Returns
-        -------
-        trajectory : Trajectory
-        taken : ndarray, shape (n, dim_z)
-            The observations that the filter took: a verb may have passed on others.
-        """
-        out, taken = allocate(self._system, (1, len(ys)), SHOWN, states), np.empty_like(ys)
+        """Filter a series by the verbs, which somebody has changed; an error leaves the filter as it was."""
         with self._as_it_was_on_error():
             if not resume:
                 self.reset()
-            for n, y in enumerate(ys):
-                self.predict(*(() if moves is None else (moves[n],)))
-                self.update(y)
-                for name in SHOWN:
-                    out[name][0, n] = np.reshape(getattr(self, name), out[name].shape[2:])
-                taken[n] = self._z
-                if states:
-                    if self._mixture is None or self._predicted:
-                        raise ParameterError(
-                            f"keep_nodes: this {type(self).__name__} has no state at observation {n}, as its "
-                            "update does not call that of fuzzykf; expected False"
-                        )
-                    out["table"][0, n] = self._mixture.state_table(self.dim_x)
-        fields = {name: out[name][0] for name in (*SHOWN, *(["table"] if states else []))}
-        return Trajectory(fields, {}, self._mixture, self._before), taken
+            return walk(self, self._system, ys, moves, states)
 
     def _stand(self) -> Stand | None:
         """Return where the filter stands; None before any observation, where the initial law is."""
@@ -420,6 +390,7 @@ class SwitchingFilter(Stepper, Filter):
                 smoothed = self._method.smooth(self._system, trajectory, ys)
         if index is not None:
             self._follow(index)
+            warn_of_steps(index)
         return smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index)
 
     @property

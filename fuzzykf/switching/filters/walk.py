@@ -1,0 +1,56 @@
+"""Series through the verbs of a switching filter, one after another."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.switching.inference.series import SHOWN, Trajectory, allocate
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.dynamics.pairs import SwitchingSystem
+
+__all__ = ["walk"]
+
+
+def walk(
+    f: Any, system: SwitchingSystem, ys: FloatArray, moves: FloatArray | None, states: bool
+) -> tuple[Trajectory, FloatArray]:
+    """Filter a series by the verbs, which somebody has changed.
+
+    Parameters
+    ----------
+    f : SwitchingFilter
+    system : SwitchingSystem
+        Of the filter.
+    ys : ndarray, shape (n, dim_z)
+    moves : ndarray, shape (n,), or None
+        What `predict` is given.
+    states : bool
+        Whether the states of the nodes are wanted as well.
+
+    Returns
+    -------
+    trajectory : Trajectory
+    taken : ndarray, shape (n, dim_z)
+        The observations that the filter took: a verb may have passed on others.
+    """
+    out, taken = allocate(system, (1, len(ys)), SHOWN, states), np.empty_like(ys)
+    for n, y in enumerate(ys):
+        f.predict(*(() if moves is None else (moves[n],)))
+        f.update(y)
+        for name in SHOWN:
+            out[name][0, n] = np.reshape(getattr(f, name), out[name].shape[2:])
+        taken[n] = f._z
+        if states:
+            if f._mixture is None or f._predicted:
+                raise ParameterError(
+                    f"keep_nodes: this {type(f).__name__} has no state at observation {n}, as its "
+                    "update does not call that of fuzzykf; expected False"
+                )
+            out["table"][0, n] = f._mixture.state_table(f.dim_x)
+    fields = {name: out[name][0] for name in (*SHOWN, *(["table"] if states else []))}
+    return Trajectory(fields, {}, f._mixture, f._before), taken
