@@ -220,7 +220,7 @@ class Filter(ABC):
         if index is not None:
             self._follow(index)
             warn_of_steps(index)
-        return FilterResult(**collected, nodes=nodes, index=index)
+        return FilterResult(**collected, nodes=nodes, index=index).with_coords(zs)
 
     def batch_filter(self, zs: ManyNumbers, *args: Any, **kwargs: Any) -> tuple[FloatArray, ...]:
         """Filter a series and return filterpy's four arrays.

@@ -15,6 +15,7 @@ from fuzzykf.missing import as_floats
 from fuzzykf.observations import as_many, as_observations, check_aligned, index_of
 from fuzzykf.results import FilterResult
 from fuzzykf.sequel import warn_of_steps
+from fuzzykf.tables import coords_of
 from fuzzykf.texts import listed
 from fuzzykf.times import has_times
 
@@ -43,12 +44,15 @@ class ManySeries:
         The index of the rows, which all series share; where they do not, a list with one for each.
     lengths : ndarray of int, shape (series,), or None
         How many rows each has, if they are not all of one length.
+    coords : tuple or None
+        Of a DataArray, see `FilterResult`.
     """
 
     values: FloatArray
     names: Sequence[Any] | None = None
     index: Any = None
     lengths: IntArray | None = None
+    coords: Any = None
 
     def filtered(
         self, several: Callable[[FloatArray, Any], Mapping[str, FloatArray]], nodes: FloatArray | None = None
@@ -84,6 +88,7 @@ class ManySeries:
             index=self.index,
             names=self.names,
             lengths=self.lengths,
+            coords=self.coords,
         )
 
     def beside(self, name: str, values: Any) -> FloatArray:
@@ -304,9 +309,9 @@ def _of_dimensions(array: Any, dim_z: int, chosen: Chosen) -> ManySeries:
             f"zs.transpose({rows!r}, {series!r}, ...)"
         )
     if chosen is _as_it_is:
-        return ManySeries(as_many(array.to_numpy(), dim_z), names, index)
+        return ManySeries(as_many(array.to_numpy(), dim_z), names, index, coords=coords_of(array, 2))
     many = _of_list([array[k] for k in range(len(array))], dim_z, None, chosen)
-    return ManySeries(many.values, names, index)
+    return ManySeries(many.values, names, index, coords=coords_of(array, 2))
 
 
 def _of_rows(frame: Any, dim_z: int, by: Any, chosen: Chosen) -> ManySeries:

@@ -25,7 +25,7 @@ from fuzzykf.gaussian import (
 )
 from fuzzykf.reprs import WIDTH, cut, html_table, reprs, shown, shown_html, value_text
 from fuzzykf.summaries import summarise_fit
-from fuzzykf.tables import as_dataframe, as_dataset, bounds_as_frames, is_pandas
+from fuzzykf.tables import as_dataframe, as_dataset, bounds_as_frames, coords_of, is_pandas
 from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
@@ -109,6 +109,9 @@ class FilterResult:
         What the series are called, where the result is of many that have names.
     lengths : ndarray of int, shape (series,), or None
         How long they are, where they are not all of one length; beyond its end a series has NaN.
+    coords : tuple or None
+        Of a DataArray that was filtered, the dimensions of series and steps, and its coordinates along these;
+        `to_xarray` has them again.
 
     Examples
     --------
@@ -164,6 +167,7 @@ class FilterResult:
     index: Any = None
     names: Any = None
     lengths: IntArray | Any = None
+    coords: Any = None
 
     @property
     def is_many(self) -> bool:
@@ -187,7 +191,7 @@ class FilterResult:
                 return len(value)
         return 0
 
-    def interval(self, level: float = 0.9) -> tuple[FloatArray | Any, FloatArray | Any]:
+    def interval(self, level: float = 0.9) -> tuple[Any, Any]:
         """Central interval of every state component.
 
         With `node_x` and `node_P` (``keep_nodes=True``) its ends are quantiles of the
@@ -294,14 +298,17 @@ class FilterResult:
         """Return the result as an xarray Dataset, one variable for each field.
 
         Its dimensions are those of `fuzzykf.results.ResultField`: the steps, called as the index is (else
-        ``time``, or ``step``), ``state``, ``node``, ...; of many series ``series`` comes first.  The index,
-        the names of the series and the nodes of the switch are coordinates; indexes that differ from
-        series to series are one of two dimensions, ``time_of_series``.
+        ``time``, or ``step``), ``state``, ``node``, ...; of many series these come first, called as their
+        names are (else ``series``).  The index, the names of the series and the nodes of the switch are
+        coordinates; indexes that differ from series to series are one of two dimensions, ``time_of_series``.
+        Dimensions and coordinates of a DataArray that was filtered are those that it had.
 
         Raises
         ------
         MissingDependencyError
             If xarray is not installed.
+        ParameterError
+            If the index, or a coordinate, is called as a field or another dimension is.
 
         Examples
         --------
@@ -351,6 +358,19 @@ class FilterResult:
             for field, value in ((field, getattr(self, field)) for field in FIELDS)
         }
         return FilterResult(**fields, index=self.index[k] if isinstance(self.index, list) else self.index)
+
+    def with_coords(self, zs: Any, axes: int = 1) -> FilterResult:
+        """Return the result with the coordinates of what was filtered, if that is a DataArray.
+
+        Parameters
+        ----------
+        zs : object
+            What was filtered.
+        axes : int
+            Number of its dimensions that count series and steps.
+        """
+        coords = coords_of(zs, axes)
+        return self if coords is None else dataclasses.replace(self, coords=coords)
 
     @shown
     def __repr__(self) -> str:

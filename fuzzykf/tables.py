@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Fields = Mapping[str, Any]
     Bounds = tuple[FloatArray, FloatArray] | None
 
-__all__ = ["as_dataframe", "as_dataset", "bounds_as_frames", "is_pandas"]
+__all__ = ["as_dataframe", "as_dataset", "bounds_as_frames", "coords_of", "is_pandas"]
 
 #: Axes of what has a column, or some, in a table with a row for each step.
 _TABULATED = (("step",), ("step", "state"), ("step", "observation"))
@@ -120,30 +120,58 @@ def as_dataset(result: Any, fields: Fields) -> xr.Dataset:
         raise MissingDependencyError("to_xarray needs xarray: pip install 'fuzzykf[dask]'") from error
     many = result.is_many
     own = _own_indexes(result, None) if many else [result.index]
-    step = _name_of(own[0])
+    step, name_of_series = _name_of(own[0]), getattr(result.names, "name", None) or "series"
+    dims_given, given = ((), {}) if result.coords is None else result.coords
+    if dims_given:
+        step = str(dims_given[-1])
+        name_of_series = str(dims_given[0])
     variables = {}
     for name, known in fields.items():
         value = getattr(result, name)
         if value is None or name == "nodes":
             continue
         dims = [step if axis == "step" else axis for axis in known.axes]
-        variables[name] = (["series", *dims] if many else dims, value, {"long_name": known.description})
-    coordinates: dict[str, Any] = {}
+        variables[name] = ([name_of_series, *dims] if many else dims, value, {"long_name": known.description})
+    coordinates: dict[str, Any] = dict(given)
+    taken = {*fields, "state", "node", "class", "observation", "length"}
+    for name in (step, name_of_series if many else None, *given):
+        if name in taken:
+            raise ParameterError(
+                f"to_xarray: the index or a coordinate is called {name!r}, as a field or a dimension of "
+                "results is; rename it before filtering"
+            )
     if result.nodes is not None and result.mu is not None:
         coordinates["node"] = ("node", result.nodes, {"long_name": fields["nodes"].description})
     if many and result.names is not None:
-        coordinates["series"] = ("series", np.array([*result.names, None], dtype=object)[:-1])
-        if all(isinstance(one, str) for one in result.names):
-            coordinates["series"] = ("series", list(result.names))
+        coordinates[name_of_series] = (name_of_series, np.array([*result.names, None], dtype=object)[:-1])
+        if is_pandas(result.names) and result.names.nlevels == 1:
+            coordinates[name_of_series] = (name_of_series, _plain(result.names))
+        elif all(isinstance(one, str) for one in result.names):
+            coordinates[name_of_series] = (name_of_series, list(result.names))
     if many and result.lengths is not None:
-        coordinates["length"] = ("series", result.lengths, {"long_name": "number of rows"})
+        coordinates["length"] = (name_of_series, result.lengths, {"long_name": "number of rows"})
     if is_pandas(result.index) and result.index.nlevels == 1:
         coordinates[step] = (step, _plain(result.index))
     elif many and isinstance(result.index, list):
-        coordinates[f"{step}_of_series"] = (("series", step), _padded(own, result.shape))
+        coordinates[f"{step}_of_series"] = ((name_of_series, step), _padded(own, result.shape))
     elif result.index is not None and not many:
         coordinates[step] = (step, np.asarray(result.index))
     return xr.Dataset(variables, coordinates)
+
+
+def coords_of(zs: Any, axes: int) -> tuple[tuple[Any, ...], dict[Any, Any]] | None:
+    """Return the first dimensions of a DataArray, and its coordinates along these; None of anything else.
+
+    Parameters
+    ----------
+    zs : object
+    axes : int
+        Number of dimensions.
+    """
+    if not (hasattr(zs, "dims") and hasattr(zs, "coords") and hasattr(zs, "indexes")):
+        return None
+    dims = tuple(zs.dims[:axes])
+    return dims, {name: one.variable for name, one in zs.coords.items() if {*one.dims} <= {*dims}}
 
 
 def _plain(index: Any) -> Any:

@@ -28,7 +28,11 @@ def test_every_error_and_warning_is_told_of():
         if isinstance(value, type) and issubclass(value, Exception) and value.__module__ == errors.__name__
     }
     assert set(errors.__all__) == defined
-    assert {e.__name__ for e in classes() if issubclass(e, Warning)} == {"ClosenessWarning", "SupportWarning"}
+    assert {e.__name__ for e in classes() if issubclass(e, Warning)} == {
+        "ClosenessWarning",
+        "StepsWarning",
+        "SupportWarning",
+    }
 
 
 @pytest.mark.parametrize(

@@ -432,3 +432,26 @@ def test_a_wide_frame_is_not_of_the_states_that_are_estimated(small_models):
         f.filter_many(WIDE.rename(columns={"a": "load"}))
     with pytest.raises(ParameterError, match="1 day"):
         f.filter_many(WIDE.set_axis(pd.date_range("2026-03-01", periods=5, freq="D")))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_dimensions_and_coordinates_of_an_array_come_back(filters, name):
+    array = xr.DataArray(
+        [A, B],
+        dims=["meter", "hour"],
+        coords={"hour": HOURS, "meter": [7, 8], "feeder": ("meter", ["n", "s"]), "region": "x"},
+    )
+    found = filters[name].filter_many(array).to_xarray()
+    assert found.x.dims == ("meter", "hour", "state")
+    assert found.feeder.values.tolist() == ["n", "s"]
+    assert found.region == "x"
+    assert found.sel(meter=8).x.shape == (5, 1)
+    bare = filters[name].filter_many(array.drop_vars(["hour", "meter"])).to_xarray()
+    assert bare.x.dims == ("meter", "hour", "state")
+
+
+def test_names_that_results_have_are_refused_by_xarray():
+    frame = WIDE.rename_axis(index="x")
+    with pytest.raises(ParameterError, match="to_xarray: the index or a coordinate is called 'x'"):
+        linear().filter_many(frame).to_xarray()
+    assert linear().filter_many(WIDE.rename_axis(columns="meter")).to_xarray().x.dims[0] == "meter"

@@ -186,8 +186,10 @@ def test_parts_of_a_series_end_at_the_last(fuzzy):
 
 
 def test_coordinates_of_a_data_array_are_kept(f):
-    array = LOAD.to_xarray()
+    array = LOAD.to_xarray().assign_coords(feeder="east", of_day=("hour", np.arange(5)))
     found = f.filter(array)
+    assert found.to_xarray().feeder == "east"
+    assert found.to_xarray().of_day.values.tolist() == [0, 1, 2, 3, 4]
     assert found.index.equals(HOURS)
     assert found.to_xarray().indexes["hour"].equals(HOURS)
     np.testing.assert_array_equal(found.x, f.filter(LOAD).x if hasattr(f, "nodes") else found.x)

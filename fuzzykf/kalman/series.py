@@ -158,7 +158,7 @@ def as_result(f: Any, stored: dict[str, FloatArray], zs: Any, **more: Any) -> Fi
     if index is not None:
         f._follow(index)
         warn_of_steps(index)
-    return FilterResult(**stored, **more, index=index)
+    return FilterResult(**stored, **more, index=index).with_coords(zs)
 
 
 def as_batch(

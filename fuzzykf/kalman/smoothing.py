@@ -147,7 +147,9 @@ def smooth_result(forward: FilterResult, F: FloatArray, Q: FloatArray, alpha_sq:
     x, P, x_prior, P_prior = (getattr(forward, name) for name in FIELDS[:4])
     x, P = smooth_moments(x, P, x_prior, P_prior, F, Q, alpha_sq)
     check_in_range(x=x, P=P)
-    return FilterResult(x=x, P=P, log_likelihood=forward.log_likelihood, index=forward.index)
+    return FilterResult(
+        x=x, P=P, log_likelihood=forward.log_likelihood, index=forward.index, coords=forward.coords
+    )
 
 
 def check_motion(

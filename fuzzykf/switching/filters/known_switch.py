@@ -261,7 +261,7 @@ class KnownSwitchFilter(SwitchingFilter):
         self._follow(index_of(zs))
         warn_of_steps(index_of(zs))
         result = result_of(path.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))
-        return replace(result, nodes=None, switch=r, switch_mean=r)
+        return replace(result, nodes=None, switch=r, switch_mean=r).with_coords(zs)
 
     def smooth(  # type: ignore[override]
         self, zs: ManyNumbers, r: ArrayLike, *, keep_nodes: bool = False
@@ -292,7 +292,8 @@ class KnownSwitchFilter(SwitchingFilter):
         self._follow(index_of(zs))
         warn_of_steps(index_of(zs))
         result = smoothed_result(path.chain, trajectory, smoothed, keep_nodes, index_of(zs))
-        return replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
+        told = replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
+        return told.with_coords(zs)
 
     def filter_many(  # type: ignore[override]
         self,

@@ -315,7 +315,7 @@ class SwitchingFilter(Stepper, Filter):
         if index is not None:
             self._follow(index)
             warn_of_steps(index)
-        return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index)
+        return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index).with_coords(zs)
 
     def _named(self, zs: Any, argument: str = "zs") -> Any:
         """Return the observations of a series, by the names that the model knows of them.
@@ -391,7 +391,7 @@ class SwitchingFilter(Stepper, Filter):
         if index is not None:
             self._follow(index)
             warn_of_steps(index)
-        return smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index)
+        return smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index).with_coords(zs)
 
     @property
     def has_smoother(self) -> bool:
