@@ -360,7 +360,7 @@ class FilterResult:
         return FilterResult(**fields, index=self.index[k] if isinstance(self.index, list) else self.index)
 
     def with_coords(self, zs: Any, axes: int = 1) -> FilterResult:
-        """Return the result with the coordinates of what was filtered, if that is a DataArray.
+        """Return the result with the coordinates of what was filtered: a DataArray, else nothing changes.
 
         Parameters
         ----------

@@ -315,7 +315,8 @@ class SwitchingFilter(Stepper, Filter):
         if index is not None:
             self._follow(index)
             warn_of_steps(index)
-        return result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index).with_coords(zs)
+        result = result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index)
+        return result.with_coords(zs) if hasattr(zs, "coords") else result
 
     def _named(self, zs: Any, argument: str = "zs") -> Any:
         """Return the observations of a series, by the names that the model knows of them.
@@ -391,7 +392,8 @@ class SwitchingFilter(Stepper, Filter):
         if index is not None:
             self._follow(index)
             warn_of_steps(index)
-        return smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index).with_coords(zs)
+        result = smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index)
+        return result.with_coords(zs) if hasattr(zs, "coords") else result
 
     @property
     def has_smoother(self) -> bool:
