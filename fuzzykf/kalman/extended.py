@@ -11,6 +11,7 @@ from fuzzykf.engine.selected import predict_stack, seen_components
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_count, as_flag, brief
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square, as_state, as_vector, control_term
+from fuzzykf.kalman.controls import check_rows
 from fuzzykf.kalman.forecast import MOST_STEPS, expected_nonlinear, forecast
 from fuzzykf.kalman.gaussian_filter import GaussianFilter
 from fuzzykf.kalman.linearization import (
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.base import FilterResult
+    from fuzzykf.kalman.series import PerStep
 
 __all__ = ["ExtendedKalmanFilter"]
 
@@ -294,7 +296,7 @@ class ExtendedKalmanFilter(GaussianFilter):
     def filter(
         self,
         zs: ManyNumbers,
-        us: Sequence[Any] | None = None,
+        us: PerStep | None = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
         *,
@@ -309,7 +311,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
         us : sequence of n controls, optional
-            Given to `predict` one by one.
+            Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
         fx_args, hx_args : sequence of n dict, optional
             Keyword arguments of each prediction and of each update.
         resume : bool
@@ -327,7 +329,6 @@ class ExtendedKalmanFilter(GaussianFilter):
         """
         if as_flag("resume", resume):
             self._check_next(index_of(zs))
-        check_aligned(zs=zs, us=us)
         return as_result(self, self._collect(zs, us, fx_args, hx_args), zs)
 
     def _collect(
@@ -338,6 +339,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         hx_args: Any,
         moved: Callable[[int, FloatArray, FloatArray], None] | None = None,
     ) -> dict[str, FloatArray]:
+        check_aligned(zs=zs, us=us, fx_args=fx_args, hx_args=hx_args)
         series = as_observations(zs, self.dim_z)
         n = len(series)
         before, after = named_per_step("fx_args", fx_args, n), named_per_step("hx_args", hx_args, n)
@@ -349,7 +351,7 @@ class ExtendedKalmanFilter(GaussianFilter):
     def smooth(
         self,
         zs: ManyNumbers,
-        us: Sequence[Any] | None = None,
+        us: PerStep | None = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
     ) -> FilterResult:
@@ -389,7 +391,7 @@ class ExtendedKalmanFilter(GaussianFilter):
     def forecast(
         self,
         steps: int,
-        us: Sequence[Any] | None = None,
+        us: PerStep | None = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
     ) -> FilterResult:
@@ -400,7 +402,8 @@ class ExtendedKalmanFilter(GaussianFilter):
         steps : int
             Number of predictions from the current x and P on.
         us, fx_args, hx_args
-            As in `filter`, one for each step.
+            As in `filter`, one for each step; an index of pandas is that of the rows ahead, where these
+            are known.
 
         Returns
         -------
@@ -422,12 +425,13 @@ class ExtendedKalmanFilter(GaussianFilter):
             return expected_nonlinear(f, after[k])
 
         after = named_per_step("hx_args", hx_args, as_count("steps", steps, 1, MOST_STEPS))
-        return forecast(self, steps, moves, expected)
+        given = {"us": us, "fx_args": fx_args, "hx_args": hx_args}
+        return forecast(self, steps, given, moves, expected)
 
     def batch_filter(
         self,
         zs: ManyNumbers,
-        us: Sequence[Any] | None = None,
+        us: PerStep | None = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
     ) -> tuple[FloatArray, ...]:
@@ -451,7 +455,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         self,
         zs: ManySeriesLike,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
-        us: Sequence[Any] | None = None,
+        us: PerStep | None = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
         *,
@@ -493,6 +497,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         as_flag("resume", resume)
         names = check_keep(keep, FIELDS)
         many, given = self._read_many(zs, by), {"us": us, "fx_args": fx_args, "hx_args": hx_args}
+        check_rows(many, **given)
         return many.filtered(
             lambda series, _: stacked(self._filter_each(series, [given] * len(series)), names)
         )

@@ -10,6 +10,7 @@ from fuzzykf.engine.selected import merge_modes
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_count
 from fuzzykf.kalman.arguments import as_matrix, as_square, as_state
+from fuzzykf.kalman.controls import check_ahead
 from fuzzykf.kalman.linearization import linearize_observation, observation_functions
 from fuzzykf.results import FilterResult
 
@@ -30,6 +31,7 @@ MOST_STEPS = 1_000_000
 def forecast(
     f: Any,
     steps: int,
+    given: Mapping[str, Any],
     moves: Callable[[int], Sequence[Mapping[str, Any]]],
     expected: Callable[[Any, int], Expected | None],
 ) -> FilterResult:
@@ -40,6 +42,8 @@ def forecast(
     f : Filter
         It stays where it is.
     steps : int
+    given : mapping of str to object
+        What has a value for each step, by the names of the arguments.
     moves : callable
         Of the checked number of steps; returns the keyword arguments of `predict` at each.
     expected : callable
@@ -47,6 +51,8 @@ def forecast(
         observation, or None if nobody knows how it comes about.
     """
     steps = as_count("steps", steps, 1, MOST_STEPS)
+    index = f._index_ahead(steps)
+    check_ahead(index, steps, given)
     rows, observations = [], []
     with f._lent() as ahead:
         for k, arguments in enumerate(moves(steps)):
@@ -54,7 +60,6 @@ def forecast(
             rows.append((np.array(ahead.x, dtype=np.float64).ravel(), np.array(ahead.P, dtype=np.float64)))
             observations.append(expected(ahead, k))
     x, P = (np.array(column) for column in zip(*rows, strict=True))
-    index = f._index_ahead(steps)
     known = [one for one in observations if one is not None]
     if len(known) < steps:
         return FilterResult(x=x, P=P, index=index)

@@ -17,6 +17,7 @@ from fuzzykf.kalman.arguments import as_covariance, check_in_range, control_term
 from fuzzykf.kalman.series import as_listed, per_step, run_batch
 from fuzzykf.kalman.updates import condition_linear, log_density, observed
 from fuzzykf.kalman.variants import update_with_gain
+from fuzzykf.observations import check_aligned
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray, Numbers
+    from fuzzykf.kalman.series import PerStep
 
 __all__ = ["batch_filter", "predict", "predict_steadystate", "update", "update_steadystate"]
 
@@ -225,13 +227,13 @@ def update_steadystate(x: ArrayLike, z: Numbers, K: ArrayLike, H: ArrayLike | No
 def batch_filter(
     x: ArrayLike,
     P: ArrayLike,
-    zs: Sequence[Numbers],
-    Fs: Sequence[Any],
-    Qs: Sequence[Any],
-    Hs: Sequence[Any],
-    Rs: Sequence[Any],
-    Bs: Sequence[Any] | None = None,
-    us: Sequence[Any] | None = None,
+    zs: Sequence[Numbers] | PerStep,
+    Fs: PerStep,
+    Qs: PerStep,
+    Hs: PerStep,
+    Rs: PerStep,
+    Bs: PerStep | None = None,
+    us: PerStep | None = None,
     update_first: bool = False,
     saver: Any = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -245,7 +247,7 @@ def batch_filter(
         None or NaN where missing.
     Fs, Qs, Hs, Rs : sequence of n matrices
     Bs, us : sequence of n values, optional
-        Control matrices and controls.
+        Control matrices and controls.  What has an index of pandas here has that of ``zs``.
     update_first : bool
         Update before predicting, instead of after it.
     saver : filterpy.common.Saver, optional
@@ -271,9 +273,11 @@ def batch_filter(
     array([0.667, 1.5  ])
     """
     mean: Any = _vector(x)
-    n, d = len(as_listed("zs", zs, 0)), mean.shape[0]
-    covariance: Any = as_covariance("P", P, d)
     given = {"Fs": Fs, "Qs": Qs, "Hs": Hs, "Rs": Rs, "Bs": Bs, "us": us}
+    check_aligned(zs=zs, **given)
+    observations = as_listed("zs", zs, 0)
+    n, d = len(observations), mean.shape[0]
+    covariance: Any = as_covariance("P", P, d)
     F, Q, H, R, B, u = (per_step(name, values, n) for name, values in given.items())
 
     def move(k: int) -> tuple[Any, Any]:
@@ -283,7 +287,7 @@ def batch_filter(
 
     def look(k: int) -> tuple[Any, Any]:
         nonlocal mean, covariance
-        mean, covariance = update(mean, covariance, zs[k], R[k], H[k])
+        mean, covariance = update(mean, covariance, observations[k], R[k], H[k])
         return mean, covariance
 
     return run_batch(n, mean.shape, move, look, as_flag("update_first", update_first), saver)

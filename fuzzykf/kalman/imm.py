@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
+    from fuzzykf.kalman.series import PerStep
 
 __all__ = ["IMMEstimator"]
 
@@ -317,7 +318,7 @@ class IMMEstimator(BankStepper, Filter):
     def filter(
         self,
         zs: ManyNumbers,
-        us: Sequence[Any] | None = None,
+        us: PerStep | None = None,
         *,
         resume: bool = False,
     ) -> FilterResult:
@@ -330,7 +331,7 @@ class IMMEstimator(BankStepper, Filter):
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
         us : sequence of n controls, optional
-            Given to `predict` one by one.
+            Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
         resume : bool
             Go on from where the bank stands.  That is mu and the estimates of its filters, from which
             it starts in any case.
@@ -349,12 +350,12 @@ class IMMEstimator(BankStepper, Filter):
         """
         if as_flag("resume", resume):
             self._check_next(index_of(zs))
-        check_aligned(zs=zs, us=us)
         stored = self._collect(zs, us)
         modes = np.arange(self.N, dtype=np.float64)
         return as_result(self, stored, zs, nodes=modes, switch=modes[stored["mu"].argmax(axis=1)])
 
-    def _collect(self, zs: Any, us: Sequence[Any] | None) -> dict[str, FloatArray]:
+    def _collect(self, zs: Any, us: PerStep | None) -> dict[str, FloatArray]:
+        check_aligned(zs=zs, us=us)
         series = as_observations(zs, self.dim_z)
         if us is None and len(series) and self._log_cbar is None and self._is_plain():
             stored = self._filter_at_once(series)
@@ -401,7 +402,7 @@ class IMMEstimator(BankStepper, Filter):
         """
         return as_batch(self._collect(zs, None), np.ndim(self.x) == 1)
 
-    def forecast(self, steps: int, us: Sequence[Any] | None = None) -> FilterResult:
+    def forecast(self, steps: int, us: PerStep | None = None) -> FilterResult:
         """Predict states, observations and modes ahead; the bank stays where it is.
 
         Parameters
@@ -409,7 +410,7 @@ class IMMEstimator(BankStepper, Filter):
         steps : int
             Number of predictions from the current estimates on.
         us : sequence of controls, optional
-            One for each step.
+            One for each step; if it has an index of pandas, that of the rows ahead, where these are known.
 
         Returns
         -------
@@ -428,7 +429,7 @@ class IMMEstimator(BankStepper, Filter):
             weights.append(np.exp(f._log_cbar))
             return expected_mixture(f.filters, weights[-1])
 
-        found = forecast(self, steps, lambda n: given_per_step(n, us=us), expected)
+        found = forecast(self, steps, {"us": us}, lambda n: given_per_step(n, us=us), expected)
         mu, modes = np.array(weights), np.arange(self.N, dtype=np.float64)
         return replace(found, mu=mu, nodes=modes, switch=modes[mu.argmax(axis=1)])
 

@@ -22,6 +22,7 @@ from fuzzykf.kalman.arguments import (
     fits,
     observation_matrix,
 )
+from fuzzykf.kalman.controls import check_rows
 from fuzzykf.kalman.forecast import expected_linear, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD, GaussianFilter
 from fuzzykf.kalman.series import (
@@ -51,11 +52,12 @@ from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable, Sequence
+    from collections.abc import Callable, Hashable, Iterable
 
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
+    from fuzzykf.kalman.series import PerStep
 
 __all__ = ["KalmanFilter"]
 
@@ -445,7 +447,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     def filter(
         self,
         zs: ManyNumbers,
-        us: Sequence[Any] | None = None,
+        us: PerStep | None = None,
         *,
         resume: bool = False,
     ) -> FilterResult:
@@ -458,7 +460,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
         us : sequence of n controls, optional
-            Given to `predict` one by one.
+            Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
         resume : bool
             Go on from where the filter stands.  That is its x and P, from which it starts in any case.
 
@@ -502,7 +504,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         H, R = as_matrix("H", self.H, (m, n)), as_square("R", self.R, m)
         return linear_series.LinearModel(x, P, F, Q, H, R, self._alpha_sq)
 
-    def smooth(self, zs: ManyNumbers, us: Sequence[Any] | None = None) -> FilterResult:
+    def smooth(self, zs: ManyNumbers, us: PerStep | None = None) -> FilterResult:
         """Run `filter`, then the smoother of Rauch, Tung and Striebel backwards.
 
         Parameters
@@ -527,6 +529,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> result.x.ravel().round(3)
         array([0.909, 1.273, 1.636])
         """
+        check_aligned(zs=zs, us=us)
         d = self.dim_x
         if us is None and self._is_plain():
             forward = self.filter(zs)
@@ -538,7 +541,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             stored = collect(self, series, field_shapes(d), motions.moves, moved=motions)
             return smooth_result(as_result(self, stored, zs), motions.F, motions.noise)
 
-    def forecast(self, steps: int, us: Sequence[Any] | None = None) -> FilterResult:
+    def forecast(self, steps: int, us: PerStep | None = None) -> FilterResult:
         """Predict states and observations ahead; the filter stays where it is.
 
         Parameters
@@ -547,7 +550,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             Number of predictions from the current x and P on: a prediction that was made since the
             latest observation is not counted.
         us : sequence of controls, optional
-            One for each step.
+            One for each step; if it has an index of pandas, that of the rows ahead, where these are known.
 
         Returns
         -------
@@ -567,7 +570,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> kf.forecast(2).S.ravel().round(3)
         array([2.625, 3.625])
         """
-        return forecast(self, steps, lambda n: given_per_step(n, us=us), expected_linear)
+        return forecast(self, steps, {"us": us}, lambda n: given_per_step(n, us=us), expected_linear)
 
     def filter_many(
         self,
@@ -621,6 +624,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         as_flag("resume", resume)
         names = check_keep(keep, FIELDS)
         many, model = self._read_many(zs, by), self._model()
+        check_rows(many, us=us)
         shape, flat = many.values.shape[:2], model.x.ndim == 1
         terms = None if us is None else linear_series.control_terms(self.B, us, shape, self.dim_x)
 
@@ -637,12 +641,12 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     def batch_filter(
         self,
         zs: ManyNumbers,
-        Fs: Sequence[Any] | None = None,
-        Qs: Sequence[Any] | None = None,
-        Hs: Sequence[Any] | None = None,
-        Rs: Sequence[Any] | None = None,
-        Bs: Sequence[Any] | None = None,
-        us: Sequence[Any] | None = None,
+        Fs: PerStep | None = None,
+        Qs: PerStep | None = None,
+        Hs: PerStep | None = None,
+        Rs: PerStep | None = None,
+        Bs: PerStep | None = None,
+        us: PerStep | None = None,
         update_first: bool = False,
         saver: Any = None,
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -654,7 +658,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             None or NaN where missing.
         Fs, Qs, Hs, Rs, Bs, us : sequence of n values, optional
             Matrices and controls of each step; None, as a whole or for single steps,
-            means the attribute of the filter (for ``us``: no control).
+            means the attribute of the filter (for ``us``: no control).  Those that have an index of pandas
+            have that of ``zs``.
         update_first : bool
             Update before predicting, instead of after it.
         saver : filterpy.common.Saver, optional
@@ -678,6 +683,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> means.shape, means.ravel().round(3)
         ((2, 1, 1), array([0.667, 1.273]))
         """
+        check_aligned(zs=zs, us=us, Fs=Fs, Qs=Qs, Hs=Hs, Rs=Rs, Bs=Bs)
         observations: Any = zs
         if hasattr(observations, "to_numpy"):
             observations = observations.to_numpy()
@@ -710,8 +716,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         self,
         Xs: ArrayLike,
         Ps: ArrayLike,
-        Fs: Sequence[Any] | None = None,
-        Qs: Sequence[Any] | None = None,
+        Fs: PerStep | None = None,
+        Qs: PerStep | None = None,
         inv: Callable[[Any], Any] = np.linalg.inv,
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Smooth the output of `batch_filter`; see `fuzzykf.kalman.rts_smoother`.

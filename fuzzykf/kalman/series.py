@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BANK_FIELDS",
     "FIELDS",
+    "PerStep",
     "as_batch",
     "as_listed",
     "as_result",
@@ -35,6 +36,18 @@ __all__ = [
     "unchanged_on_error",
     "whole_verb",
 ]
+
+
+class _Rows(Protocol):
+    """An array, or an object of pandas or xarray."""
+
+    def __len__(self) -> int: ...
+
+    def __array__(self) -> np.ndarray[Any, Any]: ...
+
+
+#: What has a value for each step: a list, an array, a table of pandas.
+PerStep: TypeAlias = Sequence[Any] | _Rows
 
 #: What a filter with one mean and one covariance can tell about a series, and what a bank can.
 FIELDS = ("x", "P", "x_prior", "P_prior", "log_likelihood")
@@ -116,7 +129,7 @@ def named_per_step(name: str, values: Any, n: int) -> list[dict[str, Any]]:
     return found
 
 
-def given_per_step(n: int, **given: Sequence[Any] | None) -> list[dict[str, Any]]:
+def given_per_step(n: int, **given: PerStep | None) -> list[dict[str, Any]]:
     """Return keyword arguments for each step, of the lists that were given; "us" becomes u."""
     lists = {name[:-1]: per_step(name, values, n) for name, values in given.items() if values is not None}
     return [{name: values[k] for name, values in lists.items()} for k in range(n)]

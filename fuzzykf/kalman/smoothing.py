@@ -12,6 +12,7 @@ from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
 from fuzzykf.kalman.arguments import as_matrix, as_square, check_in_range, control_term
 from fuzzykf.kalman.series import FIELDS, as_listed
+from fuzzykf.observations import check_aligned
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.kalman.series import PerStep
 
 __all__ = ["LinearMotions", "check_motion", "rts_smoother", "smooth_moments", "smooth_result"]
 
@@ -29,8 +31,8 @@ _ROUNDING = 1e-9
 def rts_smoother(
     Xs: ArrayLike,
     Ps: ArrayLike,
-    Fs: Sequence[Any],
-    Qs: Sequence[Any],
+    Fs: PerStep,
+    Qs: PerStep,
     inv: Callable[[Any], Any] = np.linalg.inv,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Smooth the means and covariances that `batch_filter` returned.
@@ -43,7 +45,8 @@ def rts_smoother(
         Filtered covariances.
     Fs, Qs : sequence of n arrays (dim_x, dim_x)
         Transitions and covariances of the process noise.  Those of index k lead from
-        step k - 1 to step k, as in `batch_filter`; the first of each is not used.
+        step k - 1 to step k, as in `batch_filter`; the first of each is not used.  What has an index of
+        pandas here has one index.
     inv : callable
         Inverts the predicted covariances; `numpy.linalg.pinv` where they are singular.
 
@@ -80,6 +83,7 @@ def rts_smoother(
     >>> x.ravel(), P.ravel()
     (array([0.5, 1. ]), array([0.75, 1.  ]))
     """
+    check_aligned(Xs=Xs, Ps=Ps, Fs=Fs, Qs=Qs)
     x, P = as_numbers("Xs", Xs).copy(), as_numbers("Ps", Ps).copy()
     if x.ndim == 0 or P.ndim == 0:
         raise ShapeError(f"Xs, Ps: got shapes {x.shape} and {P.shape}, expected one entry a step")
@@ -89,8 +93,9 @@ def rts_smoother(
     d = x.shape[1] if x.ndim > 1 else 0
     if x.shape not in {(n, d), (n, d, 1)} or P.shape != (n, d, d):
         raise ShapeError(f"Xs, Ps: got shapes {x.shape} and {P.shape}, expected (n, dim_x[, 1]) and squares")
-    for name, values in (("Fs", Fs), ("Qs", Qs)):
-        if len(as_listed(name, values, n)) < n:
+    transitions, noises = as_listed("Fs", Fs, n), as_listed("Qs", Qs, n)
+    for name, values in (("Fs", transitions), ("Qs", noises)):
+        if len(values) < n:
             raise ShapeError(f"{name}: got {len(values)} matrices, expected {n}, one for each of Xs")
     for name, array in (("Xs", x), ("Ps", P)):
         if not np.isfinite(array).all():
@@ -98,7 +103,8 @@ def rts_smoother(
     K, Pp = np.zeros((n, d, d)), P.copy()
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n - 2, -1, -1):
-            F, Q = as_matrix(f"Fs[{k + 1}]", Fs[k + 1], (d, d)), as_square(f"Qs[{k + 1}]", Qs[k + 1], d)
+            F = as_matrix(f"Fs[{k + 1}]", transitions[k + 1], (d, d))
+            Q = as_square(f"Qs[{k + 1}]", noises[k + 1], d)
             for name, matrix in (("Fs", F), ("Qs", Q)):
                 if not np.isfinite(matrix).all():
                     raise ParameterError(f"{name}[{k + 1}]: got NaN or infinity, expected finite numbers")

@@ -53,6 +53,11 @@ def observations(f: KalmanFilter, table: pd.DataFrame, column: pd.Series[float])
     f.filter_many({"east": column, "west": column})
     f.filter_many(table, by="meter")
     f.batch_filter([1.0, None])
+    f.filter(column, us=column)
+    f.filter(table, us=[None, 1.0, np.zeros(2)])
+    f.smooth(column, us=table)
+    f.batch_filter(column, Rs=column, Fs=np.zeros((3, 1, 1)))
+    f.forecast(2, us=column)
 
 
 def preparing(
