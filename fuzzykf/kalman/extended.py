@@ -434,12 +434,14 @@ class ExtendedKalmanFilter(GaussianFilter):
         us: PerStep | None = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        *,
+        resume: bool = False,
     ) -> tuple[FloatArray, ...]:
         """Run `filter` and return filterpy's four arrays.
 
         Parameters
         ----------
-        zs, us, fx_args, hx_args
+        zs, us, fx_args, hx_args, resume
             As in `filter`.
 
         Returns
@@ -448,8 +450,9 @@ class ExtendedKalmanFilter(GaussianFilter):
             After the updates and after the predictions; means of shape (n, dim_x, 1), or
             (n, dim_x) if x is flat.
         """
+        as_flag("resume", resume)
         x, _ = self._state()
-        return as_batch(self._collect(zs, us, fx_args, hx_args), x.ndim == 1)
+        return as_batch(self, self._collect(zs, us, fx_args, hx_args), zs, x.ndim == 1)
 
     def filter_many(
         self,

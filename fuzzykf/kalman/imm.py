@@ -386,12 +386,14 @@ class IMMEstimator(BankStepper, Filter):
         self.likelihood = np.exp(state["modes"])
         return stored
 
-    def batch_filter(self, zs: ManyNumbers) -> tuple[FloatArray, ...]:
+    def batch_filter(
+        self, zs: ManyNumbers, us: PerStep | None = None, *, resume: bool = False
+    ) -> tuple[FloatArray, ...]:
         """Run `filter` and return filterpy's four arrays.
 
         Parameters
         ----------
-        zs : array_like
+        zs, us, resume
             As in `filter`.
 
         Returns
@@ -400,7 +402,8 @@ class IMMEstimator(BankStepper, Filter):
             After the updates and after the predictions; means of shape (n, dim_x, 1), or
             (n, dim_x) if x is flat.
         """
-        return as_batch(self._collect(zs, None), np.ndim(self.x) == 1)
+        as_flag("resume", resume)
+        return as_batch(self, self._collect(zs, us), zs, np.ndim(self.x) == 1)
 
     def forecast(self, steps: int, us: PerStep | None = None) -> FilterResult:
         """Predict states, observations and modes ahead; the bank stays where it is.

@@ -31,6 +31,7 @@ from fuzzykf.kalman.series import (
     as_listed,
     as_result,
     collect,
+    come_to_the_end,
     field_shapes,
     given_per_step,
     run_batch,
@@ -649,6 +650,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         us: PerStep | None = None,
         update_first: bool = False,
         saver: Any = None,
+        *,
+        resume: bool = False,
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Filter a series whose matrices may change from step to step.
 
@@ -664,6 +667,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             Update before predicting, instead of after it.
         saver : filterpy.common.Saver, optional
             Its ``save`` is called after each step.
+        resume : bool
+            As in `filter`.
 
         Returns
         -------
@@ -683,6 +688,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> means.shape, means.ravel().round(3)
         ((2, 1, 1), array([0.667, 1.273]))
         """
+        as_flag("resume", resume)
         check_aligned(zs=zs, us=us, Fs=Fs, Qs=Qs, Hs=Hs, Rs=Rs, Bs=Bs)
         observations: Any = zs
         if hasattr(observations, "to_numpy"):
@@ -698,7 +704,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             given = (Fs, Qs, Hs, Rs, Bs, us, saver)
             if n and not update_first and all(one is None for one in given) and self._is_plain():
                 series = as_observations(observations, self.dim_z)
-                return as_batch(self._filter_at_once(series, FIELDS[:4]), x.ndim == 1)  # no log-likelihood
+                stored = self._filter_at_once(series, FIELDS[:4])  # no log-likelihood
+                return as_batch(self, stored, zs, x.ndim == 1)
             moves, looks = given_per_step(n, us=us, Bs=Bs, Fs=Fs, Qs=Qs), given_per_step(n, Rs=Rs, Hs=Hs)
 
             def predict(k: int) -> tuple[Any, Any]:
@@ -710,7 +717,10 @@ class KalmanFilter(LinearStepper, GaussianFilter):
                 return self.x, self.P
 
             with unchanged_on_error(self):
-                return run_batch(n, x.shape, predict, update, update_first, saver)
+                found = run_batch(n, x.shape, predict, update, update_first, saver)
+            if not update_first:  # else it has gone on from there
+                come_to_the_end(self, zs)
+            return found
 
     def rts_smoother(
         self,

@@ -27,6 +27,7 @@ __all__ = [
     "as_listed",
     "as_result",
     "collect",
+    "come_to_the_end",
     "empty_fields",
     "field_shapes",
     "given_per_step",
@@ -165,19 +166,33 @@ def collect(
     return stored
 
 
-def as_result(f: Any, stored: dict[str, FloatArray], zs: Any, **more: Any) -> FilterResult:
-    """Return what a filter found that has come to the end of a series, with the index of that."""
+def come_to_the_end(f: Any, zs: Any) -> Any:
+    """Return the index of a series, None if it has none; the filter, which is at its end, remembers it."""
     index = index_of(zs)
     if index is not None:
         f._follow(index)
+    return index
+
+
+def as_result(f: Any, stored: dict[str, FloatArray], zs: Any, uneven: bool = False, **more: Any) -> FilterResult:
+    """Return what a filter found that has come to the end of a series, with the index of that.
+
+    ``uneven`` says that the steps were told to the filter, so that they need not be of one length.
+    """
+    index = come_to_the_end(f, zs)
+    if not uneven:
         warn_of_steps(index)
     return FilterResult(**stored, **more, index=index).with_coords(zs)
 
 
 def as_batch(
-    stored: dict[str, FloatArray], flat: bool
+    f: Any, stored: dict[str, FloatArray], zs: Any, flat: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return filterpy's four arrays; the means are columns unless x is flat."""
+    """Return filterpy's four arrays of what a filter found that has come to the end of a series.
+
+    The means are columns unless x is flat.
+    """
+    come_to_the_end(f, zs)
     x, x_prior = stored["x"], stored["x_prior"]
     if not flat:
         x, x_prior = x[..., None], x_prior[..., None]

@@ -58,6 +58,7 @@ def observations(f: KalmanFilter, table: pd.DataFrame, column: pd.Series[float])
     f.smooth(column, us=table)
     f.batch_filter(column, Rs=column, Fs=np.zeros((3, 1, 1)))
     f.forecast(2, us=column)
+    f.batch_filter(column, us=column, resume=True)
 
 
 def preparing(
