@@ -31,6 +31,7 @@ __all__ = [
     "control_term",
     "dimension",
     "fits",
+    "given_matrix",
     "observation_matrix",
 ]
 
@@ -90,8 +91,34 @@ def as_matrix(name: str, value: Any, shape: tuple[int, int]) -> FloatArray:
     """Return ``value`` as a float array of the given shape; a number is a matrix of one row and column."""
     if type(value) is np.ndarray and value.shape == shape and value.dtype == _FLOAT64:
         return value
-    if shape == (1, 1) and np.ndim(value) == 0:
-        value = as_numbers(name, value).reshape(1, 1)
+    return given_matrix(name, value, shape)
+
+
+def given_matrix(
+    name: str, value: Any, shape: tuple[int | None, int | None], *, may_be_one: bool = True
+) -> FloatArray:
+    """Copy a matrix that was given in a call, after checking its shape and finiteness.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : array_like
+        A number, or a vector of one, is a matrix of one row and column, where such a one is admissible.
+    shape : tuple of int or None
+        Expected shape; None admits any length.
+    may_be_one : bool
+        Whether a length that is not told may be 1.
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        As from `fuzzykf.gaussian.as_array`.
+    """
+    if all(length == 1 or (length is None and may_be_one) for length in shape):
+        numbers = as_numbers(name, value)
+        if numbers.shape in {(), (1,)}:
+            value = numbers.reshape(1, 1)
     return as_array(name, value, shape)
 
 
@@ -173,9 +200,12 @@ def as_vector(name: str, value: Any, like: FloatArray) -> FloatArray:
     return array.reshape(like.shape)
 
 
-def observation_matrix(name: str, value: Any, n: int) -> FloatArray:
-    """Return an observation matrix given in a call: any number of rows, n columns."""
-    matrix = as_array(name, value, (None, n))
+def observation_matrix(name: str, value: Any, n: int, m: int) -> FloatArray:
+    """Return an observation matrix given in a call: any number of rows, n columns.
+
+    A number stands for a matrix of one row and column where the filter's own has no more: m rows.
+    """
+    matrix = given_matrix(name, value, (None, n), may_be_one=m == 1)
     if len(matrix) == 0:
         raise ShapeError(f"{name}: got shape {matrix.shape}, expected at least one row")
     return matrix
@@ -214,13 +244,14 @@ def check_dimensions(n: int, m: int, values: dict[str, Any], z: Any) -> None:
     """Check the shapes of x, P, Q, F, H and R, and of z unless it is None; see `DimensionError`."""
     H = values["H"]
     rows = np.shape(H)[0] if np.ndim(H) == 2 else m
-    one = {(), (1,), (1, 1)} if rows == 1 else set()
+    numbers: set[tuple[int, ...]] = {(), (1,), (1, 1)}
+    one, one_state = (numbers if length == 1 else set() for length in (rows, n))
     expected: dict[str, set[tuple[int, ...]]] = {
-        "x": {(n,), (n, 1)},
-        "P": {(n, n)},
-        "Q": {(n, n)},
-        "F": {(n, n)},
-        "H": {(rows, n)},
+        "x": {(n,), (n, 1)} | one_state,
+        "P": {(n, n)} | one_state,
+        "Q": {(n, n)} | one_state,
+        "F": {(n, n)} | one_state,
+        "H": {(rows, n)} | (one & one_state),
         "R": {(rows, rows)} | one,
     }
     if z is not None:

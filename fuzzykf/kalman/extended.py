@@ -64,12 +64,13 @@ class ExtendedKalmanFilter(GaussianFilter):
         `predict` reaches it as the keyword argument ``u``, unless it is None or the number 0.
         By default the state moves by F x + B u.
     FJacobian : callable, optional
-        Of the same arguments; returns (dim_x, dim_x).  By default central differences,
-        see `fuzzykf.kalman.jacobian.central_jacobian`.
+        Of the same arguments; returns (dim_x, dim_x), or a number where that is (1, 1).  By default
+        central differences, see `fuzzykf.kalman.jacobian.central_jacobian`.
     hx : callable, optional
         ``hx(x, **hx_args)`` takes a flat state and returns (dim_z,).
     HJacobian : callable, optional
-        Of the same arguments; returns (dim_z, dim_x).  By default central differences.
+        Of the same arguments; returns (dim_z, dim_x), or a number where that is (1, 1).  By default
+        central differences.
     residual : callable
         ``residual(z, hx(x))``, the difference of two observations; wrap angles here.
     x, P, F, Q, R : array_like, optional

@@ -52,7 +52,7 @@ def _observation(H: Any, n: int) -> FloatArray:
         return as_real("H", H) * np.eye(n)
     if np.ndim(H) == 1 and n == 1:
         H = np.reshape(H, (-1, 1))
-    return observation_matrix("H", H, n)
+    return observation_matrix("H", H, n, n)
 
 
 def _like(value: FloatArray, pattern: Any) -> Any:

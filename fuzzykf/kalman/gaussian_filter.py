@@ -11,8 +11,15 @@ import numpy as np
 from fuzzykf.base import Filter
 from fuzzykf.engine.selected import seen_components
 from fuzzykf.errors import NumericalRangeError, ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_numbers, brief
-from fuzzykf.kalman.arguments import as_covariance, as_square, as_state, check_in_range, dimension
+from fuzzykf.gaussian import as_numbers, brief
+from fuzzykf.kalman.arguments import (
+    as_covariance,
+    as_square,
+    as_state,
+    check_in_range,
+    dimension,
+    given_matrix,
+)
 from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.updates import distance, log_density
 
@@ -93,7 +100,7 @@ class GaussianFilter(Filter):
         if not np.isfinite(self.x).all():
             raise ParameterError(f"x: got {self.x.ravel().tolist()}, expected finite numbers")
         self.P = np.eye(dim_x) if P is None else as_covariance("P", P, dim_x).copy()
-        self.F = np.eye(dim_x) if F is None else as_array("F", F, (dim_x, dim_x))
+        self.F = np.eye(dim_x) if F is None else given_matrix("F", F, (dim_x, dim_x))
         self.Q = np.eye(dim_x) if Q is None else as_covariance("Q", Q, dim_x).copy()
         self.R = np.eye(dim_z) if R is None else as_covariance("R", R, dim_z).copy()
         self.z = np.full((dim_z, 1), None)

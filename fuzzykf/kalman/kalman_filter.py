@@ -9,7 +9,7 @@ import numpy as np
 from fuzzykf.base import FilterResult, as_observations, check_keep
 from fuzzykf.engine.selected import predict_linear
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_flag, as_numbers, as_real, brief
+from fuzzykf.gaussian import as_flag, as_numbers, as_real, brief
 from fuzzykf.kalman import linear_series
 from fuzzykf.kalman.arguments import (
     as_covariance,
@@ -20,6 +20,7 @@ from fuzzykf.kalman.arguments import (
     check_in_range,
     control_term,
     fits,
+    given_matrix,
     observation_matrix,
 )
 from fuzzykf.kalman.controls import check_rows
@@ -70,7 +71,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     matrices, then call `predict` and `update` in turn, or `step`, or one of the
     methods for whole series.  All attributes are plain and may be assigned at any
     time; if a flat ``x`` is assigned, all vectors become flat.  ``P``, ``Q`` and
-    ``R`` may be scalars, which stand for that multiple of the identity.
+    ``R`` may be scalars, which stand for that multiple of the identity; so may ``F``, ``H``
+    and ``B`` where they have one row and column.
 
     Parameters
     ----------
@@ -168,9 +170,9 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         B: Numbers = None,
     ) -> None:
         super().__init__(dim_x, dim_z, dim_u, x=x, P=P, F=F, Q=Q, R=R)
-        self.H = np.zeros((dim_z, dim_x)) if H is None else as_array("H", H, (dim_z, dim_x))
+        self.H = np.zeros((dim_z, dim_x)) if H is None else given_matrix("H", H, (dim_z, dim_x))
         self.M = np.zeros((dim_x, dim_z))
-        self.B = None if B is None else as_array("B", B, (dim_x, None))
+        self.B = None if B is None else given_matrix("B", B, (dim_x, None), may_be_one=dim_u <= 1)
 
     @property
     def alpha(self) -> float:
@@ -267,7 +269,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         if H is None:
             H = self.H
         else:
-            H = observation_matrix("H", H, n)
+            H = observation_matrix("H", H, n, m)
             m = H.shape[0]
         R = self.R if R is None else as_covariance("R", R, m)
         if not fits(n, m, x, P, H, R):
@@ -760,7 +762,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     ) -> tuple[FloatArray, FloatArray]:
         """Return x and P that `predict` with the same arguments would lead to."""
         n, x, P = self.dim_x, self.x, self.P
-        transition: Any = self.F if F is None else as_array("F", F, (n, n))
+        transition: Any = self.F if F is None else given_matrix("F", F, (n, n))
         noise = self.Q if Q is None else as_covariance("Q", Q, n)
         if not fits(n, n, x, P, transition, noise):
             (x, P), noise = self._state(), as_square("Q", noise, n)

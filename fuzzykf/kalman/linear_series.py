@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["LinearModel", "control_terms", "controls_of", "filter_many", "filter_one"]
+__all__ = ["LinearModel", "control_matrix", "control_terms", "controls_of", "filter_many", "filter_one"]
 
 
 class LinearModel(NamedTuple):
@@ -71,12 +71,20 @@ def filter_many(
     return out
 
 
+def control_matrix(B: Any, dim_x: int) -> FloatArray:
+    """Return the control matrix of a filter; a number is one of one row and column."""
+    matrix = None if B is None else as_numbers("B", B)
+    if matrix is not None and dim_x == 1 and matrix.shape in {(), (1,)}:
+        return matrix.reshape(1, 1)
+    if matrix is None or matrix.ndim != 2:
+        raise ShapeError(f"B: got shape {np.shape(B)}, expected ({dim_x}, dim_u) to go with us")
+    return matrix
+
+
 def control_terms(B: Any, us: Any, shape: tuple[int, ...], dim_x: int) -> FloatArray:
     """Return the terms B u (series or 1, n, dim_x) for many observations of the shape (series, n)."""
     controls = as_numbers("us", us)
-    if B is None or np.ndim(B) != 2:
-        raise ShapeError(f"B: got shape {np.shape(B)}, expected ({dim_x}, dim_u) to go with us")
-    matrix = as_numbers("B", B)
+    matrix = control_matrix(B, dim_x)
     one, many = (shape[1], matrix.shape[1]), (*shape, matrix.shape[1])
     if controls.shape == one:
         controls = controls[None]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_array, as_numbers
-from fuzzykf.kalman.arguments import as_matrix, as_vector
+from fuzzykf.gaussian import as_numbers
+from fuzzykf.kalman.arguments import as_matrix, as_vector, given_matrix
 from fuzzykf.kalman.jacobian import central_jacobian
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def transition_jacobian(
     """Jacobian of ``fx`` at x (n,), by central differences unless there is a function for it."""
     if jacobian is None:
         return central_jacobian(lambda at: as_vector("fx", fx(at, **arguments), x), x)
-    return as_array("FJacobian", jacobian(x.copy(), **arguments), (len(x), len(x)))
+    return given_matrix("FJacobian", jacobian(x.copy(), **arguments), (len(x), len(x)))
 
 
 def observation_functions(

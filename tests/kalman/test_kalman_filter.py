@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
-from fuzzykf.kalman import IMMEstimator, KalmanFilter
+from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
 from fuzzykf.kalman.arguments import SingularInnovationError
 
 
@@ -462,6 +462,139 @@ def test_a_scalar_model_may_be_written_with_numbers():
     same = IMMEstimator([scalar_model(False), scalar_model(False)], [0.5, 0.5], [[0.9, 0.1], [0.1, 0.9]])
     for z in zs:
         np.testing.assert_allclose(bank.step(z), same.step(z), rtol=1e-13)
+
+
+#: Where a matrix of one row and column may be written as a number: what is done with it, in all forms.
+ZS, US = [1.0, np.nan, 0.3], [1.0, -1.0, 2.0]
+MEANS, COVARIANCES = [[1.0], [0.5], [3.0]], [[[1.0]], [[2.0]], [[0.5]]]
+
+
+def scalar(**matrices):
+    return KalmanFilter(1, 1, 1, **{"F": [[0.9]], "H": [[2.0]], "B": [[3.0]], "Q": 0.1, "R": 0.5, **matrices})
+
+
+def assigned(name, value):
+    f = scalar()
+    setattr(f, name, value)
+    return f
+
+
+def extended(**functions):
+    return ExtendedKalmanFilter(1, 1, fx=lambda x: 0.9 * x, hx=lambda x: 2.0 * x, **functions)
+
+
+def after(f, verb, *arguments, **named):
+    """What a verb returns, and the estimate and the innovation that it leaves."""
+    found = getattr(f, verb)(*arguments, **named)
+    result = [found.x, found.P] if hasattr(found, "P") else [] if found is None else list(found)
+    return [*result, f.x, f.P, *(getattr(f, name) for name in ("y", "S", "K"))]
+
+
+NUMBERS = {
+    **{
+        f"{name}= of the constructor": lambda v, name=name: after(scalar(**{name: v}), "filter", ZS, us=US)
+        for name in "xPFHQRB"
+    },
+    **{
+        f"{name} assigned, {verb}": (
+            lambda v, name=name, verb=verb, a=a: after(assigned(name, v), verb, *a[:-1], **a[-1])
+        )
+        for name in "xPFHQRB"
+        for verb, a in {
+            "step": (1.0, {}),
+            "filter": (ZS, {"us": US}),
+            "smooth": (ZS, {"us": US}),
+            "batch_filter": (ZS, {"us": US}),
+            "filter_many": ([ZS, ZS], {"us": [[u] for u in US]}),
+            "forecast": (2, {"us": US}),
+            "test_matrix_dimensions": (1.0, {}),
+            "get_update": (1.0, {}),
+            "residual_of": (1.0, {}),
+            "measurement_of_state": (1.0, {}),
+            "predict_steadystate": (1.0, {}),
+            "update_steadystate": (1.0, {}),
+            "update_correlated": (1.0, {}),
+            "update_sequential": (0, 1.0, {}),
+            "rts_smoother": (MEANS, COVARIANCES, {}),
+        }.items()
+    },
+    "M assigned": lambda v: after(assigned("M", v), "update_correlated", 1.0),
+    "K assigned": lambda v: after(assigned("K", v), "update_steadystate", 1.0),
+    "S assigned": lambda v: [assigned("S", v).log_likelihood_of(0.3)],
+    **{
+        f"{verb}({name}=)": lambda v, verb=verb, name=name, z=z: after(scalar(), verb, z, **{name: v})
+        for verb, names, z in [
+            ("predict", "FBQ", 2.0),
+            ("get_prediction", "FBQ", 2.0),
+            ("predict_steadystate", "B", 2.0),
+            ("update", "HR", 1.0),
+            ("update_correlated", "HR", 1.0),
+            ("test_matrix_dimensions", "HRFQ", 1.0),
+        ]
+        for name in names
+    },
+    **{
+        f"batch_filter({name}=)": lambda v, name=name: after(
+            scalar(), "batch_filter", ZS, us=US, **{name: [v] * 3}
+        )
+        for name in ("Fs", "Qs", "Hs", "Rs", "Bs")
+    },
+    **{
+        f"rts_smoother({name}=)": lambda v, name=name: after(
+            scalar(), "rts_smoother", MEANS, COVARIANCES, **{name: [v] * 3}
+        )
+        for name in ("Fs", "Qs")
+    },
+    "F= of ExtendedKalmanFilter": lambda v: after(ExtendedKalmanFilter(1, 1, F=v), "predict"),
+    "FJacobian": lambda v: after(extended(FJacobian=lambda x: v), "filter", ZS),
+    "HJacobian": lambda v: after(extended(HJacobian=lambda x: v), "filter", ZS),
+    "HJacobian, forecast": lambda v: after(extended(HJacobian=lambda x: v), "forecast", 2),
+    "HJacobian of a call": lambda v: after(extended(), "update", 1.0, HJacobian=lambda x: v),
+    "members of a bank": lambda v: after(
+        IMMEstimator([scalar(F=v), scalar(H=v)], [0.5, 0.5], [[0.9, 0.1], [0.1, 0.9]]).filters[0],
+        "filter",
+        ZS,
+    ),
+}
+
+
+@pytest.mark.parametrize("place", NUMBERS)
+def test_a_number_is_a_matrix_of_one_row_and_column(place):
+    expected = NUMBERS[place](np.array([[0.7]]))
+    for one in (0.7, np.float64(0.7), np.array(0.7), [0.7], np.array([0.7])):
+        for got, value in zip(NUMBERS[place](one), expected, strict=True):
+            np.testing.assert_allclose(np.ravel(got), np.ravel(value), rtol=1e-13)
+
+
+@pytest.mark.parametrize("one", [0.7, [0.7]])
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("F", lambda v: KalmanFilter(2, 1, F=v)),
+        ("H", lambda v: KalmanFilter(2, 1, H=v)),
+        ("H", lambda v: KalmanFilter(1, 2, H=v)),
+        ("B", lambda v: KalmanFilter(2, 1, B=v)),
+        ("B", lambda v: KalmanFilter(1, 1, 2, B=v)),
+        ("F", lambda v: ExtendedKalmanFilter(2, 1, F=v)),
+        ("F", lambda v: KalmanFilter(2, 1).predict(F=v)),
+        ("H", lambda v: KalmanFilter(2, 1).update(1.0, H=v)),
+        ("H", lambda v: KalmanFilter(1, 2).update([1.0, 2.0], H=v)),
+        ("F", lambda v: KalmanFilter(2, 1).batch_filter([1.0], Fs=[v])),
+        ("FJacobian", lambda v: ExtendedKalmanFilter(2, 1, fx=np.sin, FJacobian=lambda x: v).predict()),
+        ("HJacobian", lambda v: ExtendedKalmanFilter(2, 1).update(1.0, lambda x: v, lambda x: x[:1])),
+        ("F", lambda v: KalmanFilter(2, 1).test_matrix_dimensions(F=v)),
+    ],
+)
+def test_a_number_is_no_larger_matrix(name, call, one):
+    with pytest.raises(ShapeError, match=rf"^{name}: got shape \((1,)?\), expected \("):
+        call(one)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, "0.7", 1j, [[0.7], [0.1, 0.2]]])
+@pytest.mark.parametrize("name", ["F", "H", "B"])
+def test_a_number_for_a_matrix_is_finite_and_real(name, value):
+    with pytest.raises(ParameterError, match=f"^{name}: "):
+        scalar(**{name: value})
 
 
 def test_a_covariance_that_overflows_is_refused_and_leaves_the_filter_as_it_was():

@@ -59,6 +59,7 @@ def observations(f: KalmanFilter, table: pd.DataFrame, column: pd.Series[float])
     f.batch_filter(column, Rs=column, Fs=np.zeros((3, 1, 1)))
     f.forecast(2, us=column)
     f.batch_filter(column, us=column, resume=True)
+    KalmanFilter(1, 1, F=0.9, H=1, B=np.float64(2.0)).update(1.0, H=1.0)
 
 
 def preparing(
