@@ -330,7 +330,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         """
         if as_flag("resume", resume):
             self._check_next(index_of(zs))
-        return as_result(self, self._collect(zs, us, fx_args, hx_args), zs)
+        return as_result(self, self._collect(zs, us, fx_args, hx_args), zs, fx_args is not None)
 
     def _collect(
         self,
@@ -385,7 +385,7 @@ class ExtendedKalmanFilter(GaussianFilter):
             check_motion(self, k, None, predict_stack(P, F, Q, 1.0), "F and Q")
             motions.append((F, Q))
 
-        forward = as_result(self, self._collect(zs, us, fx_args, hx_args, moved), zs)
+        forward = as_result(self, self._collect(zs, us, fx_args, hx_args, moved), zs, fx_args is not None)
         F, Q = np.array(motions).reshape(len(motions), 2, d, d).swapaxes(0, 1)
         return smooth_result(forward, F, Q)
 

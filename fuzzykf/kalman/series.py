@@ -174,7 +174,9 @@ def come_to_the_end(f: Any, zs: Any) -> Any:
     return index
 
 
-def as_result(f: Any, stored: dict[str, FloatArray], zs: Any, uneven: bool = False, **more: Any) -> FilterResult:
+def as_result(
+    f: Any, stored: dict[str, FloatArray], zs: Any, uneven: bool = False, **more: Any
+) -> FilterResult:
     """Return what a filter found that has come to the end of a series, with the index of that.
 
     ``uneven`` says that the steps were told to the filter, so that they need not be of one length.
