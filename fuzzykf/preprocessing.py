@@ -2,6 +2,7 @@
 
 `Standardizer` and `DailyProfile` have `fit`, `transform` and `inverse_transform`, as users
 of scikit-learn expect; what `fit` learns is kept in attributes that end in an underscore.
+Names of columns are learned too: a table is then taken by its names, an array by position.
 Fit them on the training part alone: a mean that has seen the part to be judged flatters
 every method.
 """
@@ -14,13 +15,16 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, SequenceError, ShapeError
 from fuzzykf.gaussian import as_numbers, as_real, brief
+from fuzzykf.labels import match_columns, names_of
 from fuzzykf.missing import as_floats
-from fuzzykf.observations import check_aligned
+from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.reprs import call_text, shown
 from fuzzykf.steps import find_steps
 from fuzzykf.times import Times, has_times, read_times
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from fuzzykf.arrays import FloatArray, Numbers
@@ -67,6 +71,8 @@ class Standardizer:
     mean_, scale_ : ndarray, shape (k,)
         Mean and standard deviation of the columns of the training part; of one
         column if it was flat.
+    names_ : tuple of str, or None
+        Names of the columns, or of the Series, of the training part; None of an array.
 
     Notes
     -----
@@ -87,6 +93,7 @@ class Standardizer:
 
     mean_: FloatArray
     scale_: FloatArray
+    names_: tuple[str, ...] | None = None
 
     def fit(self, values: Numbers) -> Self:
         """Learn mean and standard deviation.
@@ -99,10 +106,12 @@ class Standardizer:
         Raises
         ------
         ShapeError, ParameterError
-            If ``values`` has another shape, is infinite, or a column is empty or constant: all of
-            its numbers are one, but for the last digits that double precision has there.
+            If ``values`` has another shape, is infinite, two columns have one name, or a column is empty or
+            constant: all of its numbers are one, but for the last digits that double precision has there.
         """
+        names = _learned_names(values)
         self.mean_, self.scale_ = mean_and_scale("values", as_columns("values", values))
+        self.names_ = names
         return self
 
     def transform(self, values: Numbers) -> Any:
@@ -111,17 +120,29 @@ class Standardizer:
         Parameters
         ----------
         values : array_like, shape (n,) or (n, k)
-            A pandas object comes back as one.
+            Of a table with names the columns of the training part are taken, and come back in the order in
+            which they were learned.  An array, a Series and columns 0, 1, 2, ... go by position.  A pandas
+            object comes back as one.
 
         Raises
         ------
         SequenceError
             If nothing has been fitted.
         ShapeError, ParameterError
-            If ``values`` has other columns than the training part, or is infinite.
+            If ``values`` lacks a column of the training part, has more or fewer where they go by position,
+            or is infinite.
+
+        Examples
+        --------
+        >>> import pandas as pd
+        >>> frame = pd.DataFrame({"t": [1.0, 3.0], "h": [20.0, 40.0]})
+        >>> Standardizer().fit(frame).transform(frame[["h", "t"]])
+             t    h
+        0 -1.0 -1.0
+        1  1.0  1.0
         """
-        columns = self._columns(values)
-        return _like(values, (columns - self.mean_) / self.scale_)
+        positions, columns = self._columns(values)
+        return _like(values, (columns - self.mean_) / self.scale_, positions)
 
     def inverse_transform(self, values: Numbers) -> Any:
         """Return values in standard units in the units of the training part.
@@ -131,8 +152,8 @@ class Standardizer:
         values : array_like, shape (n,) or (n, k)
             As in `transform`.
         """
-        columns = self._columns(values)
-        return _like(values, columns * self.scale_ + self.mean_)
+        positions, columns = self._columns(values)
+        return _like(values, columns * self.scale_ + self.mean_, positions)
 
     def fit_transform(self, values: Numbers) -> Any:
         """Fit and transform the same values.
@@ -143,18 +164,15 @@ class Standardizer:
         """
         return self.fit(values).transform(values)
 
-    def _columns(self, values: Numbers) -> FloatArray:
+    def _columns(self, values: Numbers) -> tuple[list[int] | None, FloatArray]:
         _check_fitted(self, "mean_")
-        columns = as_columns("values", values)
-        if columns.shape[1] != len(self.mean_):
-            raise ShapeError(
-                f"values: got {columns.shape[1]} columns, expected {len(self.mean_)}, as in the training part"
-            )
-        return columns
+        return _learned_columns(values, self.names_, len(self.mean_))
 
     @shown
     def __repr__(self) -> str:
-        return call_text(self, "mean_", "scale_") if "mean_" in vars(self) else f"{type(self).__name__}()"
+        if "mean_" not in vars(self):
+            return f"{type(self).__name__}()"
+        return call_text(self, "mean_", "scale_", *(() if self.names_ is None else ("names_",)))
 
 
 class DailyProfile:
@@ -176,6 +194,17 @@ class DailyProfile:
     means_ : ndarray, shape (2, slots) or (2, slots, k)
         Means on other days (first row) and on working days, in the unit of the series;
         NaN where the training part has no row.
+    names_ : tuple of str, or None
+        Names of the columns, or of the Series, of the training part; None of an array.
+    has_offsets_ : bool
+        Whether the times of the training part had a zone, or an offset from Greenwich.
+
+    Notes
+    -----
+    The hour and the day are those that the clock on the spot shows.  So times of another zone are taken as
+    its clock shows them: a profile that was learned in Melbourne gives what was usual there at eight in the
+    morning for eight in the morning in Berlin.  Of times without a zone nobody knows whose clock they are:
+    they do not go together with times that have one, and are refused.
 
     Examples
     --------
@@ -191,6 +220,8 @@ class DailyProfile:
 
     slot_: float
     means_: FloatArray
+    names_: tuple[str, ...] | None = None
+    has_offsets_: bool | None = None
 
     def __init__(self, slot: float | None = None) -> None:
         if slot is not None:
@@ -208,18 +239,20 @@ class DailyProfile:
             The training part; NaN where missing.
         time : array_like of times, shape (n,), optional
             datetime64, datetime objects, text of ISO 8601, or a Series or an index of pandas, each later
-            than the one before; by default the index of ``values``.  The hour and the day are those of
-            the clock on the spot: of times with a zone or an offset the local ones, of others what they say.
+            than the one before; by default the index of ``values``, or the coordinate of a DataArray.  The
+            hour and the day are those of the clock on the spot: of times with a zone or an offset the local
+            ones, of others what they say.
         workday : array_like of bool, shape (n,), optional
             By default Mondays to Fridays.
 
         Raises
         ------
         ShapeError, ParameterError
-            If lengths differ, a value is infinite, there are no times, or one is not later than the one
-            before it.
+            If lengths differ, a value is infinite, two columns have one name, there are no times, or one is
+            not later than the one before it.
         """
         check_aligned(values=values, time=time, workday=workday)
+        names = _learned_names(values)
         columns = as_columns("values", values)
         n, k = columns.shape
         times = as_times(time, values, n)
@@ -233,7 +266,7 @@ class DailyProfile:
             count = np.bincount(cell[there], minlength=2 * slots)
             total = np.bincount(cell[there], weights=column[there], minlength=2 * slots)
             np.divide(total, count, out=means[:, j], where=count > 0)
-        self.slot_ = slot
+        self.slot_, self.names_, self.has_offsets_ = slot, names, times.has_offsets
         given: Any = values
         self.means_ = means.reshape(2, slots, k) if np.ndim(given) == 2 else means.reshape(2, slots)
         return self
@@ -251,11 +284,14 @@ class DailyProfile:
         SequenceError
             If nothing has been fitted.
         ParameterError
-            If the training part had no row of that time and kind of day.
+            If the training part had no row of that time and kind of day, or one of the two has times with a
+            zone or an offset, and the other has not.
         """
         _check_fitted(self, "means_")
         check_aligned(time=time, workday=workday)
-        moments = read_times(time, ordered=False).clock
+        times = read_times(time, ordered=False)
+        self._check_clock(times)
+        moments = times.clock
         days = _workdays(workday, moments)
         table = self.means_.reshape(-1, *self.means_.shape[2:])
         found: FloatArray = table[self._cell(moments, days, self.slot_)]
@@ -275,12 +311,14 @@ class DailyProfile:
         Parameters
         ----------
         values, time, workday
-            As in `fit`; a pandas object comes back as one.
+            As in `fit`.  Of a table with names the columns of the training part are taken, and come back in
+            the order in which they were learned.  An array, a Series and columns 0, 1, 2, ... go by
+            position.  A pandas object comes back as one.
 
         Raises
         ------
         SequenceError, ShapeError, ParameterError
-            As from `fit` and `at`.
+            As from `fit` and `at`; or if a column of the training part is missing.
         """
         return self._shift(values, time, workday, -1.0)
 
@@ -290,7 +328,7 @@ class DailyProfile:
         Parameters
         ----------
         values, time, workday
-            As in `fit`.
+            As in `transform`.
         """
         return self._shift(values, time, workday, 1.0)
 
@@ -307,15 +345,21 @@ class DailyProfile:
     def _shift(self, values: Numbers, time: Any, workday: Numbers | None, sign: float) -> Any:
         _check_fitted(self, "means_")
         check_aligned(values=values, time=time, workday=workday)
-        columns = as_columns("values", values)
+        size = self.means_.shape[2] if self.means_.ndim == 3 else 1
+        positions, columns = _learned_columns(values, self.names_, size)
         times = as_times(time, values, len(columns))
         profile = self.at(times, workday).reshape(len(columns), -1)
-        if profile.shape != columns.shape:
-            raise ShapeError(
-                f"values: got {columns.shape[1]} columns, expected {profile.shape[1]}, as in the training "
-                "part"
-            )
-        return _like(values, columns + sign * profile)
+        return _like(values, columns + sign * profile, positions)
+
+    def _check_clock(self, times: Times) -> None:
+        if self.has_offsets_ is None or times.has_offsets == self.has_offsets_:
+            return
+        told = ("times without a zone", "times with a zone or an offset")
+        raise ParameterError(
+            f"time: got {told[times.has_offsets]}, but the profile was learned on {told[self.has_offsets_]}; "
+            "expected the same, or nobody knows which clock is meant (tz_localize gives times a zone, and "
+            "tz_localize(None) leaves what its clock shows)"
+        )
 
     @staticmethod
     def _cell(time: NDArray[np.datetime64], workday: NDArray[np.bool_], slot: float) -> NDArray[np.int_]:
@@ -325,7 +369,8 @@ class DailyProfile:
 
     @shown
     def __repr__(self) -> str:
-        return call_text(self, "slot", *(("slot_", "means_") if "means_" in vars(self) else ()))
+        learned = ("slot_", "means_") if "means_" in vars(self) else ()
+        return call_text(self, "slot", *learned, *(() if self.names_ is None else ("names_",)))
 
 
 # --------------------------------------------------------------------------- arrays in and out
@@ -340,6 +385,53 @@ def as_columns(name: str, values: Any) -> FloatArray:
         row = int(np.argwhere(np.isinf(array))[0, 0])
         raise ParameterError(f"{name}: row {row} is infinite, expected finite numbers (NaN where missing)")
     return array if array.ndim == 2 else array[:, None]
+
+
+def _columns_of(values: Any) -> list[Any] | None:
+    """Return the names of the columns of a table; None if there are none but 0, 1, 2, ..."""
+    if not hasattr(values, "to_numpy") or np.ndim(values) != 2:
+        return None
+    if hasattr(values, "dims") and hasattr(values, "indexes"):
+        columns = values.indexes.get(values.dims[-1])
+    else:
+        columns = getattr(values, "columns", None)
+    return None if columns is None else names_of(list(columns))
+
+
+def _learned_names(values: Any) -> tuple[str, ...] | None:
+    """Return the names of the columns of a table, or that of a Series, each of which stands once."""
+    columns = _columns_of(values)
+    if columns is None and hasattr(values, "to_numpy") and np.ndim(values) == 1:
+        name = getattr(values, "name", None)
+        columns = None if name is None or str(name) == "" else [name]
+    if columns is None:
+        return None
+    names = tuple(map(str, columns))
+    match_columns(columns, names, "values")
+    return names
+
+
+def _learned_columns(
+    values: Any, names: Sequence[str] | None, size: int
+) -> tuple[list[int] | None, FloatArray]:
+    """Return the columns that were learned: where they stand, None if all as they come, and what they hold.
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        If one is missing, or there are more or fewer than ``size`` that go by position.
+    """
+    columns = as_columns("values", values)
+    there = None if names is None else _columns_of(values)
+    if there is None or names is None:
+        if columns.shape[1] != size:
+            raise ShapeError(
+                f"values: got {columns.shape[1]} columns, expected {size}, as in the training part"
+            )
+        return None, columns
+    remedy = ", or pass values.to_numpy(), whose columns go by position"
+    positions = match_columns(there, names, "values", remedy)
+    return positions, columns[:, positions]
 
 
 def is_constant(values: FloatArray) -> bool:
@@ -390,14 +482,15 @@ def mean_and_scale(name: str, columns: FloatArray) -> tuple[FloatArray, FloatArr
     return mean, scale
 
 
-def _like(values: Any, columns: FloatArray) -> Any:
-    """Return columns in the shape of ``values``, with its index if it has one."""
+def _like(values: Any, columns: FloatArray, positions: list[int] | None) -> Any:
+    """Return columns in the shape of ``values``, with its index if it has one, and the names at positions."""
     result = columns if np.ndim(values) == 2 else columns[:, 0]
     if hasattr(values, "to_numpy") and hasattr(values, "index"):
         import pandas as pd
 
         if isinstance(values, pd.DataFrame):
-            return pd.DataFrame(result, index=values.index, columns=values.columns)
+            names = values.columns if positions is None else values.columns[positions]
+            return pd.DataFrame(result, index=values.index, columns=names)
         return pd.Series(result, index=values.index, name=values.name)
     return result
 
@@ -405,7 +498,7 @@ def _like(values: Any, columns: FloatArray) -> Any:
 def as_times(time: Any, values: Any, n: int) -> Times:
     """Return ``n`` times in their order, from the index of ``values`` if none are given."""
     if time is None:
-        time = getattr(values, "index", None)
+        time = index_of(values)
         if not has_times(time):
             raise ParameterError("time: missing; the time of day needs a time for each row")
     times = read_times(time)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -283,3 +286,127 @@ def test_what_is_no_series_with_times_is_refused_and_nothing_learned(arguments, 
 
 def test_the_hour_of_the_day_counts_seconds() -> None:
     assert hour_of_day(np.array(["2014-01-31T23:59:59"], dtype="datetime64[s]")) == 86399 / 3600
+
+
+# ------------------------------------------------------------------ names
+
+FRAME = pd.DataFrame(
+    {"t": np.arange(72.0) % 7, "h": 100.0 + np.arange(72.0) % 5},
+    index=pd.date_range("2014-01-06", periods=72, freq="h"),
+)
+CUBE = xr.DataArray(
+    FRAME.to_numpy(), coords={"time": FRAME.index, "of": ["t", "h"]}, dims=("time", "of"), name="met"
+)
+STEPS = {"Standardizer": Standardizer, "DailyProfile": DailyProfile}
+
+#: What else may hold the columns that were learned: what is given, and how its columns are called after it.
+SAME = {
+    "another order": (FRAME[["h", "t"]], ["t", "h"]),
+    "columns beside them": (FRAME.assign(load=7.0)[["load", "h", "t"]], ["t", "h"]),
+    "columns without names": (FRAME.set_axis([0, 1], axis=1), [0, 1]),
+    "a DataArray in another order": (CUBE.isel(of=[1, 0]), None),
+    "an array": (FRAME.to_numpy(), None),
+}
+
+
+def verbs(step, values):
+    """What both verbs return, times given where the step asks for them and ``values`` has none."""
+    time = {"time": FRAME.index} if isinstance(step, DailyProfile) and isinstance(values, np.ndarray) else {}
+    return [verb(values, **time) for verb in (step.transform, step.inverse_transform)]
+
+
+@pytest.mark.parametrize("kind", STEPS)
+@pytest.mark.parametrize("given", SAME)
+def test_columns_are_taken_by_the_names_that_were_learned_and_arrays_by_position(kind, given) -> None:
+    values, names = SAME[given]
+    step = STEPS[kind]().fit(FRAME)
+    for found, expected in zip(verbs(step, values), verbs(step, FRAME), strict=True):
+        np.testing.assert_array_equal(np.asarray(found), expected.to_numpy())
+        if names is not None:
+            assert list(found.columns) == names
+            assert found.index.equals(FRAME.index)
+    again = pickle.loads(pickle.dumps(step))
+    np.testing.assert_array_equal(np.asarray(verbs(again, values)[0]), verbs(step, FRAME)[0].to_numpy())
+    assert "names_=('t', 'h')" in repr(again)
+
+
+@pytest.mark.parametrize("kind", STEPS)
+@pytest.mark.parametrize("learned", [FRAME["t"], FRAME[["t"]], FRAME["t"].rename(None)])
+def test_a_series_goes_by_position_whatever_it_is_called(kind, learned) -> None:
+    step = STEPS[kind]().fit(learned)
+    plain = FRAME["t"].rename("load")
+    for found, expected in zip(verbs(step, plain), verbs(step, learned), strict=True):
+        assert found.name == "load"
+        np.testing.assert_array_equal(found.to_numpy(), expected.to_numpy().reshape(-1))
+
+
+#: What is learned on, what is refused after it, and what the message says.
+STRANGE = {
+    "a name that is missing": (FRAME, FRAME[["t"]], "got no column 'h'; .* on t, h, and the columns are t: "),
+    "strange names": (FRAME, FRAME.set_axis(["a", "b"], axis=1), r"the columns are a, b.*values\.to_numpy"),
+    "a column of another name": (FRAME["t"], FRAME[["h"]], "got no column 't'; .*, and the columns are h"),
+    "a DataArray": (FRAME, CUBE.assign_coords(of=["t", "x"]), "got no column 'h'; .*the columns are t, x"),
+    "a name twice": (FRAME, FRAME[["t", "h", "h"]], "2 columns are called 'h', expected one"),
+    "too many columns": (FRAME, FRAME.assign(x=1.0).to_numpy(), "got 3 columns, expected 2"),
+    "too few columns": (FRAME, FRAME["t"], "got 1 columns, expected 2"),
+}
+
+
+@pytest.mark.parametrize("kind", STEPS)
+@pytest.mark.parametrize("case", STRANGE)
+def test_what_lacks_a_column_that_was_learned_is_refused_with_what_is_there(kind, case) -> None:
+    learned, values, message = STRANGE[case]
+    step = STEPS[kind]().fit(learned)
+    time = {"time": FRAME.index} if kind == "DailyProfile" else {}
+    for verb in (step.transform, step.inverse_transform):
+        with pytest.raises(ParameterError, match=f"values: .*{message}"):
+            verb(values, **time)
+
+
+@pytest.mark.parametrize("kind", STEPS)
+def test_two_columns_of_one_name_are_not_learned_and_what_was_known_stays(kind) -> None:
+    step = STEPS[kind]().fit(FRAME)
+    before = {name: np.array(value) for name, value in vars(step).items()}
+    with pytest.raises(ParameterError, match="values: 2 columns are called 't', expected one"):
+        step.fit(FRAME[["t", "t"]])
+    for name, value in before.items():
+        np.testing.assert_array_equal(vars(step)[name], value)
+
+
+# ------------------------------------------------------------------ clocks
+
+NAIVE = pd.date_range("2014-01-06", periods=48, freq="h")
+MELBOURNE = NAIVE.tz_localize("Australia/Melbourne")
+
+
+@pytest.mark.parametrize(
+    ("learned", "given"),
+    [(NAIVE, MELBOURNE), (MELBOURNE, NAIVE), (NAIVE, ["2014-01-06T00:00+01:00"])],
+    ids=["naive, then a zone", "a zone, then naive", "naive, then offsets"],
+)
+def test_times_with_a_zone_and_without_one_do_not_go_together(learned, given) -> None:
+    profile = DailyProfile().fit(np.arange(48.0) % 24, learned)
+    for verb in (profile.transform, profile.inverse_transform):
+        with pytest.raises(ParameterError, match=r"time: got times with.*, but the profile was learned on"):
+            verb(np.zeros(len(given)), given)
+    with pytest.raises(ParameterError, match="nobody knows which clock is meant"):
+        profile.at(given)
+
+
+def test_times_of_another_zone_are_what_their_own_clock_shows() -> None:
+    profile = DailyProfile().fit(np.arange(48.0) % 24, MELBOURNE)
+    berlin = pd.date_range("2014-02-03T08:00", periods=3, freq="h", tz="Europe/Berlin")
+    np.testing.assert_array_equal(profile.at(berlin), [8.0, 9.0, 10.0])
+    again = pickle.loads(pickle.dumps(profile))
+    with pytest.raises(ParameterError, match="times without a zone"):
+        again.at(NAIVE)
+
+
+def test_a_coordinate_of_times_is_taken_as_an_index_is() -> None:
+    values = pd.Series(np.arange(72.0) % 24 + np.arange(72.0), FRAME.index)
+    array = xr.DataArray(values.to_numpy(), coords={"time": FRAME.index}, dims="time")
+    profile, expected = DailyProfile().fit(array), DailyProfile().fit(values)
+    np.testing.assert_array_equal(profile.means_, expected.means_)
+    np.testing.assert_array_equal(profile.transform(array), expected.transform(values).to_numpy())
+    with pytest.raises(ParameterError, match="time: missing"):
+        DailyProfile().fit(array.drop_vars("time"))
