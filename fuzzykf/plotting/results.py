@@ -8,6 +8,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers, brief, is_whole
+from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.plotting.style import BLUE, STRIP, TRUTH, axes_or_new, date_axis
 from fuzzykf.times import has_durations, has_times, read_times
 
@@ -50,7 +51,9 @@ def plot_result(
         Nominal coverage of the band.  Where the result holds finite bounds of the state, as
         of a possibilistic filter with memberships of bounded support, the band is these.
     truth : array_like, shape (n,) or (n, dim_x), optional
-        What the state was; where it is missing (NaN, None, masked) nothing is drawn.
+        What the state was; where it is missing (NaN, None, masked) nothing is drawn.  With an index it goes
+        with the index of the result, if that has one: it may have more rows, but none of these may be
+        missing.  An array goes by position.
     label, unit : str
         Of the state.
 
@@ -63,7 +66,7 @@ def plot_result(
     MissingDependencyError
         If matplotlib is not installed.
     ParameterError, ShapeError
-        If the result holds many series, has no such component, or ``truth`` another length.
+        If the result holds many series, has no such component, or ``truth`` another length or index.
 
     Examples
     --------
@@ -86,6 +89,8 @@ def plot_result(
         )
     known = None if truth is None else as_numbers("truth", truth)
     if known is not None:
+        rows = _rows_of(truth, result.index)
+        known = known if rows is None or known.ndim == 0 else known[rows]
         if known.shape not in {(n,), (n, m)}:
             raise ShapeError(f"truth: got shape {known.shape}, expected ({n},) or ({n}, {m})")
         known = known if known.ndim == 1 else known[:, component]
@@ -118,6 +123,26 @@ def plot_result(
     axes.set_ylim(low, high + _LEGEND_HEIGHT * (high - low))
     axes.legend(loc="upper right", fontsize="small", ncols=3, frameon=False)
     return axes
+
+
+def _rows_of(truth: Any, index: Any) -> Any:
+    """Return where the rows of a result stand in a truth; None if both go together as they are.
+
+    Raises
+    ------
+    ParameterError
+        If both have an index, and that of the truth lacks rows, or has as many in another order.
+    """
+    there = index_of(truth)
+    if not hasattr(there, "equals") or not hasattr(index, "equals") or there.equals(index):
+        return None
+    if there.is_unique and len(there) >= len(index):
+        rows = there.get_indexer(index)
+        in_order = np.array_equal(rows, np.arange(len(there)))  # of another type, such as another unit
+        if (rows >= 0).all() and (in_order or len(there) > len(index)):
+            return rows
+    check_aligned(result=index.to_series(), truth=truth)
+    return None
 
 
 def _abscissa(index: Any, n: int) -> tuple[Any, str, bool]:

@@ -4,7 +4,10 @@ from itertools import pairwise
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
+from matplotlib import pyplot as plt
 
 from fuzzykf import CGOFMSModel, CGOMSModel, FilterResult, FuzzyMarkovLaw, OFSRFilter
 from fuzzykf.errors import ParameterError, ShapeError
@@ -193,3 +196,54 @@ def test_a_fuzzy_and_a_hard_model_are_drawn_with_their_moments(model):
     assert [label.get_text() for label in converted.plot().get_xticklabels()] == ["0", "1"]
     with pytest.raises(ParameterError, match="component: got 1"):
         model.plot(component=1)
+
+
+# ------------------------------------------------------------------ a truth that has an index
+
+DAYS = pd.date_range("2014-01-01", periods=6, freq="D")
+WHOLE = pd.Series(np.arange(6.0), DAYS)
+
+#: The index of a result of days 1 to 3 (the first is 0), a truth that goes with it, and what is drawn.
+GOES = {
+    "the same index": (DAYS[1:4], WHOLE[1:4], [1.0, 2.0, 3.0]),
+    "more rows": (DAYS[1:4], WHOLE, [1.0, 2.0, 3.0]),
+    "more rows, in another order": (DAYS[1:4], WHOLE[::-1], [1.0, 2.0, 3.0]),
+    "more rows and columns": (DAYS[1:4], WHOLE.to_frame(), [1.0, 2.0, 3.0]),
+    "more rows of a DataArray": (
+        DAYS[1:4],
+        xr.DataArray(np.arange(6.0), coords={"time": DAYS}, dims="time"),
+        [1.0, 2.0, 3.0],
+    ),
+    "another unit of time": (DAYS[1:4], WHOLE[1:4].set_axis(DAYS[1:4].as_unit("s")), [1.0, 2.0, 3.0]),
+    "an array": (DAYS[1:4], np.array([7.0, 8.0, 9.0]), [7.0, 8.0, 9.0]),
+    "a series beside an array": (None, WHOLE[:3], [0.0, 1.0, 2.0]),
+    "a name twice": (pd.Index([1, 1, 2]), pd.Series([4.0, 5.0, 6.0], [1, 1, 2]), [4.0, 5.0, 6.0]),
+}
+
+
+@pytest.mark.parametrize("case", GOES)
+def test_a_truth_goes_by_its_index_with_the_result(case):
+    index, truth, expected = GOES[case]
+    result = FilterResult(x=np.zeros((3, 1)), P=np.ones((3, 1, 1)), index=index)
+    np.testing.assert_array_equal(curve(plot_result(result, truth=truth), "true").get_ydata(), expected)
+
+
+#: A truth that does not go with a result of days 1 to 3.
+STRAY = {
+    "other days": WHOLE[2:5],
+    "another order": WHOLE[1:4][::-1],
+    "more rows, but not all": WHOLE.drop(DAYS[2]),
+    "fewer rows": WHOLE[1:3],
+    "no times": WHOLE[1:4].reset_index(drop=True),
+    "another zone": WHOLE[1:4].tz_localize("UTC"),
+    "one of its rows twice": pd.concat([WHOLE, WHOLE[1:2]]),
+}
+
+
+@pytest.mark.parametrize("case", STRAY)
+def test_a_truth_of_another_index_is_refused_with_both_ends(case):
+    result = FilterResult(x=np.zeros((3, 1)), P=np.ones((3, 1, 1)), index=DAYS[1:4])
+    message = "result, truth: .* result has 3 from 2014-01-02 .* to 2014-01-04 .* truth has .* from .* to "
+    with pytest.raises(ParameterError, match=message):
+        plot_result(result, truth=STRAY[case])
+    assert not plt.get_fignums()
