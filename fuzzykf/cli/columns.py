@@ -129,15 +129,17 @@ def as_csv(
 ) -> str:
     """Write columns as comma-separated values; NaN becomes an empty cell.
 
-    Numbers are written so that they are read back bit for bit.  Text of the index that a
-    spreadsheet would compute gets an apostrophe, unless ``formulas`` are wanted.
+    Numbers are written so that they are read back bit for bit.  Names, and text of the index, that a
+    spreadsheet would compute get an apostrophe, unless ``formulas`` are wanted.
     """
+    names = list(columns)
     if not formulas:
+        names = [uncomputed(name) for name in names]
         index_name = uncomputed(index_name)
         index = [uncomputed(cell) if isinstance(cell, str) else cell for cell in index]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([index_name, *columns])
+    writer.writerow([index_name, *names])
     cells = [["" if np.isnan(v) else repr(v) for v in column.tolist()] for column in columns.values()]
     writer.writerows(zip(index, *cells, strict=True))
     return text.getvalue()
