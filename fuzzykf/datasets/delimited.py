@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["MISSING", "Dialect", "find_dialect", "read_lines", "take_preamble"]
 
-#: Spellings of a missing value, in lower case.
-MISSING = frozenset({"", "na", "n/a", "<na>", "nan", "null", "none"})
+#: Spellings of a missing value, in lower case; the last two are those of Excel.
+MISSING = frozenset({"", "na", "n/a", "<na>", "nan", "null", "none", "#n/a", "#n/a n/a"})
 
 #: What may separate cells, unless it is told; in messages by its name.
 SEPARATORS = {",": "','", ";": "';'", "\t": "tabs", "|": "'|'"}
@@ -44,6 +44,9 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}[,.]\d{3}", re.ASCII)
 #: Numbers in which one sign can only separate thousands: 1.234,5 and 1.234.567, whatever the sign.
 _MIXED = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|(,\d{3})+\.\d*)", re.ASCII)
 _GROUPS = re.compile(r"[+-]?[1-9]\d{0,2}((\.\d{3}){2,}|(,\d{3}){2,})", re.ASCII)
+
+#: The beginning of a row whose first cell is missing, in the words of Excel: no comment.
+_MISSING_FIRST = re.compile(r"\"?#N/A(?: N/A)?\"?[ \t]*(?![\w/ ])", re.ASCII | re.IGNORECASE)
 
 #: The first line by which Excel is told what separates cells.
 _EXCEL = re.compile(r"\"?sep=([^\w+\-.\"'\r\n\0])\"?[ \t]*", re.ASCII | re.IGNORECASE)
@@ -115,7 +118,7 @@ def take_preamble(text: str, asked: Dialect) -> tuple[Preamble, str]:
         sep = sep or said[1]
         first = next(lines, "")
     comments, blank = [], 0
-    while first.startswith("#"):
+    while first.startswith("#") and not _MISSING_FIRST.match(first):
         comments.append(first)
         first = next(lines, "")
     while comments and first and not first.strip():

@@ -202,7 +202,7 @@ class Table:
         name, format
             As in `times`.
         gaps : bool
-            Let cells be empty, and return NaT for them.
+            Let cells be empty, or a spelling of "missing", and return NaT for them.
         ordered : bool
             Whether each has to be later than the one before it.
 
@@ -215,8 +215,9 @@ class Table:
             "; say format='%d.%m.%Y %H:%M', or the like, or 'unix' (for milliseconds 'unix_ms') since 1970 "
             "(--time-format)"
         )
+        cells = self.text(name)
         return read_times(
-            self.text(name),
+            [None if cell.lower() in MISSING else cell for cell in cells] if gaps else cells,
             name=f"{self.source}, column {name}",
             format=format,
             gaps=gaps,
@@ -247,9 +248,10 @@ def read_table(
     (and noted).
 
     Before the names there may be a line ``sep=;``, as Excel has it, and lines of comments that begin with
-    ``#``; both are noted.  Missing is written as nothing, NA, N/A, <NA>, nan, null or none.  Nothing
-    separates thousands: where a number shows that something does (``1.234,5``) the file is refused, and
-    where it may be so (``1.234`` and the like throughout, between semicolons) a note says how it was read.
+    ``#``; both are noted.  Missing is written as nothing, NA, N/A, <NA>, #N/A, nan, null or none.
+    Nothing separates thousands: where a number shows that something does (``1.234,5``) the file is refused,
+    and where it may be so (``1.234`` and the like throughout, between semicolons) a note says how it was
+    read.
 
     Parameters
     ----------

@@ -68,8 +68,8 @@ def filter_dataset(
         arguments returns such an object; it is called once for each block, on the worker, for
         filters that cannot be pickled.
     observations : hashable, optional
-        Name of the variable to filter, NaN where missing; may be omitted if there is but one
-        beside those of ``inputs``.
+        Name of the variable to filter, NaN where missing (None or NA in one of objects); may be omitted
+        if there is but one beside those of ``inputs``.
     dim : hashable
         The dimension of time.
     component : hashable, optional

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.labels import Labels, check_no_state, check_step, match_columns, names_of
+from fuzzykf.missing import as_floats
 from fuzzykf.times import check_increasing
 
 if TYPE_CHECKING:
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.base import Filter, FilterResult
 
 __all__ = [
@@ -49,12 +52,43 @@ def find_observations(
                 f"ds: {name!r} is chunked along {wanted!r}, but a filter runs through the whole of a series; "
                 f"chunk it by series instead: ds.chunk({{{wanted!r}: -1, ...}})"
             )
-    if not (np.issubdtype(series.dtype, np.floating) or np.issubdtype(series.dtype, np.integer)):
+    if series.dtype.kind not in "biufO":
         raise ParameterError(f"observations: {name!r} holds {series.dtype}, expected real numbers")
     if not series.size:
         raise ShapeError(f"observations: {name!r} is empty, its sizes are {dict(series.sizes)}")
     _check_order(ds, dim)
-    return series.transpose(..., *core)
+    return _as_numbers(series).transpose(..., *core)
+
+
+def _as_numbers(series: xr.DataArray) -> xr.DataArray:
+    """Return a variable of objects as one of numbers, NaN where something is missing.
+
+    Blocks are read where they are filtered, so that nothing is computed before that.
+    """
+    if series.dtype != object:
+        return series
+    read = _ReadNumbers(repr(series.name))
+    if series.chunks is None:
+        return series.copy(data=read(series.values))
+    nothing = np.empty((0,) * series.ndim)
+    return series.copy(data=series.data.map_blocks(read, dtype=np.float64, meta=nothing))
+
+
+@dataclass(frozen=True)
+class _ReadNumbers:
+    """Reads objects as numbers; a class, since closures do not travel to workers."""
+
+    name: str
+
+    def __call__(self, values: Any) -> FloatArray:
+        """Return an array of floats."""
+        try:
+            return as_floats(values)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ParameterError(
+                f"observations: {self.name} holds something that is no real number ({error}); expected "
+                "numbers, and None, NaN or NA where something is missing"
+            ) from error
 
 
 def _check_order(ds: xr.Dataset, dim: Hashable) -> None:

@@ -238,12 +238,19 @@ def test_a_single_column_has_nothing_to_separate_or_to_note(read) -> None:
     assert list(read('"a\nb, c\nd"\n1\n').columns) == ["a\nb, c\nd"]
 
 
-@pytest.mark.parametrize("cell", ["", "NA", "n/a", "<NA>", "<na>", "NaN", "null", "None"])
+@pytest.mark.parametrize(
+    "cell", ["", "NA", "n/a", "<NA>", "<na>", "NaN", "null", "None", "#N/A", "#n/a", "#N/A N/A"]
+)
 def test_words_for_missing_are_missing(read, cell) -> None:
-    table = read(f"a,b\n{cell},1\n2,3\n")
-    np.testing.assert_array_equal(table.numbers("a", gaps=True), [NAN, 2.0])
-    with pytest.raises(FileFormatError, match=r"line 2: a is missing"):
-        table.numbers("a")
+    for head in ("a,b", "# a,b"):  # a line of names that begins like a comment
+        table = read(f"{head}\n{cell},1\n2,3\n")
+        a, _ = table.columns
+        np.testing.assert_array_equal(table.numbers(a, gaps=True), [NAN, 2.0])
+        with pytest.raises(FileFormatError, match=r"line 2: (# )?a is missing"):
+            table.numbers(a)
+    table = read(f"a,b\n2014-01-01,1\n{cell},3\n")
+    times = table.read_times("a", gaps=True).clock
+    np.testing.assert_array_equal(times, np.array(["2014-01-01", "NaT"], dtype="datetime64[s]"))
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from fuzzykf import (
@@ -489,3 +490,40 @@ def test_components_are_those_that_were_learned_on(components, of) -> None:
 def test_variables_that_were_not_learned_on_are_refused(dataset, message) -> None:
     with pytest.raises(ParameterError, match=message):
         filter_dataset(dataset(), two_observations(), component="what")
+
+
+# ------------------------------------------------------------------ objects
+
+OBJECTS = np.array([[1.0, None, 3.0], [np.nan, 2, np.float32(4.0)], [5.0, pd.NA, True]], dtype=object)
+
+
+@pytest.mark.parametrize("chunks", [{}, {"meter": 1}, {"meter": 2}])
+def test_a_variable_of_objects_is_read_as_filter_many_reads_it(chunks) -> None:
+    ds = xr.Dataset({"load": (("meter", "time"), OBJECTS, {"units": "kW"})})
+    result = filter_dataset(ds.chunk(chunks) if chunks else ds, kalman_filter(), keep=["x", "log_likelihood"])
+    expected = kalman_filter().filter_many(OBJECTS)
+    computed = result.compute(scheduler="threads")
+    assert_same(computed.x.values, expected.x)
+    assert_same(computed.log_likelihood.values, expected.log_likelihood)
+
+
+@pytest.mark.parametrize("chunks", [{}, {"meter": 1}])
+@pytest.mark.parametrize("cell", ["high", "1.5", 1j, b"1", np.datetime64("2014-01-01"), [1.0, 2.0]])
+def test_an_object_that_is_no_number_is_refused(chunks, cell) -> None:
+    values = OBJECTS.copy()
+    values[1, 1] = cell
+    ds = xr.Dataset({"load": (("meter", "time"), values)})
+    with pytest.raises(ParameterError, match="observations: 'load' holds something that is no real number"):
+        filter_dataset(ds.chunk(chunks) if chunks else ds, kalman_filter()).compute(scheduler="threads")
+
+
+def test_objects_in_blocks_are_not_read_before_the_result_is_asked_for() -> None:
+    def fails(block):
+        raise RuntimeError("computed")
+
+    values = da.from_array(OBJECTS, chunks=(1, 3)).map_blocks(
+        fails, dtype=object, meta=np.empty((0, 0), object)
+    )
+    result = filter_dataset(xr.Dataset({"load": (("meter", "time"), values)}), kalman_filter())
+    with pytest.raises(RuntimeError, match="computed"):
+        result.compute(scheduler="threads")
