@@ -20,7 +20,7 @@ from fuzzykf.missing import as_floats
 from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.reprs import call_text, shown
 from fuzzykf.steps import find_steps
-from fuzzykf.times import Times, has_times, read_times
+from fuzzykf.times import Times, has_times, read_times, written_times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -500,6 +500,8 @@ def as_times(time: Any, values: Any, n: int) -> Times:
     if time is None:
         time = index_of(values)
         if not has_times(time):
+            time = written_times(time)
+        if time is None:
             raise ParameterError("time: missing; the time of day needs a time for each row")
     times = read_times(time)
     if len(times) != n:

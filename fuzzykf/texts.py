@@ -9,12 +9,23 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-__all__ = ["listed", "literal", "printable", "uncomputed"]
+__all__ = ["counted", "listed", "literal", "printable", "uncomputed"]
 
 #: Unicode categories of what moves the cursor, changes the direction, or stands for nothing.
 _CONTROLS = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
+
+
+def counted(n: int, noun: str) -> str:
+    """Return how many there are of something, one or several.
+
+    Examples
+    --------
+    >>> counted(1, "row"), counted(1000, "row")
+    ('1 row', '1,000 rows')
+    """
+    return f"{n:,} {noun}" + ("" if n == 1 else "s")
 
 
 def listed(names: Collection[str], most: int = 20) -> str:

@@ -34,6 +34,7 @@ __all__ = [
     "has_times",
     "is_time",
     "read_times",
+    "written_times",
 ]
 
 _ISO = re.compile(
@@ -57,6 +58,9 @@ _NOT_A_TIME = int(np.iinfo(np.int64).min)
 
 #: Until this hour of the night clocks are put back or forward, in whatever country.
 NIGHT = 4
+
+#: Months in which clocks are put back somewhere: autumn in the north and, in spring there, in the south.
+_PUT_BACK = (2, 3, 4, 5, 9, 10, 11)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +178,7 @@ def read_times(
 
 
 def has_times(index: Any) -> bool:
-    """Whether an index of pandas, or an array, is made of times."""
+    """Whether an index of pandas, or an array, is made of times; text is none, see `written_times`."""
     kind = getattr(getattr(index, "dtype", None), "kind", "")
     if kind == "O" and not _is_periods(index):  # such as times of several offsets
         first = _first(index)
@@ -182,8 +186,49 @@ def has_times(index: Any) -> bool:
     return kind == "M" or _is_zoned(index) or _is_periods(index)
 
 
+def written_times(index: Any, where: Callable[[int], str] | None = None) -> Times | None:
+    """Return the times of an index of text, as one is whose dates nobody has parsed; None if it is none.
+
+    It is one if every entry is a time of ISO 8601.  Digits alone may be the numbers of anything.
+
+    Parameters
+    ----------
+    index : index of pandas, or array
+    where : callable, optional
+        Names a row in messages.
+
+    Raises
+    ------
+    ParameterError
+        If some of the times have an offset from Greenwich, and others have none.
+
+    Examples
+    --------
+    >>> written_times(np.array(["2014-01-02", "2014-01-01"], dtype=object)).clock.astype(str).tolist()
+    ['2014-01-02T00:00:00', '2014-01-01T00:00:00']
+    >>> written_times(np.array(["2014-01-02", "later"], dtype=object)) is None
+    True
+    """
+    kind = getattr(getattr(index, "dtype", None), "kind", "")
+    entries: Any = np.asarray(index, dtype=object) if kind in tuple("OUT") else np.zeros(0)
+    if entries.ndim != 1 or not entries.size or not all(map(_is_written, (entries[0], entries[-1]))):
+        return None
+    try:
+        return read_times(entries, ordered=False, where=where)
+    except ParameterError:
+        if all(map(_is_written, entries)):
+            raise
+        return None
+
+
+def _is_written(entry: Any) -> bool:
+    return isinstance(entry, str) and not entry.strip().isdigit() and is_time(entry.strip())
+
+
 def check_increasing(index: Any, where: Callable[[int], str]) -> None:
     """Raise unless the times, or the durations, of an index increase; any other index may be in any order.
+
+    An index of text whose entries are all times of ISO 8601 is one of times, see `written_times`.
 
     Parameters
     ----------
@@ -207,6 +252,10 @@ def check_increasing(index: Any, where: Callable[[int], str]) -> None:
         read_times(index, where=where)
     elif has_durations(index):
         _check_durations(index, where)
+    else:
+        times = written_times(index, where)
+        if times is not None:
+            _check_order(times, index, where, ParameterError)
 
 
 def _check_durations(index: Any, where: Callable[[int], str]) -> None:
@@ -226,7 +275,7 @@ def _check_durations(index: Any, where: Callable[[int], str]) -> None:
 def as_spans(index: Any) -> Times | None:
     """Return the times of an index that `check_increasing` has let in, durations as times since 1970.
 
-    None if it holds neither.
+    Text whose entries are all times of ISO 8601 is read; None if it holds neither.
 
     Examples
     --------
@@ -236,7 +285,7 @@ def as_spans(index: Any) -> Times | None:
     if has_times(index):
         return read_times(index)
     if not has_durations(index):
-        return None
+        return written_times(index)
     since = np.datetime64(0, "s") + np.asarray(index).astype("timedelta64[ns]")
     moments = _coarsest("index", since)
     return Times(moments, moments, False)
@@ -481,12 +530,30 @@ def _check_order(times: Times, stamps: Any, place: Callable[[int], str], error: 
     shown = list(stamps)
     where = "in the row before" if before == row - 1 else "in the last row before it that has a time"
     told = f"{place(row)} is {_shown(shown[row])}, not later than {_shown(shown[before])} {where}"
-    hour = int((times.clock[row] - times.clock[row].astype("datetime64[D]")) / np.timedelta64(1, "h"))
     half_years = abs(times.clock[known[-1]] - times.clock[known[0]]) // np.timedelta64(180, "D")
-    may_be_autumn = hour < NIGHT and steps[first] >= np.timedelta64(-1, "h") and back.sum() <= 1 + half_years
+    may_be_autumn = back.sum() <= 1 + half_years and _shows_an_hour_twice(times.clock[row], steps, first)
     if may_be_autumn and not times.has_offsets:
         told += (
             "; if clocks were put back there, the hour that they showed twice can be told apart by offsets "
             "from Greenwich alone, as in 2014-10-26T01:30+01:00: give one in every row"
         )
     raise error(told)
+
+
+def _shows_an_hour_twice(clock: np.datetime64, steps: NDArray[np.timedelta64], back: int) -> bool:
+    """Whether rows may go back because clocks were put back: at night, in a month in which that is.
+
+    Then the step back is an hour less than usual, and the hour that follows has the usual steps.  A row that
+    stands twice among half hours is none of these.  Two rows alone show no step, and may be anything.
+    """
+    hour = np.timedelta64(1, "h")
+    month = int(clock.astype("datetime64[M]").astype(int)) % 12 + 1
+    if clock - clock.astype("datetime64[D]") >= NIGHT * hour or month not in _PUT_BACK:
+        return False
+    forward = steps[steps > np.timedelta64(0)]
+    if not len(forward):
+        return bool(steps[back] >= -hour)
+    usual = np.sort(forward)[len(forward) // 2]
+    rows = max(1, int(hour // usual))
+    after = steps[back + 1 : back + 1 + rows]
+    return bool(steps[back] + hour == usual and (after == usual).all())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fuzzykf.texts import listed, literal, printable, uncomputed
+from fuzzykf.texts import counted, listed, literal, printable, uncomputed
 
 
 def test_few_of_many_names_are_listed():
@@ -54,3 +54,8 @@ def test_formulas_get_an_apostrophe(cell):
 )
 def test_other_cells_stay_as_they_are(cell):
     assert uncomputed(cell) == cell
+
+
+@pytest.mark.parametrize(("n", "text"), [(0, "0 rows"), (1, "1 row"), (2, "2 rows"), (12345, "12,345 rows")])
+def test_one_is_counted_in_the_singular(n, text):
+    assert counted(n, "row") == text

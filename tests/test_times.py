@@ -14,7 +14,7 @@ from fuzzykf.comparison import ClockSwitch, prepare
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
 from fuzzykf.observations import check_aligned
 from fuzzykf.preprocessing import hour_of_day
-from fuzzykf.times import has_times, is_time, read_times
+from fuzzykf.times import has_times, is_time, read_times, written_times
 
 BERLIN = ZoneInfo("Europe/Berlin")
 #: Four half hours around the one in which the clocks of Berlin go back: 2:30 is shown twice.
@@ -370,6 +370,77 @@ def test_durations_that_are_not_in_order_are_refused_by_all_that_take_an_index(u
     for times in WRONG.values():
         with pytest.raises(FuzzykfError, match=r"not later than .* in the row before"):
             USERS[user](times - GOOD[0])
+
+
+INDEXED = ["dataset", "profile of an index", "compare_models of an index", "fit of an index", "alignment"]
+
+
+@pytest.mark.parametrize("zone", ["", "+10:00"])
+@pytest.mark.parametrize("user", INDEXED)
+def test_an_index_of_text_that_nobody_has_parsed_has_to_be_in_order_as_well(user, zone) -> None:
+    USERS[user]([f"{time}{zone}" for time in GOOD])
+    for times in (*WRONG.values(), GOOD[::-1]):
+        with pytest.raises(FuzzykfError, match=r"is '2014-.*', not later than '2014-.*' in the row before"):
+            USERS[user]([f"{time}{zone}" for time in times])
+    with pytest.raises(FuzzykfError, match="expected an offset in every row or in none"):
+        USERS[user]([*GOOD[:-2].astype(str), f"{GOOD[-2]}Z", str(GOOD[-1])])
+
+
+#: Indexes of text that hold no times, which may be in any order.
+NO_TIMES = {
+    "names": ["b", "a", "c"],
+    "a name between dates": ["2014-02-03", "autumn", "2014-01-01"],
+    "numbers of eight digits": ["20140203", "20140102", "20140101"],
+    "nothing between dates": ["2014-02-03", None, "2014-01-01"],
+    "pairs": pd.MultiIndex.from_tuples([("2014-02", 1), ("2014-01", 1), ("2014-01", 2)]),
+}
+
+
+@pytest.mark.parametrize("case", NO_TIMES)
+def test_text_that_is_no_time_throughout_may_be_in_any_order(case) -> None:
+    index = pd.Index(NO_TIMES[case])
+    check_aligned(x=pd.Series([1.0, 2.0, 3.0], index), y=[1.0, 2.0, 3.0])
+    assert written_times(index) is None
+
+
+HALVES = ["01:00", "01:30", "02:00", "02:30", "02:00", "02:30", "03:00"]
+
+#: Clocks that go back at night, and whether it may be that they were put back by an hour.
+PUT_BACK = {
+    "half hours in October": (
+        HALVES,
+        "2014-10-26",
+        True,
+    ),
+    "half hours in April": (
+        HALVES,
+        "2014-04-06",
+        True,
+    ),
+    "half hours in January": (
+        HALVES,
+        "2014-01-19",
+        False,
+    ),
+    "hours in October": (["01:00", "02:00", "02:00", "03:00"], "2014-10-26", True),
+    "hours in January": (["01:00", "02:00", "02:00", "03:00"], "2014-01-26", False),
+    "hours in July": (["01:00", "02:00", "02:00", "03:00"], "2014-07-27", False),
+    "hours at noon": (["11:00", "12:00", "12:00", "13:00"], "2014-10-26", False),
+    "a half hour twice": (["01:00", "01:30", "01:30", "02:00"], "2014-10-26", False),
+    "too far back": (["01:00", "01:30", "02:00", "02:30", "01:30", "02:00"], "2014-10-26", False),
+    "not the whole hour again": (["01:00", "01:30", "02:00", "02:30", "02:00", "03:00"], "2014-10-26", False),
+    "the file ends in it": (["01:00", "01:30", "02:00", "02:30", "02:00"], "2014-10-26", True),
+    "nothing but two rows": (["02:00", "02:00"], "2014-10-26", True),
+    "nothing but two rows in January": (["02:00", "02:00"], "2014-01-26", False),
+}
+
+
+@pytest.mark.parametrize("case", PUT_BACK)
+def test_clocks_are_spoken_of_where_rows_show_an_hour_of_the_night_twice(case) -> None:
+    clocks, day, spoken_of = PUT_BACK[case]
+    with pytest.raises(ParameterError, match="not later than") as caught:
+        read_times([f"{day}T{clock}" for clock in clocks])
+    assert ("if clocks were put back there" in str(caught.value)) == spoken_of
 
 
 @pytest.mark.parametrize("zone", [None, "Australia/Brisbane"])

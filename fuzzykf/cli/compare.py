@@ -15,7 +15,15 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
-from fuzzykf.cli.output import check_file, check_folder, progress_bar, report_errors, say, say_written
+from fuzzykf.cli.output import (
+    check_file,
+    check_folder,
+    progress_bar,
+    report_errors,
+    say,
+    say_written,
+    whole_option,
+)
 from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat, row_times
 from fuzzykf.errors import ParameterError
 from fuzzykf.files import write_bytes, write_text
@@ -104,7 +112,7 @@ def command(
             show_default=False,
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
+    seed: Annotated[int, whole_option(0, help="Seed of the bootstrap.")] = 0,
     time: Time = None,
     time_format: TimeFormat = None,
     sep: Sep = None,
@@ -136,8 +144,8 @@ def command(
     ] = Law.AUTO,
     nodes: Annotated[
         int,
-        typer.Option(
-            min=0,
+        whole_option(
+            0,
             help="Values of the fuzzy switch between 0 and 1; the time of a step grows as (nodes + 2)^2.",
         ),
     ] = 5,

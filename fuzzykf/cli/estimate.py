@@ -18,12 +18,13 @@ from fuzzykf.cli.output import (
     report_errors,
     say,
     say_written,
+    whole_option,
 )
 from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat
 from fuzzykf.errors import ParameterError
 from fuzzykf.files import write_text
 from fuzzykf.labels import check_step
-from fuzzykf.texts import listed
+from fuzzykf.texts import counted, listed
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -67,8 +68,8 @@ Index = Annotated[
 ]
 Nodes = Annotated[
     int | None,
-    typer.Option(
-        min=0,
+    whole_option(
+        0,
         help="Values of a fuzzy switch between 0 and 1; by default 5, or what the law was learned on. "
         "The time grows as (nodes + 2)^2.",
         show_default=False,
@@ -211,7 +212,9 @@ def _filter_of(model: Any, nodes: int | None) -> Any:
     if not isinstance(model, SwitchingModel):
         raise ParameterError(f"model: got {type(model).__name__}, expected a CGOFMSModel or CGOMSModel")
     if nodes is not None and not model.is_fuzzy:
-        raise ParameterError(f"--nodes: got {nodes}, but the model has {model.n_classes} hard regimes")
+        raise ParameterError(
+            f"--nodes: got {nodes}, but the model has {counted(model.n_classes, 'hard regime')}"
+        )
     return model.filter(nodes)
 
 
@@ -240,9 +243,10 @@ def _columns(result: FilterResult, zs: FloatArray, level: float, fuzzy: bool) ->
 def _print(verb: str, rows: Rows, zs: FloatArray, output: Path) -> None:
     console = console_beside(output)
     gaps = int(np.isnan(zs).any(axis=1).sum())
-    told = f", of which {gaps:,} lack something of the observation" if gaps else ""
+    lack = "lacks" if gaps == 1 else "lack"
+    told = f", of which {gaps:,} {lack} something of the observation" if gaps else ""
     done = "Filtered" if verb == "filter" else "Smoothed"
-    say(console, f"{done} {len(rows):,} rows of {rows.source}{told}.")
+    say(console, f"{done} {counted(len(rows), 'row')} of {rows.source}{told}.")
     for note in rows.notes:
         say(console, f"Note: {note}.")
     say_written(console, output)

@@ -11,12 +11,20 @@ import numpy as np
 import typer
 
 from fuzzykf.cli.columns import Rows, read_rows
-from fuzzykf.cli.output import check_file, console_beside, progress_bar, report_errors, say, say_written
+from fuzzykf.cli.output import (
+    check_file,
+    console_beside,
+    progress_bar,
+    report_errors,
+    say,
+    say_written,
+    whole_option,
+)
 from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat
 from fuzzykf.errors import ParameterError
 from fuzzykf.steps import find_steps
 from fuzzykf.switching.laws.registry import learned_laws
-from fuzzykf.texts import listed
+from fuzzykf.texts import counted, listed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -93,8 +101,8 @@ def command(
     ] = None,
     regimes: Annotated[
         int | None,
-        typer.Option(
-            min=1,
+        whole_option(
+            1,
             metavar="K",
             help="Learn K hard regimes instead of a fuzzy switch.",
             show_default=False,
@@ -102,7 +110,7 @@ def command(
     ] = None,
     switches: Annotated[
         int | None,
-        typer.Option(min=1, metavar="K", help="Another name of --regimes.", show_default=False),
+        whole_option(1, metavar="K", help="Another name of --regimes.", show_default=False),
     ] = None,
     form: Annotated[
         Form,
@@ -113,8 +121,8 @@ def command(
     ] = Form.AUTO,
     nodes: Annotated[
         int,
-        typer.Option(
-            min=0,
+        whole_option(
+            0,
             help="Values of a fuzzy switch between 0 and 1; the time of an iteration grows as (nodes + 2)^2.",
         ),
     ] = 5,
@@ -126,10 +134,10 @@ def command(
         ),
     ] = 1.0,
     starts: Annotated[
-        int, typer.Option(min=1, help="Guesses of the switch to begin from; more than 4 are random.")
+        int, whole_option(1, help="Guesses of the switch to begin from; more than 4 are random.")
     ] = 4,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random starts.")] = 0,
-    max_iter: Annotated[int, typer.Option(min=1, help="Largest number of iterations.")] = 500,
+    seed: Annotated[int, whole_option(0, help="Seed of the random starts.")] = 0,
+    max_iter: Annotated[int, whole_option(1, help="Largest number of iterations.")] = 500,
     tolerance: Annotated[
         float, typer.Option(help="Gain in log-likelihood per row and iteration at which to stop.")
     ] = 1e-6,
@@ -230,8 +238,8 @@ def _test(rows: Rows, n_train: int, fit: FitResult[Any], nodes: int) -> tuple[st
     known = np.isfinite(missed)
     inside = (np.abs(missed) <= INTERVAL_FACTOR * found.std)[known].mean()
     return (
-        f"On the {len(truth):,} rows after these, from the observation alone: RMSE {rmse}; the intervals of "
-        f"90 % hold {100 * inside:.1f} % of the states."
+        f"On the {counted(len(truth), 'row')} after these, from the observation alone: RMSE {rmse}; "
+        f"the intervals of 90 % hold {100 * inside:.1f} % of the states."
     ), learned.notes
 
 
@@ -245,11 +253,11 @@ def _print(
     model = fit.model
     labels = model.labels
     state, obs = (map(labels.with_unit, names) for names in (labels.states, labels.observations))
-    iterations = f"{len(fit.trace) - 1} iterations"
+    iterations = counted(len(fit.trace) - 1, "iteration")
     gaps = n_train - fit.n_observations
     lines = [
         f"Learned {', '.join(state)} from {', '.join(obs)}, on {n_train:,} rows of {rows.source}"
-        + (f", of which {gaps:,} lack something." if gaps else "."),
+        + (f", of which {gaps:,} {'lacks' if gaps == 1 else 'lack'} something." if gaps else "."),
         f"Model: {model.describe_switch()}; {model.form.kind} form, {fit.n_parameters} parameters.",
         f"{'Converged' if fit.converged else 'Stopped'} after {iterations}.",
         f"log-likelihood {fit.log_likelihood:.2f} ({fit.log_likelihood / fit.n_observations:.4f} per row), "

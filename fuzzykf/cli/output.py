@@ -18,6 +18,7 @@ from fuzzykf.texts import printable
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+    from typing import Any
 
 __all__ = [
     "UsageError",
@@ -28,11 +29,23 @@ __all__ = [
     "report_errors",
     "say",
     "say_written",
+    "whole_option",
 ]
 
 
 class UsageError(ParameterError):
     """What is asked for does not go with the model that it is asked of: exit code 2, as for any misuse."""
+
+
+def whole_option(least: int, *names: str, metavar: str = "N", **options: Any) -> Any:
+    """Return an option that takes a whole number of at least ``least``, and says what came instead."""
+
+    def checked(value: int | None) -> int | None:
+        if value is not None and value < least:
+            raise typer.BadParameter(f"got {value}, expected a whole number of at least {least}")
+        return value
+
+    return typer.Option(*names, metavar=f"{metavar} [x>={least}]", callback=checked, **options)
 
 
 @contextmanager

@@ -166,7 +166,10 @@ def row_times(
     except FileFormatError as error:
         if not guessed:
             raise
-        raise FileFormatError(f"{error}; --time none leaves the column alone") from error
+        raise FileFormatError(
+            f"{error}; --time none does not look at the times: rows are taken in the order in which they "
+            "stand, and as equally far apart"
+        ) from error
     note = step_note(times, column, table.text(column))
     return RowTimes(column, times, () if note is None else (note,))
 

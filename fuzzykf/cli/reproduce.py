@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table as Grid
 
-from fuzzykf.cli.output import check_folder, progress_bar, report_errors
+from fuzzykf.cli.output import check_folder, progress_bar, report_errors, whole_option
 from fuzzykf.errors import ParameterError
 from fuzzykf.files import write_text
 
@@ -37,13 +37,13 @@ def command(
     list_: Annotated[bool, typer.Option("--list", help="List the experiments and exit.")] = False,
     runs: Annotated[
         int | None,
-        typer.Option(
-            min=2,
+        whole_option(
+            2,
             help="Independent runs, also with --quick; by default those of each experiment.",
             show_default=False,
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+    seed: Annotated[int, whole_option(0, help="Seed of all random numbers.")] = 0,
     out: Annotated[
         Path,
         typer.Option(

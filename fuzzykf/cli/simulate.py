@@ -9,9 +9,18 @@ import numpy as np
 import typer
 
 from fuzzykf.cli.columns import as_csv, components
-from fuzzykf.cli.output import check_file, console_beside, progress_bar, report_errors, say, say_written
+from fuzzykf.cli.output import (
+    check_file,
+    console_beside,
+    progress_bar,
+    report_errors,
+    say,
+    say_written,
+    whole_option,
+)
 from fuzzykf.files import write_text
 from fuzzykf.labels import NO_LABELS
+from fuzzykf.texts import counted
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -27,8 +36,8 @@ def command(
     model: Annotated[
         Path, typer.Argument(metavar="MODEL.json", help="A model that fuzzykf fit, or save(), has written.")
     ],
-    n: Annotated[int, typer.Option("-n", min=1, metavar="ROWS", help="Number of rows.")] = 1000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0,
+    n: Annotated[int, whole_option(1, "-n", metavar="ROWS", help="Number of rows.")] = 1000,
+    seed: Annotated[int, whole_option(0, help="Seed of the random numbers.")] = 0,
     output: Annotated[
         Path,
         typer.Option(
@@ -61,7 +70,7 @@ def command(
             index, columns = _columns(series, getattr(found, "labels", NO_LABELS))
             write_text(output, as_csv(index, range(n), columns, formulas=formulas))
     console = console_beside(output)
-    say(console, f"Drew {n:,} rows from {found!r}.")
+    say(console, f"Drew {counted(n, 'row')} from {found!r}.")
     say_written(console, output)
 
 

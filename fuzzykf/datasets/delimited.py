@@ -266,8 +266,8 @@ def _find_decimal(source: str, text: str, sep: str, first: int) -> tuple[str, tu
     if points and thousands["."] == points:
         digits = example.replace(".", "")
         note = (
-            f"all numbers with a point have three digits after it, as thousands have: {example} is read as "
-            f"{float(example):.3f}; write {digits} if thousands are meant"
+            "all numbers with a point have three digits after it, as thousands have: the point is taken for "
+            f"that of decimals, in {example} as well; write {digits} if thousands are meant"
         )
         return ".", (note,)
     return ("," if commas else "."), ()

@@ -6,6 +6,7 @@ as times, so that an error can name the line and the text that stand in the way.
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import re
 import zlib
@@ -285,11 +286,11 @@ def read_table(
     asked = Dialect(sep, decimal).checked()
     try:
         content = read_bytes(path, max_bytes, MAX_BYTES, unpack=path.suffix == ".gz")
-        text = content.decode("utf-8-sig")
-    except (gzip.BadGzipFile, EOFError, zlib.error, UnicodeDecodeError) as error:
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise FileFormatError(
             f"{path.name}: expected delimited text in UTF-8, got something else ({error})"
         ) from error
+    text = _decoded(path.name, content)
     preamble, text = take_preamble(text, asked)
     dialect = find_dialect(path.name, text, asked, preamble)
     names, rows, lines, blank = read_lines(path.name, text, dialect, preamble.lines)
@@ -313,6 +314,41 @@ def read_table(
         has_index=has_index,
         notes=(*preamble.notes, *found, *_nameless_notes(names), *_blank_notes(blank)),
     )
+
+
+def _decoded(source: str, content: bytes) -> str:
+    """Return text in UTF-8.
+
+    Raises
+    ------
+    FileFormatError
+        Says where it is none, and how it is made UTF-8.
+    """
+    convert = "convert it (iconv -f {} -t utf-8 OLD.csv > NEW.csv), or save it in Excel as 'CSV UTF-8'"
+    wide = _wide_encoding(content)
+    if wide is not None:
+        raise FileFormatError(
+            f"{source}: expected delimited text in UTF-8, got {wide.upper()}; {convert.format(wide)}"
+        )
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise FileFormatError(
+            f"{source}, line {line}: expected delimited text in UTF-8, got the byte "
+            f"0x{content[error.start]:02x}, which is none there; if it is text of another encoding, such as "
+            f"latin1, {convert.format('latin1')}"
+        ) from error
+
+
+def _wide_encoding(content: bytes) -> str | None:
+    """Return the UTF-16 that a file is in, as its mark says, or zeros in every second place do."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    first = content[:4]
+    if len(first) < 4 or not any(first):
+        return None
+    return "utf-16le" if not any(first[1::2]) else "utf-16be" if not any(first[::2]) else None
 
 
 def _nameless_notes(names: Sequence[str]) -> list[str]:

@@ -10,7 +10,7 @@ from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers, brief, is_whole
 from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.plotting.style import BLUE, STRIP, TRUTH, axes_or_new, date_axis
-from fuzzykf.times import has_durations, has_times, read_times
+from fuzzykf.times import has_durations, has_times, read_times, written_times
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -152,8 +152,8 @@ def _abscissa(index: Any, n: int) -> tuple[Any, str, bool]:
     name = str(getattr(index, "name", None) or "time")
     values: Any = np.asarray(index)
     entries = index if hasattr(index, "dtype") else values
-    if has_times(entries):
-        times = read_times(entries, gaps=True, ordered=False)
+    times = read_times(entries, gaps=True, ordered=False) if has_times(entries) else written_times(entries)
+    if times is not None:
         return times.instant, f"{name} (UTC)" if times.has_offsets else name, True
     if has_durations(entries):
         spans = values.astype("timedelta64[ns]")

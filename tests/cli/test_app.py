@@ -49,3 +49,32 @@ def test_without_the_extra_it_says_which_one_brings_the_command_line(missing) ->
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert run.returncode != 0
     assert run.stderr.strip() == f"The command line needs {missing}: pip install 'fuzzykf[cli]'"
+
+
+#: Whole numbers with a least one: command, option, that number.
+LEAST = [
+    ("compare", "--seed", 0),
+    ("compare", "--nodes", 0),
+    ("fit DATA", "--regimes", 1),
+    ("fit DATA", "--switches", 1),
+    ("fit DATA", "--nodes", 0),
+    ("fit DATA", "--starts", 1),
+    ("fit DATA", "--seed", 0),
+    ("fit DATA", "--max-iter", 1),
+    ("filter MODEL DATA", "--nodes", 0),
+    ("smooth MODEL DATA", "--nodes", 0),
+    ("simulate MODEL", "-n", 1),
+    ("simulate MODEL", "--seed", 0),
+    ("reproduce", "--runs", 2),
+    ("reproduce", "--seed", 0),
+]
+
+
+@pytest.mark.parametrize(("command", "option", "least"), LEAST)
+def test_a_number_that_is_too_small_is_refused_with_what_came(command, option, least) -> None:
+    words = [*command.split(), option, str(least - 1)]
+    result = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
+    assert result.exit_code == 2, result.output
+    assert f"'{option}': got {least - 1}, expected a whole number of at least {least}" in result.output
+    told = CliRunner().invoke(app, [command.split()[0], "--help"], env={"COLUMNS": "200"}).output
+    assert f"[x>={least}]" in told

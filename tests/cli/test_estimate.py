@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fuzzykf import CGLSSM, CGOFMSModel, CGOMSMFilter, OFSRFilter
+from fuzzykf import CGLSSM, CGOFMSModel, CGOMSMFilter, CGOMSModel, OFSRFilter
 from fuzzykf.cli.app import app
 from fuzzykf.switching.laws.cells import CellLaw
 
@@ -276,3 +276,18 @@ def test_tables_of_very_many_columns_are_checked_once(model, tmp_path) -> None:
     assert result.exit_code == 1
     assert len(result.output) < 1000
     assert "and 99,980 more" in result.output
+
+
+def test_one_row_is_spoken_of_in_the_singular(model, tmp_path) -> None:
+    (tmp_path / "one.csv").write_text('temperature\n""\n')
+    result = run("filter", model, tmp_path / "one.csv", "--obs", "temperature", "-o", tmp_path / "out.csv")
+    assert "Filtered 1 row of one.csv, of which 1 lacks something of the observation." in result.output
+    result = run("simulate", model, "-n", 1, "-o", tmp_path / "out.csv")
+    assert "Drew 1 row from" in result.output
+
+
+def test_a_model_of_one_regime_is_spoken_of_in_the_singular(data, tmp_path) -> None:
+    one = CGOMSModel([[1.0]], np.zeros((1, 2)), np.eye(4)[None, None], dim_x=1)
+    one.save(tmp_path / "one.json")
+    result = run("filter", tmp_path / "one.json", data, "--obs", "temperature", "--nodes", 3)
+    assert "--nodes: got 3, but the model has 1 hard regime\n" in result.output

@@ -172,7 +172,7 @@ def refused(tmp_path, path, *arguments, message, output="model.json") -> None:
         ),
         (["--state", "load", "--obs", "temperature", "--train", "0"], "--train: got 0, expected a share"),
         (["--state", "load", "--obs", "temperature", "--train", "1.1"], "--train: got 1.1, expected a share"),
-        (["--state", "load", "--obs", "temperature", "--train", "0.01"], "hold 1 steps in which x and y"),
+        (["--state", "load", "--obs", "temperature", "--train", "0.01"], "hold 1 step in which x and y"),
         (
             ["--state", "load", "--obs", "temperature", "--tolerance", "0"],
             "tolerance: got 0.0, expected a pos",

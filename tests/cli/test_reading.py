@@ -115,7 +115,7 @@ REFUSED = [
         "us_dates",
         "",
         "us_dates.csv, line 2: date is '03/27/2024', expected a time as in 2014-01-31T16:30; say format="
-        " ... --time none leaves the column alone",
+        " ... --time none does not look at the times: rows are taken in the order in which they stand",
     ),
     ("us_dates", "--time date", "line 2: date is '03/27/2024', expected a time as in"),
     (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import os
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -123,11 +124,27 @@ def test_what_is_no_table_is_refused_with_the_reason(text, message, tmp_path) ->
         read_table(write(tmp_path / "a.csv", text))
 
 
-@pytest.mark.parametrize("content", [b"a,b\n\xff\xfe,1\n", b"\x89PNG\r\n\x1a\n\x00\x00"])
-def test_what_is_no_text_is_refused(content, tmp_path) -> None:
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"a,b\n\xff\xfe,1\n", "a.csv, line 2: .* got the byte 0xff"),
+        (b"\x89PNG\r\n\x1a\n\x00\x00", "a.csv, line 1: .* got the byte 0x89"),
+        ("t,Wärme\n1,2\n".encode("latin1"), "line 1: .* byte 0xe4, .* as latin1, convert it"),
+        ("t,u\n1,°\n".encode("latin1"), "line 2: .* byte 0xb0, .*save it in Excel as 'CSV UTF-8'"),
+        ("t,u\n1,2\n".encode("utf-16"), "a.csv: expected .* in UTF-8, got UTF-16; convert it"),
+        ("t,u\n1,2\n".encode("utf-16le"), "got UTF-16LE; convert it"),
+        ("t,u\n1,2\n".encode("utf-16be"), "got UTF-16BE; convert it"),
+    ],
+)
+def test_what_is_no_text_in_utf_8_is_refused_and_how_it_is_converted(content, message, tmp_path) -> None:
     (tmp_path / "a.csv").write_bytes(content)
-    with pytest.raises(FileFormatError, match="in UTF-8, got something else"):
+    with pytest.raises(FileFormatError, match=message) as caught:
         read_table(tmp_path / "a.csv")
+    encoding = re.search(r"iconv -f (\S+) -t utf-8", str(caught.value))
+    assert encoding is not None
+    if b"," in content and b"\xff\xfe," not in content:  # what was text becomes a table
+        (tmp_path / "a.csv").write_bytes(content.decode(encoding[1]).encode("utf-8"))
+        assert len(read_table(tmp_path / "a.csv")) == 1
 
 
 PACKED = gzip.compress(b"a,b\n1,2\n" * 99, mtime=0)  # the same in every process

@@ -201,16 +201,16 @@ def test_names_are_taken_for_names_whatever_they_begin_with(read, text, name) ->
 
 
 THOUSANDS = (
-    "all numbers with a point have three digits after it, as thousands have: {} is read as {}; write {} if "
-    "thousands are meant"
+    "all numbers with a point have three digits after it, as thousands have: the point is taken for that of "
+    "decimals, in {} as well; write {} if thousands are meant"
 )
 
 
 @pytest.mark.parametrize(
     ("text", "options", "values", "note"),
     [
-        ("a;b\n1.234;x\n5.678;y\n", {}, [1.234, 5.678], THOUSANDS.format("1.234", "1.234", "1234")),
-        ("a\tb\n-12.345\t1.000\n", {}, [-12.345], THOUSANDS.format("-12.345", "-12.345", "-12345")),
+        ("a;b\n1.234;x\n5.678;y\n", {}, [1.234, 5.678], THOUSANDS.format("1.234", "1234")),
+        ("a\tb\n-12.345\t1.000\n", {}, [-12.345], THOUSANDS.format("-12.345", "-12345")),
         # Said, or shown by one number, or separated by commas, as they are where points are decimal.
         ("a;b\n1.234;x\n5.678;y\n", {"decimal": "."}, [1.234, 5.678], ""),
         ("a;b\n1.234;0.123\n5.678;y\n", {}, [1.234, 5.678], ""),

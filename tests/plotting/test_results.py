@@ -247,3 +247,15 @@ def test_a_truth_of_another_index_is_refused_with_both_ends(case):
     with pytest.raises(ParameterError, match=message):
         plot_result(result, truth=STRAY[case])
     assert not plt.get_fignums()
+
+
+def test_an_index_of_text_that_holds_times_is_drawn_as_times():
+    drawn = []
+    text = pd.Index(DAYS.strftime("%Y-%m-%d"))
+    for index in (DAYS, text, np.array(text, dtype=object)):
+        result = FilterResult(x=np.zeros((6, 1)), P=np.ones((6, 1, 1)), index=index)
+        axes = plot_result(result)
+        axes.figure.canvas.draw()
+        line = curve(axes, "estimate")
+        drawn.append((line.get_xdata(orig=False).tolist(), [t.get_text() for t in axes.get_xticklabels()]))
+    assert drawn[0] == drawn[1] == drawn[2]

@@ -14,6 +14,7 @@ from fuzzykf.labels import NO_LABELS, Labels, ordered, read_labels
 from fuzzykf.missing import as_floats
 from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.steps import step_note
+from fuzzykf.texts import counted
 from fuzzykf.times import as_spans
 
 if TYPE_CHECKING:
@@ -123,8 +124,8 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
     for k, (a, b, c) in enumerate(zip(xs, ys, rs, strict=True)):
         if len(a) != len(b) or (c is not None and len(c) != len(a)):
             raise ShapeError(
-                f"x, y, r: series {k} has {len(a)} states, {len(b)} observations"
-                + ("" if c is None else f" and {len(c)} switches")
+                f"x, y, r: series {k} has {counted(len(a), 'state')}, {counted(len(b), 'observation')}"
+                + ("" if c is None else f" and {len(c):,} switch{'' if len(c) == 1 else 'es'}")
             )
         z = np.concatenate([a, b], axis=1)
         if c is not None and c.shape[1] != 1:
@@ -152,7 +153,7 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
     first = np.concatenate(before) if before else np.empty(0, dtype=int)
     if first.size < MIN_TRANSITIONS:
         raise ParameterError(
-            f"x, y: hold {first.size} steps in which x and y are both measured, expected at least "
+            f"x, y: hold {counted(first.size, 'step')} in which x and y are both measured, expected at least "
             f"{MIN_TRANSITIONS}; the parameters of the state are not identifiable from y alone"
         )
     m = xs[0].shape[1]

@@ -11,6 +11,7 @@ from fuzzykf.switching.learning.data import component
 from fuzzykf.switching.learning.em import Estimate, Posterior, run_em
 from fuzzykf.switching.learning.vine import VineEstimate
 from fuzzykf.switching.models.fuzzy import N_PROOF
+from fuzzykf.texts import counted
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -178,7 +179,7 @@ def stuck(weights: FloatArray, system: SwitchingSystem, data: TrainingData) -> l
             first, last = stretches[int(np.argmax(inside))]
             others = sum(one >= 1.0 for one in inside) - 1
             rows = f"{data.kept[first]} to {data.kept[last]}"
-            rows += f" and {others} other stretches" if others > 0 else ""
+            rows += f" and {others} other stretch{'es' if others > 1 else ''}" if others > 0 else ""
             value = data.z[first, column] * data.scale.std[column] + data.scale.mean[column]
             apart = float(np.ptp(data.z[first : last + 1, column])) * data.scale.std[column]
             but = f", but for {apart:.1g}" if apart else ""
@@ -229,7 +230,7 @@ def unfinished(converged: bool, max_iter: int) -> list[str]:
     """Say that the search was cut short."""
     if converged:
         return []
-    return [f"not converged after {max_iter} iterations; raise max_iter or tolerance"]
+    return [f"not converged after {counted(max_iter, 'iteration')}; raise max_iter or tolerance"]
 
 
 def too_gradual(estimate: Estimate, shares: FloatArray, data: TrainingData) -> list[str]:

@@ -353,6 +353,8 @@ class CGOMSModel(SwitchingModel):
 
     def describe_switch(self) -> str:
         """Say in words how the switch moves."""
+        if self.n_classes == 1:
+            return "1 hard regime, which stays"
         stays = ", ".join(f"{p:.3g}" for p in self.transition.diagonal())
         return f"{self.n_classes} hard regimes, which stay with probability {stays}"
 

@@ -143,3 +143,9 @@ def test_models_never_change(hard_model):
         hard_model.transition[0, 0] = 1.0
     with pytest.raises(ValueError, match="read-only"):
         hard_model.initial[0] = 1.0
+
+
+def test_one_regime_is_spoken_of_in_the_singular(hard_model):
+    assert hard_model.describe_switch().startswith(f"{hard_model.n_classes} hard regimes, which stay with")
+    one = CGOMSModel([[1.0]], np.zeros((1, 2)), np.eye(4)[None, None], dim_x=1)
+    assert one.describe_switch() == "1 hard regime, which stays"
