@@ -161,15 +161,24 @@ def _names(model: Any, which: str, letter: str, size: int) -> list[str]:
     return [f"{letter}[{k}]" for k in range(size)] if names is None else [*map(labels.with_unit, names)]
 
 
+def _all_names(model: Any) -> list[str]:
+    """Return the names of all components; a state and an observation of one name say which they are."""
+    states = _names(model, "states", "x", model.dim_x)
+    observations = _names(model, "observations", "y", model.dim_z)
+    both = set(states) & set(observations)
+    return [
+        f"{word} {name}" if name in both else name
+        for word, names in (("state", states), ("observation", observations))
+        for name in names
+    ]
+
+
 def _regimes(fit: Any) -> list[SummaryTable]:
     """Return the table of the regimes: how much of the data they have, and the means of x and y there."""
     model = fit.model
     if fit.occupancy is None or not hasattr(model, "regime_means"):
         return []
-    components = [
-        *_names(model, "states", "x", model.dim_x),
-        *_names(model, "observations", "y", model.dim_z),
-    ]
+    components = _all_names(model)
     header = ("regime", "share of the rows", *(f"mean of {one}" for one in components[:MOST_MEANS]))
     means = np.asarray(model.regime_means())
     rows = tuple(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw
@@ -107,3 +108,41 @@ def test_a_model_without_words_has_the_numbers_of_the_fit():
     assert "iterations      3" in text
     assert "converged       no" in text
     assert "  - something is missing" in text
+
+
+# ------------------------------------------------------------------ a state and an observation of one name
+
+#: Names of x and y, which of these stand twice, and what the means are called.
+CALLED = {
+    "one name": ("Nord", ["Nord"], ["Nord"], ["mean of state Nord", "mean of observation Nord"]),
+    "one of two": (
+        "Nord",
+        ["Nord", "Süd"],
+        ["Nord"],
+        ["mean of state Nord", "mean of observation Nord", "mean of Süd"],
+    ),
+    "a Series": ("Nord", "Nord", ["Nord"], ["mean of state Nord", "mean of observation Nord"]),
+    "names of their own": ("Nord", ["Süd"], [], ["mean of Nord", "mean of Süd"]),
+    "no names": (None, None, [], ["mean of x[0]", "mean of y[0]"]),
+}
+
+
+@pytest.mark.parametrize("kind", ["known", "hidden", "hard"])
+@pytest.mark.parametrize("case", CALLED)
+def test_a_state_and_an_observation_of_one_name_are_told_apart_and_warned_of(case, kind):
+    x_name, y_names, both, means = CALLED[case]
+    data = TRUTH.simulate(120, np.random.default_rng(0))
+    x = pd.Series(data.x[:, 0], name=x_name)
+    if isinstance(y_names, list):
+        noise = np.random.default_rng(1).normal(size=(120, len(y_names)))
+        y = pd.DataFrame(data.y + noise, columns=y_names)
+    else:
+        y = pd.Series(data.y[:, 0], name=y_names)
+    make = CGOMSModel.fit if kind == "hard" else CGOFMSModel.fit
+    fit = make(x, y, data.r if kind == "known" else None, **FAST)
+    told = [one for one in fit.warnings if "are both called" in one]
+    assert len(told) == bool(both)
+    for name in both:
+        assert f"a state and an observation are both called {name!r}: the name cannot tell" in told[0]
+    (table,) = (one for one in fit.summary().tables if one.title == "regimes")
+    assert list(table.header[2:]) == means

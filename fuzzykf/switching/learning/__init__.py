@@ -28,6 +28,7 @@ from fuzzykf.switching.learning.data import gather, irregular
 from fuzzykf.switching.learning.fit import Fitted, Options, fit_fuzzy, fit_hard
 from fuzzykf.switching.learning.law import known_switch_laws
 from fuzzykf.switching.learning.memory import check_memory, memory_of_fuzzy, memory_of_hard
+from fuzzykf.switching.learning.notes import one_name
 from fuzzykf.switching.models.base import given_regimes
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def _learn(
     fitted, values = _with_progress(progress, learn)
     refit = Refit(fit, {**options, "form": fitted.model.form.kind}, data.r is not None, data.labels)
     found = _present(fitted, values, data, x, refit)
-    return replace(found, warnings=(*irregular(x, y), *found.warnings))
+    return replace(found, warnings=(*irregular(x, y), *one_name(data.labels), *found.warnings))
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,11 @@ from fuzzykf.switching.learning.data import component
 from fuzzykf.switching.learning.em import Estimate, Posterior, run_em
 from fuzzykf.switching.learning.vine import VineEstimate
 from fuzzykf.switching.models.fuzzy import N_PROOF
-from fuzzykf.texts import counted
+from fuzzykf.texts import counted, listed
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.labels import Labels
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
     from fuzzykf.switching.learning.data import TrainingData
     from fuzzykf.switching.learning.gaussians import GaussianEstimate
@@ -24,6 +25,7 @@ __all__ = [
     "hidden_scarcity",
     "instability",
     "known_scarcity",
+    "one_name",
     "proof_values",
     "scant_data",
     "stability_radius",
@@ -223,6 +225,27 @@ def instability(system: SwitchingSystem) -> list[str]:
     return [
         f"the state filter is unstable: its error variance grows by the factor {radius:.4g} a step, since "
         "the model has no feedback from observations to the state"
+    ]
+
+
+def one_name(labels: Labels) -> list[str]:
+    """Say that a state and an observation are called alike, so that their names tell nothing apart.
+
+    Examples
+    --------
+    >>> from fuzzykf.labels import Labels
+    >>> one_name(Labels(["load"], ["t"]))
+    []
+    >>> one_name(Labels(["Nord"], ["Nord"]))[0][:53]
+    "a state and an observation are both called 'Nord': th"
+    """
+    both = [name for name in labels.states or () if name in (labels.observations or ())]
+    if not both:
+        return []
+    return [
+        f"a state and an observation are both called {listed([repr(name) for name in both])}: the name "
+        "cannot tell them apart, so the state is not refused where it is given for the observation; rename "
+        "one of them, in the data or by model.labelled(states=...)"
     ]
 
 
