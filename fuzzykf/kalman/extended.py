@@ -11,7 +11,7 @@ from fuzzykf.engine.selected import predict_stack, seen_components
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_count, as_flag, brief
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square, as_state, as_vector, control_term
-from fuzzykf.kalman.controls import check_rows
+from fuzzykf.kalman.controls import check_rows, control_width, read_controls, takes_columns
 from fuzzykf.kalman.forecast import MOST_STEPS, expected_nonlinear, forecast
 from fuzzykf.kalman.gaussian_filter import GaussianFilter
 from fuzzykf.kalman.linearization import (
@@ -459,7 +459,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         self,
         zs: ManySeriesLike,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
-        us: PerStep | None = None,
+        us: ManySeriesLike | PerStep = None,
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
         *,
@@ -479,7 +479,10 @@ class ExtendedKalmanFilter(GaussianFilter):
             series, each as `filter` takes it, of any length.
         keep : sequence of str
             What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
-        us, fx_args, hx_args
+        us : array_like, DataFrame, DataArray, list, tuple or mapping, optional
+            Controls, for all series or for each its own, as in `KalmanFilter.filter_many`.  If the filter has
+            ``fx``, its ``dim_u`` says how many components one has, where that is not plain.
+        fx_args, hx_args
             As in `filter`; the same for every series.
         by : hashable, optional
             The column (or level of the index) of a frame that says which series a row belongs to, if its rows
@@ -500,8 +503,15 @@ class ExtendedKalmanFilter(GaussianFilter):
         """
         as_flag("resume", resume)
         names = check_keep(keep, FIELDS)
-        many, given = self._read_many(zs, by), {"us": us, "fx_args": fx_args, "hx_args": hx_args}
+        many, given = self._read_many(zs, by), {"fx_args": fx_args, "hx_args": hx_args}
         check_rows(many, **given)
-        return many.filtered(
-            lambda series, _: stacked(self._filter_each(series, [given] * len(series)), names)
-        )
+        controls = None if us is None else read_controls(us, many, control_width([self]))
+
+        def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
+            each = [given] * len(series)
+            if controls is not None:
+                own = controls.of(rows, series.shape[:2], takes_columns([self]))
+                each = [{**given, **one} for one in own]
+            return stacked(self._filter_each(series, each), names)
+
+        return many.filtered(several)

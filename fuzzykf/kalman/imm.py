@@ -22,6 +22,7 @@ from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_choice, as_flag, as_numbers, brief
 from fuzzykf.kalman import bank, bank_series
 from fuzzykf.kalman.arguments import SingularInnovationError, check_in_range
+from fuzzykf.kalman.controls import control_width, read_controls, takes_columns
 from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.forecast import expected_mixture, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD
@@ -440,6 +441,7 @@ class IMMEstimator(BankStepper, Filter):
         self,
         zs: ManySeriesLike,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
+        us: ManySeriesLike | PerStep = None,
         *,
         by: Hashable | None = None,
         resume: bool = False,
@@ -447,7 +449,7 @@ class IMMEstimator(BankStepper, Filter):
         """Filter many series, each from the current estimates on.
 
         A bank of plain Kalman filters of one shape takes all series at once; any
-        other takes them one after another.  The bank itself does not change.
+        other, and one with controls, takes them one after another.  The bank itself does not change.
 
         Parameters
         ----------
@@ -457,6 +459,8 @@ class IMMEstimator(BankStepper, Filter):
             series, each as `filter` takes it, of any length.
         keep : sequence of str
             What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``log_likelihood``.
+        us : array_like, DataFrame, DataArray, list, tuple or mapping, optional
+            Controls, for all series or for each its own, as in `KalmanFilter.filter_many`.
         by : hashable, optional
             The column (or level of the index) of a frame that says which series a row belongs to, if its rows
             are those of all series.
@@ -477,9 +481,15 @@ class IMMEstimator(BankStepper, Filter):
         as_flag("resume", resume)
         names = check_keep(keep, BANK_FIELDS)
         many = self._read_many(zs, by)
-        return many.filtered(
-            lambda series, _: self._at_once(series, names) or stacked(self._filter_each(series), names)
-        )
+        controls = None if us is None else read_controls(us, many, control_width(self.filters))
+
+        def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
+            if controls is None:
+                return self._at_once(series, names) or stacked(self._filter_each(series), names)
+            each = controls.of(rows, series.shape[:2], takes_columns(self.filters))
+            return stacked(self._filter_each(series, each), names)
+
+        return many.filtered(several)
 
     def _at_once(self, series: FloatArray, names: tuple[str, ...]) -> dict[str, FloatArray] | None:
         """Filter many series at once; None if that has to be done one by one."""

@@ -23,7 +23,7 @@ from fuzzykf.kalman.arguments import (
     given_matrix,
     observation_matrix,
 )
-from fuzzykf.kalman.controls import check_rows
+from fuzzykf.kalman.controls import control_matrix, control_terms, read_controls
 from fuzzykf.kalman.forecast import expected_linear, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD, GaussianFilter
 from fuzzykf.kalman.series import (
@@ -579,7 +579,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         self,
         zs: ManySeriesLike,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
-        us: Numbers = None,
+        us: ManySeriesLike | PerStep = None,
         *,
         by: Hashable | None = None,
         resume: bool = False,
@@ -596,8 +596,11 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             series, each as `filter` takes it, of any length.
         keep : sequence of str
             What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
-        us : array_like, shape (series, n, dim_u) or (n, dim_u), optional
-            Controls; the latter are the same for every series, up to the end of each.
+        us : array_like, DataFrame, DataArray, list, tuple or mapping, optional
+            Controls.  Those of one series, shape (n, dim_u) or as `filter` takes them, are the same for every
+            series, up to the end of each.  Each has its own in an array (series, n, dim_u), or (series, n) if
+            ``dim_u`` is 1, or in the forms of ``zs``: a frame with a column for each series (if ``dim_u`` is
+            not 1, pairs of columns), a list or a mapping.  An index of pandas is that of the rows.
         by : hashable, optional
             The column (or level of the index) of a frame that says which series a row belongs to, if its rows
             are those of all series.
@@ -627,13 +630,16 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         as_flag("resume", resume)
         names = check_keep(keep, FIELDS)
         many, model = self._read_many(zs, by), self._model()
-        check_rows(many, us=us)
-        shape, flat = many.values.shape[:2], model.x.ndim == 1
-        terms = None if us is None else linear_series.control_terms(self.B, us, shape, self.dim_x)
+        controls = terms = None
+        if us is not None:
+            B = control_matrix(self.B, self.dim_x)
+            controls = read_controls(us, many, B.shape[1]).numbers(many.values.shape[:2], B.shape[1])
+            terms = control_terms(controls, B)
 
         def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
             if not self._is_plain():
-                each = linear_series.controls_of(us, rows, series.shape[:2], flat)
+                is_column = model.x.ndim == 2
+                each = None if controls is None else controls.of(rows, series.shape[:2], is_column)
                 return stacked(self._filter_each(series, each), names)
             stored = linear_series.filter_many(model, series, names, terms, rows)
             check_in_range(**{name: stored[name][:, -1:] for name in FIELDS[:4] if name in stored})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter, batch_filter, rts_smoother
@@ -27,7 +28,9 @@ def linear(kind=KalmanFilter, Q=1.0):
 
 
 def extended():
-    return ExtendedKalmanFilter(1, 1, 1, fx=lambda x, u=0.0: 0.9 * x + 2.0 * u, hx=lambda x: x, Q=1.0, R=0.5)
+    return ExtendedKalmanFilter(
+        1, 1, 1, fx=lambda x, u=0.0: 0.9 * x + 2.0 * np.ravel(u), hx=lambda x: x, Q=1.0, R=0.5
+    )
 
 
 def bank(method="imm"):
@@ -148,3 +151,199 @@ def test_controls_of_a_forecast_have_the_index_of_the_rows_ahead(who) -> None:
         ParameterError, match=r"forecast, us: .*forecast has 2 from 4 to 5 and us has 2 from 0"
     ):
         f.forecast(2, us=pd.Series([0.0] * 6))
+
+
+# ------------------------------------------------------------------ controls of many series
+
+OWN = pd.DataFrame({"a": US, "b": [0.5, -1.0, 0.0, 3.0]}, DAYS)
+
+#: Controls of the series a and b in all their forms, and which each has.
+FORMS = {
+    **{
+        f"for all: {form}": (us, [US.to_numpy()] * 2)
+        for form, us in {
+            "Series": US,
+            "array": US.to_numpy(),
+            "column": US.to_numpy()[:, None],
+            "columns": US.to_numpy()[:, None, None],
+            "list": US.tolist(),
+            "list of lists": [[u] for u in US],
+            "list with None": [1.0, None, 2.0, 0.5],
+            "list of lists with None": [[1.0], None, [2.0], [0.5]],
+            "frame of one column": US.to_frame(),
+            "DataArray": US.rename_axis("day").to_xarray(),
+        }.items()
+    },
+    **{
+        f"for each: {form}": (us, OWN.to_numpy().T)
+        for form, us in {
+            "array": OWN.to_numpy().T,
+            "array with components": OWN.to_numpy().T[..., None],
+            "list of lists": OWN.to_numpy().T.tolist(),
+            "list of Series": [OWN["a"], OWN["b"]],
+            "list of frames": [OWN[["a"]], OWN[["b"]]],
+            "mapping": {"a": OWN["a"].tolist(), "b": OWN["b"].to_numpy()},
+            "mapping of Series": {"a": OWN["a"], "b": OWN["b"]},
+            "frame": OWN,
+            "nullable frame": OWN.convert_dtypes(),
+            "DataArray": OWN.rename_axis("day").to_xarray().to_dataarray("meter"),
+            "Dataset": OWN.rename_axis("day").to_xarray(),
+        }.items()
+    },
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("who", list(MAKERS)[:4])
+def test_controls_of_many_series_are_those_of_each_alone(who, form) -> None:
+    f, (us, each) = MAKERS[who](), FORMS[form]
+    found = f.filter_many(WIDE, us=us)
+    assert list(found.names) == ["a", "b"]
+    for k, name in enumerate(WIDE):
+        alone = f.copy().filter(WIDE[name], us=each[k])
+        for field in ("x", "P", "log_likelihood"):
+            np.testing.assert_allclose(getattr(found, field)[k], getattr(alone, field), rtol=1e-12)
+    assert not np.allclose(found.x, f.filter_many(WIDE).x)
+
+
+RAGGED = {"a": ZS, "s": ZS[1:3] * 2.0, "b": ZS + 1.0}
+OWN_RAGGED = {"a": US, "s": US[1:3] + 1.0, "b": US * 2.0}
+PADDED = np.array([[*u, np.nan, np.nan][:4] for u in OWN_RAGGED.values()])
+BY = pd.concat(RAGGED, names=["meter", "day"]).rename("z").reset_index()
+
+#: Series of unequal length and their controls.
+UNEQUAL = {
+    "mapping": (RAGGED, {}, OWN_RAGGED),
+    "lists": ([z.tolist() for z in RAGGED.values()], {}, [u.tolist() for u in OWN_RAGGED.values()]),
+    "list of Series": (list(RAGGED.values()), {}, list(OWN_RAGGED.values())),
+    "padded array": (RAGGED, {}, PADDED),
+    "padded array with components": (RAGGED, {}, PADDED[..., None]),
+    "long frame": (BY, {"by": "meter"}, OWN_RAGGED),
+}
+
+
+@pytest.mark.parametrize("form", UNEQUAL)
+@pytest.mark.parametrize("who", MAKERS)
+def test_controls_of_series_of_unequal_length_end_with_them(who, form) -> None:
+    f, (zs, by, us) = MAKERS[who](), UNEQUAL[form]
+    found = f.filter_many(zs, us=us, **by)
+    shared = f.filter_many([z.to_numpy() for z in RAGGED.values()], us=US.to_numpy())
+    for k, (name, z) in enumerate(RAGGED.items()):
+        alone = f.copy().filter(z, us=OWN_RAGGED[name])
+        np.testing.assert_allclose(found.x[k, : len(z)], alone.x, rtol=1e-12)
+        alone = f.copy().filter(z.to_numpy(), us=US.to_numpy()[: len(z)])
+        np.testing.assert_allclose(shared.x[k, : len(z)], alone.x, rtol=1e-12)
+    assert np.isnan(found.x[1, 2:]).all()
+
+
+B2 = np.array([[1.0, 0.5], [0.0, -2.0]])
+
+
+def planar(kind=KalmanFilter, flat=False, Q=1.0):
+    # two states, two controls; vectors are flat or columns
+    f = kind(2, 1, 2, F=[[1.0, 1.0], [0.0, 0.9]], Q=Q, R=0.5, x=[1.0, 0.0] if flat else [[1.0], [0.0]])
+    f.B, f.H = B2, np.array([[1.0, 0.0]])
+    if kind is ExtendedKalmanFilter:
+        f.hx = lambda x: x[:1]
+    return f
+
+
+PLANAR = {
+    "KalmanFilter": planar,
+    "own verb": lambda flat=False: planar(OwnVerb, flat),
+    "ExtendedKalmanFilter": lambda flat=False: planar(ExtendedKalmanFilter, flat),
+    "IMM": lambda flat=False: IMMEstimator(
+        [planar(flat=flat), planar(flat=flat, Q=4.0)], [0.7, 0.3], [[0.9, 0.1], [0.2, 0.8]]
+    ),
+}
+TWO = {name: pd.DataFrame({"u": OWN[name], "v": OWN[name] ** 2}, DAYS) for name in OWN}
+
+#: Controls of two components, and which each series has.
+COMPONENTS = {
+    "for all: array": (TWO["a"].to_numpy(), "aa"),
+    "for all: columns": (TWO["a"].to_numpy()[..., None], "aa"),
+    "for all: frame": (TWO["a"], "aa"),
+    "for each: array": (np.stack(list(TWO.values())), "ab"),
+    "for each: mapping": (TWO, "ab"),
+    "for each: list of frames": (list(TWO.values()), "ab"),
+    "for each: list of lists": ([table.to_numpy().tolist() for table in TWO.values()], "ab"),
+    "for each: pairs of columns": (pd.concat(TWO, axis=1), "ab"),
+    "for each: DataArray": (
+        xr.DataArray(np.stack(list(TWO.values())), {"day": DAYS}, ("meter", "day", "control")),
+        "ab",
+    ),
+}
+
+
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize("form", COMPONENTS)
+@pytest.mark.parametrize("who", PLANAR)
+def test_controls_of_several_components(who, form, flat) -> None:
+    f, (us, each) = PLANAR[who](flat=flat), COMPONENTS[form]
+    if flat and form == "for all: columns":
+        us = us[..., 0]  # filter takes columns where x is one
+    found = f.filter_many(WIDE, us=us)
+    for k, name in enumerate(each):
+        one = TWO[name].to_numpy()
+        alone = f.copy().filter(WIDE["ab"[k]], us=one if flat else one[..., None])
+        np.testing.assert_allclose(found.x[k], alone.x, rtol=1e-12)
+
+
+def test_functions_are_given_controls_in_their_form() -> None:
+    # fx, not B, says what a control is: a number of each row, or its components
+    given = []
+
+    def fx(x, u):
+        given.append(np.shape(u))
+        return 0.9 * x + np.sum(u)
+
+    for us, shape in (
+        (US + 1.5, ()),  # a number 0 is no control
+        (OWN + 1.5, ()),
+        (OWN.to_numpy().T + 1.5, ()),
+        (TWO["a"].rename(columns={"u": "p"}), (2,)),
+        (TWO, (2,)),
+        (np.ones((2, 4, 3)), (3,)),
+    ):
+        f = ExtendedKalmanFilter(1, 1, fx=fx, FJacobian=lambda x, u: 0.9, hx=lambda x: x)
+        given.clear()
+        f.filter_many(WIDE, us=us)
+        assert set(given) == {shape}
+
+
+REFUSED = {
+    "other series": ({"b": US, "a": US}, r"us: got the series b, a, expected those of zs"),
+    "a series less": ({"a": US}, r"us: got 1 series of 4, expected one value for each of 2 series of 4"),
+    "a series more": (OWN.assign(c=1.0), r"us: got 3 series of 4, expected"),
+    "other rows": (OWN.shift(freq="D"), "zs, us: rows of different indexes"),
+    "rows in another order": (OWN[::-1], "us: the index of row 1"),
+    "other rows of one": ({"a": US, "b": US.shift(freq="D")}, "zs, us: rows of different indexes"),
+    "other rows of all": (US.shift(freq="D"), "zs, us: rows of different indexes"),
+    "too short": ({"a": US[:3], "b": US}, "us: got 2 series of 3, 4, expected"),
+    "missing": ({"a": US, "b": [1.0, 0.0, None, 1.0]}, r"us: step 2 of series 'b' is nan, expected finite"),
+    "missing in an array": (OWN.to_numpy().T * [1, np.nan, 1, 1], r"us: step 1 of series 'a' is nan"),
+    "infinite": (OWN.replace(3.0, np.inf), r"us: observation 3 of series 'b' is inf"),
+    "nothing": ({}, "us: got no series"),
+    "a text": ("controls", "us: got 'controls', expected one value for each of the 4"),
+    "a number": (1.0, "us: got 1.0, expected one value for each of the 4"),
+    "two components": ({"a": TWO["a"], "b": TWO["b"]}, "us: got controls of 2 components, expected 1"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+@pytest.mark.parametrize("who", list(MAKERS)[:4])
+def test_controls_of_other_series_are_refused(who, what) -> None:
+    us, message = REFUSED[what]
+    with pytest.raises(ParameterError, match=message):
+        MAKERS[who]().filter_many(WIDE, us=us)
+
+
+def test_controls_that_may_be_of_rows_or_of_series_are_refused() -> None:
+    square = np.ones((4, 4))
+    f = ExtendedKalmanFilter(1, 1, fx=lambda x, u: x + np.sum(u), hx=lambda x: x)
+    with pytest.raises(ParameterError, match=r"us: got shape \(4, 4\), and there are 4 series of 4 rows"):
+        f.filter_many(square, us=square)
+    f.dim_u = 1
+    one = f.filter_many(square, us=square).x
+    f.dim_u = 4
+    assert not np.allclose(one, f.filter_many(square, us=square).x)

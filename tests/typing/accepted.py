@@ -59,6 +59,11 @@ def observations(f: KalmanFilter, table: pd.DataFrame, column: pd.Series[float])
     f.batch_filter(column, Rs=column, Fs=np.zeros((3, 1, 1)))
     f.forecast(2, us=column)
     f.batch_filter(column, us=column, resume=True)
+    f.filter_many(table, us=column)
+    f.filter_many(table, us=table)
+    f.filter_many({"east": column}, us={"east": column})
+    f.filter_many([column, column], us=[[1.0, None], column])
+    f.filter_many(np.zeros((3, 4)), us=[None, 1.0, np.zeros(1), 2])
     KalmanFilter(1, 1, F=0.9, H=1, B=np.float64(2.0)).update(1.0, H=1.0)
 
 
