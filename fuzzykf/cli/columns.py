@@ -63,6 +63,7 @@ def read_rows(
     reading: Reading | None = None,
     *,
     hint: str = "",
+    compares: bool = False,
 ) -> Rows:
     """Read columns of numbers that may have gaps.
 
@@ -77,6 +78,8 @@ def read_rows(
         How the file is to be read.
     hint : str
         What to say if a column is not there that nobody has named.
+    compares : bool
+        Whether the steps between rows will be compared with those of a model.
 
     Raises
     ------
@@ -108,7 +111,7 @@ def read_rows(
         option: np.column_stack([table.numbers(name, gaps=True) for name in names])
         for option, names in columns.items()
     }
-    found = row_times(table, reading, index, needed=index is None, gaps=True)
+    found = row_times(table, reading, index, needed=index is None, gaps=True, compares=compares)
     notes = [*table.notes, *found.notes]
     kept = found.column if index is None else index
     if kept is None and table.has_index:

@@ -154,7 +154,8 @@ def _run(
         f = _filter_of(model, nodes)
         names, notes = _observed(model_file.name, model.labels, obs)
         hint = "" if obs else f"which the model of {model_file.name} observes (--obs names another)"
-        rows = read_rows(data, {"--obs": names}, index, reading, hint=hint)
+        compares = model.labels.step is not None
+        rows = read_rows(data, {"--obs": names}, index, reading, hint=hint, compares=compares)
         zs = rows.values["--obs"]
         if zs.shape[1] != model.dim_z:
             raise ParameterError(

@@ -68,8 +68,11 @@ def _message(error: FuzzykfError | OSError) -> str:
 
 
 def say(console: Console, sentence: str, style: str = "") -> None:
-    """Print a sentence, in which names of columns and files are text and nothing else."""
-    console.print(Text(printable(sentence), style))
+    """Print a sentence, in which names of columns and files are text and nothing else.
+
+    It is wrapped on a terminal, and stays on a line where a program or a file takes it.
+    """
+    console.print(Text(printable(sentence), style), soft_wrap=not console.is_terminal)
 
 
 def say_written(console: Console, file: Path) -> None:

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fuzzykf.datasets.delimited import MISSING
 from fuzzykf.datasets.table import INDEX, read_table
 from fuzzykf.errors import FileFormatError, ParameterError
 from fuzzykf.steps import step_note
 from fuzzykf.times import is_time
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from fuzzykf.datasets import Table
@@ -107,6 +109,7 @@ class RowTimes:
     times : Times or None
         None if there are none, or they cannot be read and are not needed.
     notes : tuple of str
+        What the times show, or that none were found where there may be some.
     """
 
     column: str | None = None
@@ -115,7 +118,13 @@ class RowTimes:
 
 
 def row_times(
-    table: Table, reading: Reading, index: str | None = None, *, needed: bool = True, gaps: bool = False
+    table: Table,
+    reading: Reading,
+    index: str | None = None,
+    *,
+    needed: bool = True,
+    gaps: bool = False,
+    compares: bool = False,
 ) -> RowTimes:
     """Read the times of the rows, if there are any.
 
@@ -133,6 +142,8 @@ def row_times(
         Whether the command does something with them.
     gaps : bool
         Whether rows may have no time.
+    compares : bool
+        Whether steps will be compared with those of a model.
 
     Raises
     ------
@@ -154,7 +165,11 @@ def row_times(
                 f"--time-format: got {reading.time_format!r}, but {table.source} has no column "
                 f"{', '.join(TIME_COLUMNS)}; name one by --time"
             )
-        return RowTimes()
+        written = next((name for name in table.columns if _holds_times(table.text(name))), None)
+        if written is None and not compares:
+            return RowTimes()
+        told = "no times were found, so steps were not compared; --time names the column"
+        return RowTimes(notes=(told if written is None else f"{told} ({written} holds times)",))
     guessed = reading.time is None and reading.time_format is None
     try:
         if guessed and not needed:
@@ -174,13 +189,19 @@ def row_times(
     return RowTimes(column, times, () if note is None else (note,))
 
 
+def _holds_times(cells: Sequence[str]) -> bool:
+    """Whether a column holds times of ISO 8601 and nothing else; digits alone may be numbers of anything."""
+    there = [cell for cell in cells if cell.lower() not in MISSING]
+    return bool(there) and all(is_time(cell) and not cell.isdigit() for cell in there)
+
+
 def _time_column(table: Table, index: str | None) -> str | None:
     """Return the first column that is called as a time usually is, or an index of times, or None."""
     lower = {name.lower(): name for name in table.columns}
     named = next((lower[name] for name in TIME_COLUMNS if name in lower), None)
     kept = INDEX if index is None and table.has_index else index
     if named is None and kept is not None:
-        first = next(filter(None, table.text(kept)), "")
+        first = next((cell for cell in table.text(kept) if cell.lower() not in MISSING), "")
         if is_time(first) and not first.isdigit():  # numbers may be those of anything
             return kept
     return named

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from fuzzykf import OFSRFilter
 from fuzzykf.cli.app import app
 from fuzzykf.cli.compare import _from_file
+from fuzzykf.cli.output import say
 from fuzzykf.cli.reading import Reading
 from fuzzykf.errors import FileFormatError
 
@@ -231,3 +234,74 @@ def test_all_commands_that_read_rows_have_the_options(command) -> None:
     printed = run(command, "--help").output
     for option in ("--time", "--time-format", "--sep", "--decimal"):
         assert option in printed
+
+
+NOT_FOUND = "no times were found, so steps were not compared; --time names the column"
+ISO = [f"2014-01-06T{hour:02}:00" for hour in range(5)]
+
+#: Name and cells of a first column, options, the note of a model that knows its step, and that of another.
+UNFOUND = {
+    "dates in a column of another name": ("when", ISO, "", f"{NOT_FOUND} (when holds times)", "same"),
+    "some of them missing": ("Zeit", ["#N/A", *ISO[1:4], ""], "", f"{NOT_FOUND} (Zeit holds times)", "same"),
+    "dates of another form": ("Zeit", [f"{k}.01.2014" for k in range(1, 6)], "", NOT_FOUND, None),
+    "numbers": ("id", [f"2014010{k}" for k in range(1, 6)], "", NOT_FOUND, None),
+    "all of them missing": ("when", [""] * 5, "", NOT_FOUND, None),
+    "dates, which are named": ("when", ISO, "--time when", None, None),
+    "dates, which are kept": ("when", ISO, "--index when", None, None),
+    "dates, which are left alone": ("when", ISO, "--time none", None, None),
+    "times where they are found": ("time", ISO, "", None, None),
+}
+
+
+@pytest.mark.parametrize("verb", ["filter", "smooth"])
+@pytest.mark.parametrize("case", UNFOUND)
+def test_times_that_were_not_found_are_noted_where_they_count(case, verb, fuzzy_model, tmp_path) -> None:
+    name, cells, options, with_step, without = UNFOUND[case]
+    rows = [f"{cell},{y}" for cell, y in zip(cells, Y, strict=True)]
+    (tmp_path / "new.csv").write_text("\n".join([f"{name},y", *rows]))
+    step = np.timedelta64(1, "h")
+    for model, note in ((fuzzy_model.labelled(step=step), with_step), (fuzzy_model, without)):
+        model.save(tmp_path / "m.json")
+        words = [verb, tmp_path / "m.json", tmp_path / "new.csv", "--obs", "y", *options.split()]
+        result = run(*words, "-o", tmp_path / "out.csv")
+        assert result.exit_code == 0, result.output
+        note = with_step if note == "same" else note
+        notes = [line for line in result.output.splitlines() if line.startswith("Note: no times")]
+        assert notes == ([] if note is None else [f"Note: {note}."])
+
+
+def test_fit_and_compare_note_times_that_were_not_found(tmp_path) -> None:
+    path = tmp_path / "data.csv"
+    rng = np.random.default_rng(0)
+    hours = np.datetime64("2014-01-01T00", "m") + np.arange(60) * np.timedelta64(60, "m")
+    rows = [f"{hour},{x},{x + y}" for hour, (x, y) in zip(hours, rng.normal(size=(60, 2)), strict=True)]
+    path.write_text("\n".join(["when,x,y", *rows]))
+    note = f"{NOT_FOUND} (when holds times)"
+    words = [
+        "fit",
+        path,
+        "--state",
+        "x",
+        "--obs",
+        "y",
+        "--max-iter",
+        1,
+        "--starts",
+        1,
+        "--form",
+        "regression",
+    ]
+    assert f"Note: {note}.\n" in run(*words, "-o", tmp_path / "m.json").output
+    assert _from_file(path, "x", "y", Reading(), needs_time=False).notes == (note,)
+    for reading in (Reading(time="none"), Reading(time="when")):
+        assert _from_file(path, "x", "y", reading, needs_time=False).notes == ()
+
+
+def test_notes_are_wrapped_on_terminals_alone() -> None:
+    sentence = " ".join(["a note of many words"] * 9) + "."
+    for terminal in (False, True):
+        text = io.StringIO()
+        say(Console(file=text, width=80, force_terminal=terminal, color_system=None), sentence)
+        lines = text.getvalue().splitlines()
+        assert (len(lines) > 1) == terminal
+        assert " ".join(" ".join(lines).split()) == sentence
