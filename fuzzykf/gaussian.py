@@ -191,9 +191,9 @@ def check_broadcast(**arrays: FloatArray) -> None:
 
 
 def brief(value: object) -> str:
-    """Show a value in a message, cut where it is long."""
+    """Show a value in a message: on one line, which tables and arrays do not, and cut where it is long."""
     try:
-        shown = repr(value)
+        shown = " ".join(line.strip() for line in repr(value).splitlines())
     except ValueError:  # a whole number of too many digits
         return type(value).__name__
     return shown if len(shown) <= SHOWN else shown[:SHOWN] + "..."

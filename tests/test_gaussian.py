@@ -5,6 +5,7 @@ from __future__ import annotations
 import fractions
 
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.special
 import scipy.stats
@@ -280,3 +281,19 @@ def test_module_is_light():
 
     code = "import sys, fuzzykf.gaussian, fuzzykf.base; sys.exit('scipy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (1.5, "1.5"),
+        ("a\nb  c", r"'a\nb  c'"),
+        (np.eye(2), "array([[1., 0.], [0., 1.]])"),
+        (pd.DataFrame({"a": [1, 2]}), "a 0  1 1  2"),
+        ([pd.Series([1.5])], "[0    1.5 dtype: float64]"),
+        ("x" * 300, "'" + "x" * 199 + "..."),
+        pytest.param(10**5000, "int", id="many digits"),
+    ],
+)
+def test_a_value_in_a_message_is_on_one_line_and_cut(value, shown):
+    assert gaussian.brief(value) == shown

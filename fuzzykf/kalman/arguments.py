@@ -63,7 +63,7 @@ class DimensionError(ShapeError, AssertionError):
 def dimension(name: str, value: Any, least: int) -> int:
     """Return ``value`` if it is an integer of at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ParameterError(f"{name}: got {value!r}, expected an integer of at least {least}")
+        raise ParameterError(f"{name}: got {brief(value)}, expected an integer of at least {least}")
     if value > MOST:
         raise ParameterError(f"{name}: got {brief(value)}, expected at most {MOST:,}")
     return int(value)

@@ -133,7 +133,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         functions = {"fx": fx, "FJacobian": FJacobian, "hx": hx, "HJacobian": HJacobian, "residual": residual}
         for name, function in functions.items():
             if function is not None and not callable(function):
-                raise ParameterError(f"{name}: got {function!r}, expected a function")
+                raise ParameterError(f"{name}: got {brief(function)}, expected a function")
         super().__init__(dim_x, dim_z, dim_u, x=x, P=P, F=F, Q=Q, R=R)
         self.B = 0
         self.fx, self.FJacobian = fx, FJacobian

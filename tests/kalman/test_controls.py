@@ -347,3 +347,44 @@ def test_controls_that_may_be_of_rows_or_of_series_are_refused() -> None:
     one = f.filter_many(square, us=square).x
     f.dim_u = 4
     assert not np.allclose(one, f.filter_many(square, us=square).x)
+
+
+# ------------------------------------------------------------------ messages
+
+TEXTS = pd.DataFrame({"a": ["x"] * 4, "b": ["y"] * 4}, DAYS)
+TABLES = {"frame": TEXTS, "Series": TEXTS["a"], "array": TEXTS.to_numpy(), "list of frames": [TEXTS] * 4}
+
+#: Who prints a table of no use: the argument and the call.
+PRINTS = {
+    **{
+        f"{verb} of {who}": (
+            "us",
+            lambda t, who=who, verb=verb, a=a: getattr(MAKERS[who](), verb)(a, us={"a": t, "b": t}),
+        )
+        for who in ("KalmanFilter", "IMM")
+        for verb, a in {"filter": ZS, "batch_filter": ZS, "filter_many": WIDE, "forecast": 4}.items()
+    },
+    **{
+        f"batch_filter({name}=)": (
+            name[0],
+            lambda t, name=name: linear().batch_filter(ZS, us=[1.0] * 4, **{name: [t] * 4}),
+        )
+        for name in ("Rs", "Qs", "Fs", "Hs", "Bs")
+    },
+    "update(R=)": ("R", lambda t: linear().update(1.0, R=t)),
+    "predict(u=)": ("u", lambda t: linear().predict(t)),
+    "the constructor": ("R", lambda t: KalmanFilter(1, 1, R=t)),
+    "a dimension": ("dim_x", lambda t: KalmanFilter(t, 1)),
+    "a function": ("hx", lambda t: ExtendedKalmanFilter(1, 1, hx=t)),
+    "HJacobian": ("HJacobian", lambda t: extended().update(1.0, HJacobian=t)),
+}
+
+
+@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("who", PRINTS)
+def test_a_message_is_one_line(who, table) -> None:
+    name, call = PRINTS[who]
+    with pytest.raises(ParameterError, match=f"^{name}: ") as error:
+        call(TABLES[table])
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 400
