@@ -23,9 +23,8 @@ __all__ = [
     "Controls",
     "check_ahead",
     "check_rows",
-    "control_matrix",
-    "control_terms",
     "control_width",
+    "linear_controls",
     "read_controls",
     "takes_columns",
 ]
@@ -138,13 +137,22 @@ class Controls:
         return Controls(found.reshape(n, width), True)
 
 
-def control_terms(controls: Controls, B: FloatArray) -> FloatArray:
-    """Return the terms B u, (series or 1, n, dim_x), of controls that are arrays."""
-    terms: FloatArray = controls.values @ B.T
-    return terms[None] if controls.is_shared else terms
+def linear_controls(us: Any, many: ManySeries, B: Any, dim_x: int) -> tuple[Controls, FloatArray]:
+    """Return the controls of many series as arrays, and their terms B u, (series or 1, n, dim_x).
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        As from `read_controls`; if ``B`` is no matrix that goes with them, or something is not finite.
+    """
+    matrix = _control_matrix(B, dim_x)
+    width = matrix.shape[1]
+    controls = read_controls(us, many, width).numbers(many.values.shape[:2], width)
+    terms: FloatArray = controls.values @ matrix.T
+    return controls, terms[None] if controls.is_shared else terms
 
 
-def control_matrix(B: Any, dim_x: int) -> FloatArray:
+def _control_matrix(B: Any, dim_x: int) -> FloatArray:
     """Return the control matrix of a linear filter; a number is one of one row and column."""
     matrix = None if B is None else as_numbers("B", B)
     if matrix is not None and dim_x == 1 and matrix.shape in {(), (1,)}:

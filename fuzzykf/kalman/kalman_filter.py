@@ -8,8 +8,8 @@ import numpy as np
 
 from fuzzykf.base import FilterResult, as_observations, check_keep
 from fuzzykf.engine.selected import predict_linear
-from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_flag, as_numbers, as_real, brief
+from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import as_flag, as_numbers, as_real
 from fuzzykf.kalman import linear_series
 from fuzzykf.kalman.arguments import (
     as_covariance,
@@ -23,18 +23,19 @@ from fuzzykf.kalman.arguments import (
     given_matrix,
     observation_matrix,
 )
-from fuzzykf.kalman.controls import control_matrix, control_terms, read_controls
+from fuzzykf.kalman.controls import linear_controls
 from fuzzykf.kalman.forecast import expected_linear, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD, GaussianFilter
 from fuzzykf.kalman.series import (
     FIELDS,
     as_batch,
-    as_listed,
     as_result,
+    batch_verbs,
     collect,
     come_to_the_end,
     field_shapes,
     given_per_step,
+    one_by_one,
     run_batch,
     unchanged_on_error,
     whole_verb,
@@ -630,11 +631,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         as_flag("resume", resume)
         names = check_keep(keep, FIELDS)
         many, model = self._read_many(zs, by), self._model()
-        controls = terms = None
-        if us is not None:
-            B = control_matrix(self.B, self.dim_x)
-            controls = read_controls(us, many, B.shape[1]).numbers(many.values.shape[:2], B.shape[1])
-            terms = control_terms(controls, B)
+        controls, terms = (None, None) if us is None else linear_controls(us, many, self.B, self.dim_x)
 
         def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
             if not self._is_plain():
@@ -698,15 +695,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         as_flag("resume", resume)
         check_aligned(zs=zs, us=us, Fs=Fs, Qs=Qs, Hs=Hs, Rs=Rs, Bs=Bs)
-        observations: Any = zs
-        if hasattr(observations, "to_numpy"):
-            observations = observations.to_numpy()
-        update_first = as_flag("update_first", update_first)
-        if not hasattr(observations, "__len__"):
-            if not hasattr(observations, "__iter__"):
-                raise ShapeError(f"zs: got {brief(zs)}, expected a series of observations")
-            observations = list(observations)
-        n = len(as_listed("zs", observations, 0))
+        update_first, observations = as_flag("update_first", update_first), one_by_one(zs)
+        n = len(observations)
         with whole_verb(self):
             x, _ = self._state()
             given = (Fs, Qs, Hs, Rs, Bs, us, saver)
@@ -715,17 +705,9 @@ class KalmanFilter(LinearStepper, GaussianFilter):
                 stored = self._filter_at_once(series, FIELDS[:4])  # no log-likelihood
                 return as_batch(self, stored, zs, x.ndim == 1)
             moves, looks = given_per_step(n, us=us, Bs=Bs, Fs=Fs, Qs=Qs), given_per_step(n, Rs=Rs, Hs=Hs)
-
-            def predict(k: int) -> tuple[Any, Any]:
-                self.predict(**moves[k])
-                return self.x, self.P
-
-            def update(k: int) -> tuple[Any, Any]:
-                self.update(observations[k], **looks[k])
-                return self.x, self.P
-
+            verbs = batch_verbs(self, observations, moves, looks)
             with unchanged_on_error(self):
-                found = run_batch(n, x.shape, predict, update, update_first, saver)
+                found = run_batch(n, x.shape, *verbs, update_first, saver)
             if not update_first:  # else it has gone on from there
                 come_to_the_end(self, zs)
             return found

@@ -55,7 +55,7 @@ def filter_many(
 ) -> dict[str, FloatArray]:
     """Return the fields named for many series (series, n, m).
 
-    They are those ``rows`` of the series that the terms B u, see `fuzzykf.kalman.controls.control_terms`,
+    They are those ``rows`` of the series that the terms B u, see `fuzzykf.kalman.controls.linear_controls`,
     belong to, up to their end.
     """
     controls = None if terms is None else (terms if len(terms) == 1 else terms[rows])[:, : series.shape[1]]

@@ -26,12 +26,14 @@ __all__ = [
     "as_batch",
     "as_listed",
     "as_result",
+    "batch_verbs",
     "collect",
     "come_to_the_end",
     "empty_fields",
     "field_shapes",
     "given_per_step",
     "named_per_step",
+    "one_by_one",
     "per_step",
     "run_batch",
     "unchanged_on_error",
@@ -106,6 +108,15 @@ def as_listed(name: str, values: Any, n: int) -> Sequence[Any]:
         raise ShapeError(f"{name}: got {brief(values)}, expected one value for each of the {n} observations")
     each: Sequence[Any] = values
     return each
+
+
+def one_by_one(zs: Any) -> Sequence[Any]:
+    """Return the observations of a series, which may be gone through once, to be taken by their number."""
+    if not (hasattr(zs, "to_numpy") or hasattr(zs, "__len__")):
+        if not hasattr(zs, "__iter__"):
+            raise ShapeError(f"zs: got {brief(zs)}, expected a series of observations")
+        zs = list(zs)
+    return as_listed("zs", zs, 0)
 
 
 def per_step(name: str, values: Any, n: int) -> Sequence[Any]:
@@ -199,6 +210,25 @@ def as_batch(
     if not flat:
         x, x_prior = x[..., None], x_prior[..., None]
     return x, stored["P"], x_prior, stored["P_prior"]
+
+
+def batch_verbs(
+    f: Any, zs: Sequence[Any], moves: Sequence[Mapping[str, Any]], looks: Sequence[Mapping[str, Any]]
+) -> tuple[Callable[[int], tuple[Any, Any]], Callable[[int], tuple[Any, Any]]]:
+    """Return the verbs of a filter as `run_batch` calls them.
+
+    Those of step k are given the keyword arguments ``moves[k]`` and ``looks[k]``.
+    """
+
+    def predict(k: int) -> tuple[Any, Any]:
+        f.predict(**moves[k])
+        return f.x, f.P
+
+    def update(k: int) -> tuple[Any, Any]:
+        f.update(zs[k], **looks[k])
+        return f.x, f.P
+
+    return predict, update
 
 
 def run_batch(
