@@ -181,7 +181,10 @@ def _width(f: Any) -> int:
 
 def takes_columns(filters: Iterable[Any]) -> bool:
     """Whether all of these filters move by F x + B u, with columns for vectors."""
-    return all(getattr(f, "fx", None) is None and np.ndim(f.x) == np.ndim(f.B) == 2 for f in filters)
+    return all(
+        getattr(f, "fx", None) is None and np.ndim(f.x) == np.ndim(getattr(f, "B", None)) == 2
+        for f in filters
+    )
 
 
 def read_controls(us: Any, many: ManySeries, width: int) -> Controls:
@@ -209,8 +212,8 @@ def read_controls(us: Any, many: ManySeries, width: int) -> Controls:
     values = as_numbers("us", us) if _is_plain(us) else _beside(us, many, width)
     series, n = many.values.shape[:2]
     lengths = np.full(series, n) if many.lengths is None else many.lengths
-    inside = np.arange(n) < lengths[:, None]
-    wrong = np.argwhere(inside & ~np.isfinite(values.reshape(series, n, -1)).all(axis=2))
+    inside, known = np.arange(n) < lengths[:, None], np.isfinite(values)
+    wrong = np.argwhere(inside & ~(known if known.ndim == 2 else known.all(axis=2)))
     if len(wrong):
         one, step = wrong[0].tolist()
         raise ParameterError(

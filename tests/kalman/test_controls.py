@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from fuzzykf import Filter
 from fuzzykf.errors import ParameterError
 from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter, batch_filter, rts_smoother
 
@@ -309,6 +310,36 @@ def test_functions_are_given_controls_in_their_form() -> None:
         given.clear()
         f.filter_many(WIDE, us=us)
         assert set(given) == {shape}
+
+
+class Moved(Filter):
+    """A member that knows neither B nor fx."""
+
+    dim_x = dim_z = 1
+
+    def __init__(self):
+        self.x, self.P = np.zeros((1, 1)), np.eye(1)
+        self.x_prior, self.P_prior, self.log_likelihood = self.x, self.P, 0.0
+
+    def predict(self, u=None):
+        self.x = self.x_prior = 0.5 * self.x + (0.0 if u is None else u)
+
+    def update(self, z):
+        pass
+
+
+def test_members_of_a_bank_need_not_know_what_a_control_is() -> None:
+    f = IMMEstimator([Moved(), Moved()], [0.5, 0.5], [[0.9, 0.1], [0.2, 0.8]])
+    for us in (US, OWN):
+        found = f.filter_many(WIDE, us=us).x[0]
+        np.testing.assert_allclose(found, f.copy().filter(ZS, us=US).x)
+        assert found.any()
+
+
+@pytest.mark.parametrize("shape", [(0, 4), (2, 0)])
+def test_nothing_is_controlled_where_there_is_no_row(shape) -> None:
+    for us in (np.zeros((*shape, 1)), np.zeros(shape), np.zeros(shape[1])):
+        assert linear().filter_many(np.zeros(shape), us=us).shape == shape
 
 
 REFUSED = {
