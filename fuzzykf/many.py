@@ -226,7 +226,7 @@ def _of_list(series: list[Any], dim_z: int, names: Sequence[Any] | None, chosen:
 def _as_ordered(one: Any, order: list[Any] | None) -> tuple[Any, list[Any] | None]:
     """Return a table with its columns in the order of those before it, and that order."""
     columns = columns_of(one) if hasattr(one, "columns") else None
-    if columns is None or order is None or columns == order:
+    if columns is None or order is None or columns == order or len(columns) == 1:  # a name of the series
         return one, order if columns is None else columns
     if len(columns) != len(order) or set(columns) != set(order):
         raise ParameterError(f"zs: got the columns {_named(columns)}, expected {_named(order)} as before")

@@ -181,10 +181,12 @@ def _width(f: Any) -> int:
 
 def takes_columns(filters: Iterable[Any]) -> bool:
     """Whether all of these filters move by F x + B u, with columns for vectors."""
-    return all(
-        getattr(f, "fx", None) is None and np.ndim(f.x) == np.ndim(getattr(f, "B", None)) == 2
-        for f in filters
-    )
+    return all(map(_takes_columns, filters))
+
+
+def _takes_columns(f: Any) -> bool:
+    B: Any = getattr(f, "B", None)
+    return getattr(f, "fx", None) is None and np.ndim(f.x) == np.ndim(B) == 2
 
 
 def read_controls(us: Any, many: ManySeries, width: int) -> Controls:

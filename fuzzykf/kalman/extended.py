@@ -24,6 +24,7 @@ from fuzzykf.kalman.series import (
     FIELDS,
     as_batch,
     as_result,
+    begin,
     collect,
     field_shapes,
     given_per_step,
@@ -34,7 +35,7 @@ from fuzzykf.kalman.series import (
 from fuzzykf.kalman.smoothing import check_motion, smooth_result
 from fuzzykf.kalman.updates import condition, observed
 from fuzzykf.many import stacked
-from fuzzykf.observations import check_aligned, index_of
+from fuzzykf.observations import check_aligned
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -328,8 +329,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `predict` and `update`; the filter is then as it was before.
         """
-        if as_flag("resume", resume):
-            self._check_next(index_of(zs))
+        begin(self, zs, resume)
         return as_result(self, self._collect(zs, us, fx_args, hx_args), zs, fx_args is not None)
 
     def _collect(

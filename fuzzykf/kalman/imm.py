@@ -31,6 +31,7 @@ from fuzzykf.kalman.series import (
     BANK_FIELDS,
     as_batch,
     as_result,
+    begin,
     collect,
     field_shapes,
     given_per_step,
@@ -39,7 +40,7 @@ from fuzzykf.kalman.series import (
 )
 from fuzzykf.kalman.stepper import BankStepper
 from fuzzykf.many import stacked
-from fuzzykf.observations import check_aligned, index_of
+from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import VERBS, follows_copies, is_patched, lookups, overrides
 
 if TYPE_CHECKING:
@@ -349,8 +350,7 @@ class IMMEstimator(BankStepper, Filter):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `predict` and `update`; the bank is then as it was before.
         """
-        if as_flag("resume", resume):
-            self._check_next(index_of(zs))
+        begin(self, zs, resume)
         stored = self._collect(zs, us)
         modes = np.arange(self.N, dtype=np.float64)
         return as_result(self, stored, zs, nodes=modes, switch=modes[stored["mu"].argmax(axis=1)])

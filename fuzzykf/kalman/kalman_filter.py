@@ -31,6 +31,7 @@ from fuzzykf.kalman.series import (
     as_batch,
     as_result,
     batch_verbs,
+    begin,
     collect,
     come_to_the_end,
     field_shapes,
@@ -51,7 +52,7 @@ from fuzzykf.kalman.variants import (
     whole_observation,
 )
 from fuzzykf.many import stacked
-from fuzzykf.observations import check_aligned, index_of
+from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
 
 if TYPE_CHECKING:
@@ -484,8 +485,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> result.x.ravel().round(3)
         array([0.667, 0.667, 1.636])
         """
-        if as_flag("resume", resume):
-            self._check_next(index_of(zs))
+        begin(self, zs, resume)
         check_aligned(zs=zs, us=us)
         series = as_observations(zs, self.dim_z)
         with whole_verb(self):

@@ -10,7 +10,7 @@ import numpy as np
 from fuzzykf import results
 from fuzzykf.base import FilterResult, index_of
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import brief
+from fuzzykf.gaussian import as_flag, brief
 from fuzzykf.overrides import attributes_of
 from fuzzykf.sequel import warn_of_steps
 
@@ -27,6 +27,7 @@ __all__ = [
     "as_listed",
     "as_result",
     "batch_verbs",
+    "begin",
     "collect",
     "come_to_the_end",
     "empty_fields",
@@ -175,6 +176,12 @@ def collect(
             for name, values in stored.items():
                 values[k] = np.reshape(getattr(filter_, name), shapes[name])
     return stored
+
+
+def begin(f: Any, zs: Any, resume: bool) -> None:
+    """Raise if a series is to go on where a filter stands, and its times do not."""
+    if as_flag("resume", resume):
+        f._check_next(index_of(zs))
 
 
 def come_to_the_end(f: Any, zs: Any) -> Any:
