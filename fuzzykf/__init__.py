@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         CGOFMSModel,
         CGOMSMFilter,
         CGOMSModel,
+        FadeLaw,
         FuzzyMarkovLaw,
         KnownSwitchFilter,
         OFSRFilter,
@@ -59,7 +60,7 @@ _HOMES = {
         "fuzzykf.preprocessing": "DailyProfile Standardizer",
         "fuzzykf.results": "FilterResult",
         "fuzzykf.switching": (
-            "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FuzzyMarkovLaw KnownSwitchFilter OFSRFilter "
+            "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FadeLaw FuzzyMarkovLaw KnownSwitchFilter OFSRFilter "
             "SwitchChain"
         ),
     }.items()
@@ -74,6 +75,7 @@ __all__ = [
     "CauchyMembership",
     "DailyProfile",
     "ExtendedKalmanFilter",
+    "FadeLaw",
     "Filter",
     "FilterResult",
     "FunctionMembership",

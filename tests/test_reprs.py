@@ -29,6 +29,7 @@ from fuzzykf import (
     CGOMSModel,
     DailyProfile,
     ExtendedKalmanFilter,
+    FadeLaw,
     FilterResult,
     FunctionMembership,
     FuzzyMarkovLaw,
@@ -206,6 +207,10 @@ SPECIMENS = {
     FuzzyMarkovLaw: [
         lambda: FuzzyMarkovLaw.fmc2(0.15, 0.6, 0.2),
         lambda: FuzzyMarkovLaw.from_density([[0.25, 0.1], [0.1, 0.25]], 0.05, 0.1),
+    ],
+    FadeLaw: [
+        lambda: FadeLaw.between(40, 10, jump=0.005, turn_back=0.1),
+        lambda: FadeLaw(40, {(a, (a + k) % 40): (0.01, 9) for a in range(40) for k in (1, 2, 3)}),
     ],
     SwitchChain: [
         lambda: SwitchChain.from_classes([[0.9, 0.1], [0.1, 0.9]]),
@@ -442,6 +447,7 @@ EVAL = [
     GridMembership([0.0, 1.0, 2.0], [0.0, 1.0, 0.5]),
     FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
     FuzzyMarkovLaw.fmc2(0.12, 0.5, 0.17),
+    FadeLaw.between(40, 10),
     SwitchChain.from_classes([[0.9, 0.1], [0.1, 0.9]]),
     Fold(0, 10, 20),
     ClockSwitch(1.0, 13.0),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fuzzykf import moved
-from fuzzykf.plotting.laws import plot_law, plot_model
+from fuzzykf.plotting.laws import plot_graph, plot_law, plot_model, plot_path
 from fuzzykf.plotting.memberships import plot_estimate, plot_membership
 from fuzzykf.plotting.results import plot_result
 from fuzzykf.plotting.style import BLUE, ORANGE, TRUTH
@@ -15,9 +15,11 @@ __all__ = [
     "ORANGE",
     "TRUTH",
     "plot_estimate",
+    "plot_graph",
     "plot_law",
     "plot_membership",
     "plot_model",
+    "plot_path",
     "plot_result",
 ]
 

@@ -6,17 +6,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import brief, is_whole
-from fuzzykf.plotting.style import BLUE, ORANGE, SURFACE, axes_or_new
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_numbers, brief, is_whole
+from fuzzykf.plotting.style import BLUE, ORANGE, STRIP, SURFACE, axes_or_new
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
 
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.laws.fades import FadeLaw
     from fuzzykf.switching.laws.law import FuzzyMarkovLaw
     from fuzzykf.switching.models.base import SwitchingModel
 
-__all__ = ["plot_law", "plot_model"]
+__all__ = ["plot_graph", "plot_law", "plot_model", "plot_path"]
 
 #: Cells per axis in the picture of a density.
 _CELLS = 24
@@ -75,6 +78,132 @@ def _shades(density: Any) -> Any:
     flat = density.ravel()
     top = float(flat.max()) or 1.0
     return colormaps[SURFACE](0.15 + 0.75 * flat / top)
+
+
+def plot_graph(law: FadeLaw, ax: Axes | None = None) -> Axes:
+    """Draw the classes of a law as the corners of a regular polygon, and the ways between them.
+
+    Fades are whole arrows with their rate and mean length, jumps dashed ones with their probability; both
+    are per step.
+
+    Parameters
+    ----------
+    law : FadeLaw
+    ax : matplotlib.axes.Axes, optional
+        By default those of a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    MissingDependencyError
+        If matplotlib is not installed.
+
+    Examples
+    --------
+    >>> from fuzzykf import FadeLaw
+    >>> axes = plot_graph(FadeLaw.between(40, 10))
+    >>> [text.get_text() for text in axes.texts]
+    ['0.025, 10 steps', '0.025, 10 steps', '0', '1']
+    """
+    axes = axes_or_new(ax, figsize=(5.0, 4.0))
+    from matplotlib.patches import FancyArrowPatch
+
+    corners = _corners(law.n_classes)
+    ways: dict[tuple[int, int], int] = {}
+    for link in law.links():
+        a, b = link.ends
+        ways[a, b] = rank = ways.get((a, b), 0) + 1  # each one from a to b is bent more than the last
+        bend = 0.18 * rank if link.directed else 0.0
+        color = BLUE if link.gradual else ORANGE
+        arrow = FancyArrowPatch(
+            corners[a],
+            corners[b],
+            arrowstyle="-|>" if link.directed else "-",
+            connectionstyle=f"arc3,rad={bend}",
+            mutation_scale=12,
+            shrinkA=14,
+            shrinkB=14,
+            color=color,
+            linestyle="-" if link.gradual else "--",
+        )
+        axes.add_patch(arrow)
+        along = corners[b] - corners[a]
+        # the middle of the arc lies half of its bend away from the chord
+        middle = (corners[a] + corners[b]) / 2 + 0.5 * bend * np.array([along[1], -along[0]])
+        axes.text(
+            float(middle[0]),
+            float(middle[1]),
+            link.text,
+            ha="center",
+            va="center",
+            fontsize="small",
+            color=color,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+        )
+    for k, (x, y) in enumerate(corners):
+        axes.scatter([x], [y], s=600, facecolor="white", edgecolor="black", zorder=3)
+        axes.text(x, y, str(k), ha="center", va="center", zorder=4)
+    axes.set(xlim=(-1.4, 1.4), ylim=(-0.8, 0.8) if law.n_classes == 2 else (-1.35, 1.35), aspect="equal")
+    axes.set_axis_off()
+    return axes
+
+
+def _corners(K: int) -> FloatArray:
+    """Corners of a regular polygon, (K, 2); two classes lie side by side, else class 0 is on top."""
+    angle = np.pi * (np.array([1.0, 0.0]) if K == 2 else 0.5 - 2.0 * np.arange(K) / K)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def plot_path(r: ArrayLike, ax: Axes | None = None) -> Axes:
+    """Draw values of the switch over time: a line for two classes, stacked class weights for more.
+
+    Parameters
+    ----------
+    r : array_like, shape (n,) or (n, K)
+        Values of the switch in [0, 1], or class weights.
+    ax : matplotlib.axes.Axes, optional
+        By default those of a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    MissingDependencyError
+        If matplotlib is not installed.
+    ShapeError
+        If ``r`` has another shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import FadeLaw
+    >>> plot_path(FadeLaw.between(40, 10).sample(200, np.random.default_rng(0))).get_ylabel()
+    'switch'
+    """
+    path = as_numbers("r", r)
+    if path.ndim not in (1, 2) or not path.size:
+        raise ShapeError(f"r: got shape {path.shape}, expected values (n,) or class weights (n, K)")
+    axes = axes_or_new(ax, figsize=(8.0, 2.5))
+    time = np.arange(len(path))
+    if path.ndim == 1:
+        axes.plot(time, path, color=BLUE, linewidth=1.0)
+        axes.set(ylabel="switch", ylim=(-0.05, 1.05))
+    else:
+        from matplotlib import colormaps
+
+        K = path.shape[1]
+        shades = colormaps[STRIP](np.linspace(0.15, 0.85, K))
+        axes.stackplot(time, path.T, colors=shades, labels=[f"class {k}" for k in range(K)])
+        axes.set(ylabel="class weights", ylim=(0.0, 1.0))
+        axes.legend(fontsize="small", ncols=K, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+    axes.set_xlabel("step")
+    axes.margins(x=0)
+    return axes
 
 
 def plot_model(

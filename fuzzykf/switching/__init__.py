@@ -13,6 +13,7 @@ from fuzzykf.switching.inference.exact import EXACT
 from fuzzykf.switching.inference.method import Method
 from fuzzykf.switching.inference.mixture import Mixture
 from fuzzykf.switching.laws import FuzzyMarkovLaw, SwitchChain
+from fuzzykf.switching.laws.fades import FadeLaw
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 from fuzzykf.switching.models.hard import CGOMSModel
 from fuzzykf.switching.models.repair import shrink_covariances
@@ -24,6 +25,7 @@ __all__ = [
     "CGOFMSModel",
     "CGOMSMFilter",
     "CGOMSModel",
+    "FadeLaw",
     "FuzzyMarkovLaw",
     "InitialLaw",
     "KnownSwitchFilter",

@@ -3,20 +3,41 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+import numpy as np
 
 from fuzzykf.immutable import Immutable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
     from matplotlib.axes import Axes
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.switching.laws.chain import SwitchChain
 
-__all__ = ["Law", "ParametricLaw"]
+__all__ = ["NODES", "Law", "Link", "ParametricLaw", "Reach"]
+
+#: Number of nodes that a law is put on where any will do and none is asked for.
+NODES = 5
+
+
+class Reach(NamedTuple):
+    """Values of the switch, and which of them may follow one another."""
+
+    class_weights: FloatArray  # (P, K)
+    pairs: BoolArray  # (P, P): from the row to the column
+    values: BoolArray  # (P,): which have mass or density
+
+
+class Link(NamedTuple):
+    """A way from class to class, as pictures show it."""
+
+    ends: tuple[int, int]
+    text: str
+    gradual: bool
+    directed: bool = True
 
 
 class Law(Immutable, ABC):
@@ -32,6 +53,8 @@ class Law(Immutable, ABC):
     learned: ClassVar[bool] = False
     #: Number of nodes on which alone the law can be discretised; None where any will do.
     own_nodes: int | None = None
+    #: Number K of hard regimes.
+    n_classes: int = 2
 
     @abstractmethod
     def discretize(self, n_nodes: int, rule: str = "cell") -> SwitchChain:
@@ -42,13 +65,71 @@ class Law(Immutable, ABC):
         """Draw a stationary chain of ``n`` values; on so many nodes, or exactly."""
 
     @abstractmethod
-    def harden(self) -> FloatArray:
+    def harden(self, n_nodes: int | None = None) -> FloatArray:
         """Return the joint probabilities of two consecutive hard regimes, (K, K)."""
 
     @property
     @abstractmethod
     def p_hard(self) -> float:
         """Probability that the switch is in a hard regime."""
+
+    def nodes_up_to(self, most: int) -> int:
+        """Return the largest number of nodes, but not above ``most``, that the law can be put on."""
+        return most if self.own_nodes is None else self.own_nodes
+
+    def mean_dwell(self, n_nodes: int | None = None) -> FloatArray:
+        """Return the mean number of steps that the switch stays in each regime, once it is there.
+
+        Parameters
+        ----------
+        n_nodes : int, optional
+            Of the chain on so many nodes; it depends on them where the law is a chain only once
+            they are chosen, if at all.
+
+        Returns
+        -------
+        ndarray, shape (K,)
+            NaN for a regime that has no mass; infinite for one that is never left.
+        """
+        joint, hard = self._joint(n_nodes)
+        mass, stay = joint.sum(axis=1)[hard], np.diag(joint)[hard]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dwell: FloatArray = np.where(mass > 0.0, mass / (mass - stay), np.nan)
+        return dwell
+
+    def mean_fade(self, n_nodes: int | None = None) -> float:
+        """Return the mean number of steps between two regimes, over all times that they are left gradually.
+
+        Parameters
+        ----------
+        n_nodes : int, optional
+            As in `mean_dwell`.
+
+        Returns
+        -------
+        float
+            NaN where the switch is hard at all times; infinite where it never is.
+        """
+        joint, hard = self._joint(n_nodes)
+        between, left = float(joint[~hard].sum()), float(joint[np.ix_(hard, ~hard)].sum())
+        if between == 0.0:
+            return float("nan")
+        return between / left if left > 0.0 else float("inf")
+
+    def _joint(self, n_nodes: int | None) -> tuple[FloatArray, BoolArray]:
+        """Joint probabilities of two consecutive nodes (M, M), and which of them are regimes (M,)."""
+        chain = self.discretize(self.nodes_up_to(NODES) if n_nodes is None else n_nodes)
+        joint: FloatArray = chain.initial[:, None] * chain.transition
+        return joint, chain.atoms
+
+    def reach(self, n: int) -> Reach:
+        """Return values of the switch, up to ``n`` between two regimes, and what may follow them.
+
+        Models prove their noise there.
+        """
+        chain = self.discretize(self.nodes_up_to(n))
+        there = chain.initial > 0.0
+        return Reach(chain.class_weights, there[:, None] & (chain.transition != 0.0), there)
 
     @abstractmethod
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -9,7 +9,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array, brief, is_whole
 from fuzzykf.reprs import shown
-from fuzzykf.switching.laws.chain import SwitchChain
+from fuzzykf.switching.laws.chain import SwitchChain, hardened
 from fuzzykf.switching.laws.integration import Lines
 from fuzzykf.switching.laws.law import FuzzyMarkovLaw, checked_pair
 
@@ -90,13 +90,9 @@ class CellLaw(FuzzyMarkovLaw):
     def _interior(self, r1: FloatArray, r2: FloatArray) -> FloatArray:
         return self.joint_density(r1, r2)
 
-    def harden(self) -> FloatArray:
-        """Return the joint probabilities of the two hard regimes, (2, 2)."""
-        centre = (np.arange(self._n_cells) + 0.5) / max(self._n_cells, 1)
-        upper = np.concatenate([[0.0], np.where(centre == 0.5, 0.5, centre > 0.5), [1.0]])
-        halves = np.stack([1.0 - upper, upper])
-        joint: FloatArray = halves @ self.masses @ halves.T
-        return joint
+    def harden(self, n_nodes: int | None = None) -> FloatArray:
+        """Return the joint probabilities of the two hard regimes, (2, 2); ``n_nodes`` as in `discretize`."""
+        return hardened(self.discretize(self._n_cells if n_nodes is None else n_nodes))
 
     def discretize(self, n_nodes: int, rule: str = "cell") -> SwitchChain:
         """Return the chain on the cells themselves.

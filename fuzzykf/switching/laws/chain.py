@@ -8,19 +8,22 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_count, check_generator
+from fuzzykf.gaussian import as_array, as_count, as_numbers, check_generator
 from fuzzykf.immutable import cached_property
 from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["SwitchChain", "stationary_distribution"]
+__all__ = ["SwitchChain", "closed_classes", "hardened", "rank", "stationary_distribution"]
 
 #: Rows of probabilities have to sum to one within this.
 SUM_TOLERANCE = 1e-9
+
+#: Values of the switch that are nearer than this are one value.
+SAME_VALUE = 1e-12
 
 #: Longest series that can be drawn: its random numbers alone take 16 gigabytes.
 MOST_DRAWS = 10**9
@@ -36,8 +39,9 @@ class SwitchChain:
 
     Parameters
     ----------
-    nodes : array_like, shape (M,)
-        Values of the switch, one per node.
+    nodes : array_like, shape (M,) or (M, K)
+        Values of the switch, one per node: numbers, or the class weights where it moves among
+        more than two classes.  Several nodes may share a value, as the two directions of a fade do.
     weights : array_like, shape (M,)
         Measure of each node: 1 for a regime of its own (an atom), the quadrature
         weight in between; density is mass divided by weight.
@@ -48,7 +52,7 @@ class SwitchChain:
         sum to one.  Product integration may give (small) negative entries.
     class_weights : array_like, shape (M, K), optional
         How much of each hard regime a node is; rows sum to one.  By default the nodes
-        lie between two regimes, with weights (1 - r, r).
+        lie between two regimes, with weights (1 - r, r), or are class weights themselves.
 
     Raises
     ------
@@ -76,8 +80,9 @@ class SwitchChain:
         transition: ArrayLike,
         class_weights: ArrayLike | None = None,
     ) -> None:
-        values = as_array("nodes", nodes, (None,))
-        M = values.size
+        two = as_numbers("nodes", nodes).ndim == 2
+        values = as_array("nodes", nodes, (None, None) if two else (None,))
+        M = len(values)
         if M == 0:
             raise ShapeError("nodes: got none, expected at least one")
         table = as_array("transition", transition, (M, M))
@@ -90,6 +95,8 @@ class SwitchChain:
         if (excess > SUM_TOLERANCE).any():
             row = int(np.argmax(excess))
             raise ParameterError(f"transition: row {row} sums to {table[row].sum():.9g}, expected 1")
+        if class_weights is None and values.ndim == 2:
+            class_weights = values
         if class_weights is None:
             if (values < 0.0).any() or (values > 1.0).any():
                 raise ParameterError("nodes: expected values in [0, 1] where no class_weights are given")
@@ -135,16 +142,28 @@ class SwitchChain:
 
     def __len__(self) -> int:
         """Return the number of nodes."""
-        return self.nodes.size
+        return len(self.nodes)
+
+    def describe(self, k: int) -> str:
+        """Return the value of the switch at a node as a message shows it."""
+        value = self.nodes[k]
+        return f"{value:.6g}" if self.nodes.ndim == 1 else f"({', '.join(f'{u:.6g}' for u in value)})"
 
     @cached_property
-    def atoms(self) -> NDArray[np.bool_]:
+    def atoms(self) -> BoolArray:
         """Which nodes are hard regimes, as a boolean array of shape (M,)."""
-        hard: NDArray[np.bool_] = np.isclose(self.class_weights.max(axis=1), 1.0, rtol=0.0, atol=1e-15)
+        hard: BoolArray = np.isclose(self.class_weights.max(axis=1), 1.0, rtol=0.0, atol=1e-15)
         return hard
 
     @cached_property
-    def reachable(self) -> NDArray[np.bool_]:
+    def ranking(self) -> IntArray:
+        """How the nodes are looked through for the most likely value of the switch, (2, M); see `rank`."""
+        found = rank(self.nodes, np.where(self.atoms[:, None], False, self.class_weights > 0.0))
+        found.flags.writeable = False
+        return found
+
+    @cached_property
+    def reachable(self) -> BoolArray:
         """Which nodes some path visits, as a boolean array of shape (M,)."""
         there = self.initial > 0.0
         while True:
@@ -198,6 +217,89 @@ def check_probabilities(name: str, p: FloatArray) -> None:
         raise ParameterError(f"{name}: got {worst:.6g}, expected probabilities in [0, 1]")
     if abs(p.sum() - 1.0) > SUM_TOLERANCE:
         raise ParameterError(f"{name}: sums to {p.sum():.9g}, expected 1")
+
+
+def rank(nodes: FloatArray, between: BoolArray) -> IntArray:
+    """Put nodes in the order in which the most likely value of the switch is looked for.
+
+    The values come in strata: those between the same classes, and last all hard ones.  The rule
+    takes the stratum of largest mass, in it the value of largest density or mass.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (M,) or (M, K)
+        Values of the switch; nodes of one value add up.
+    between : ndarray of bool, shape (M, K)
+        Between which classes each lies; none for a hard value.
+
+    Returns
+    -------
+    ndarray of int, shape (2, M)
+        Numbers of the nodes, and for each 1 if it is the last of its value, 2 if it is the last of its
+        stratum as well, else 0.  The first of equals counts: so values come as they stand, hard ones
+        backwards.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> r = np.array([0.0, 1.0, 0.25, 0.75, 0.25, 0.75])  # the two directions of a fade
+    >>> rank(r, np.stack([(r > 0) & (r < 1)] * 2, axis=1))
+    array([[2, 4, 3, 5, 1, 0],
+           [0, 1, 0, 2, 1, 2]])
+    """
+    values = np.round(nodes.reshape(len(nodes), -1) / SAME_VALUE)
+    value, stratum = _first_of_equals(values), _first_of_equals(between)
+    hard = ~between.any(axis=1)
+    order = np.lexsort(
+        (np.arange(len(nodes)), np.where(hard, -value, value), np.where(hard, len(nodes), stratum))
+    )
+    ends = np.ones(len(nodes), dtype=np.intp)
+    next_value, next_stratum = (np.append(a[order][1:] != a[order][:-1], True) for a in (value, stratum))
+    ends[~(next_value | next_stratum)] = 0
+    ends[next_stratum] = 2
+    return np.stack([order.astype(np.intp), ends])
+
+
+def _first_of_equals(rows: np.ndarray) -> IntArray:
+    """Return for each row the number of the first that is equal to it."""
+    _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    numbers: IntArray = first[which.reshape(-1)]
+    return numbers
+
+
+def hardened(chain: SwitchChain) -> FloatArray:
+    """Return the joint probabilities (K, K) of the classes that two consecutive nodes are nearest to.
+
+    What lies in the middle between classes is shared out among them.
+    """
+    u = chain.class_weights
+    nearest = np.isclose(u, u.max(axis=1, keepdims=True), rtol=0.0, atol=SAME_VALUE)
+    shares = nearest / nearest.sum(axis=1, keepdims=True)
+    joint: FloatArray = shares.T @ (chain.initial[:, None] * chain.transition) @ shares
+    return joint
+
+
+def closed_classes(arrows: BoolArray) -> list[list[int]]:
+    """Return the sets of states of a chain that lead to one another, and nowhere else.
+
+    Parameters
+    ----------
+    arrows : ndarray of bool, shape (K, K)
+        Whether a state leads to another in one step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> closed_classes(np.array([[False, True, False], [True, False, False], [True, False, True]]))
+    [[0, 1]]
+    """
+    K = len(arrows)
+    there = arrows | np.eye(K, dtype=bool)
+    for _ in range(K.bit_length()):  # paths of twice the length
+        there = there.astype(np.float64) @ there > 0.0
+    closed = (there <= there.T).all(axis=1)  # whatever it leads to leads back
+    firsts = dict.fromkeys(int(there[k].argmax()) for k in np.flatnonzero(closed))
+    return [np.flatnonzero(there[k]).tolist() for k in firsts]
 
 
 def stationary_distribution(transition: FloatArray) -> FloatArray:

@@ -16,8 +16,8 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_count, as_numbers, check_broadcast, check_generator
 from fuzzykf.reprs import shown, value_text
-from fuzzykf.switching.laws.base import Law
-from fuzzykf.switching.laws.chain import MOST_DRAWS
+from fuzzykf.switching.laws.base import Law, Reach
+from fuzzykf.switching.laws.chain import MOST_DRAWS, hardened
 from fuzzykf.switching.laws.integration import Lines, cell_masses, integrate_line, invert_line
 from fuzzykf.switching.laws.quadrature import discretize
 from fuzzykf.switching.laws.registry import LAWS
@@ -265,10 +265,15 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         density: FloatArray = np.divide(joint, marginal, out=undefined, where=marginal > 0.0)
         return density
 
-    def harden(self) -> FloatArray:
+    def harden(self, n_nodes: int | None = None) -> FloatArray:
         """Return the joint probabilities of the two hard regimes.
 
         The law is integrated over the four quadrants of the square, cut at 1/2.
+
+        Parameters
+        ----------
+        n_nodes : int, optional
+            Harden the chain on so many nodes instead; a node at 1/2 is shared out.
 
         Returns
         -------
@@ -281,10 +286,18 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         array([[0.2379, 0.2621],
                [0.2621, 0.2379]])
         """
+        if n_nodes is not None:
+            return hardened(self.discretize(n_nodes))
         masses = cell_masses(self, np.array([0.0, 0.5, 1.0]))
         halves = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
         joint: FloatArray = halves @ masses @ halves.T
         return joint
+
+    def reach(self, n: int) -> Reach:
+        """Return the hard values and ``n`` between them, and what the density lets follow them."""
+        r = np.concatenate([[0.0], (np.arange(n) + 0.5) / n, [1.0]])
+        possible = self.joint_density(r[:, None], r) > 0.0
+        return Reach(np.stack([1.0 - r, r], axis=1), possible, self.marginal_density(r) > 0.0)
 
     # ------------------------------------------------------------------ derived objects
 

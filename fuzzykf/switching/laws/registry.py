@@ -16,6 +16,7 @@ LAWS = Registry(
         "fmc2": "fuzzykf.switching.laws.fmc2:FMC2",
         "free": "fuzzykf.switching.laws.cells:CellLaw",
         "from_density": "fuzzykf.switching.laws.density:DensityLaw",
+        "fade": "fuzzykf.switching.laws.fades:FadeLaw",
     }
 )
 

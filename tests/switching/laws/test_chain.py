@@ -9,7 +9,7 @@ import pytest
 
 from fuzzykf import SwitchChain
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.switching.laws.chain import stationary_distribution
+from fuzzykf.switching.laws.chain import closed_classes, hardened, rank, stationary_distribution
 
 P = [[0.9, 0.1], [0.3, 0.7]]
 
@@ -42,6 +42,66 @@ def test_classes():
     chain = SwitchChain.from_classes(np.full((4, 4), 0.25), [0.4, 0.3, 0.2, 0.1])
     np.testing.assert_array_equal(chain.nodes, [0, 1, 2, 3])
     np.testing.assert_allclose(chain.initial, [0.4, 0.3, 0.2, 0.1])
+
+
+def test_values_may_be_class_weights():
+    u = np.array([[1.0, 0.0, 0.0], [0.0, 0.5, 0.5], [0.2, 0.8, 0.0]])
+    chain = SwitchChain(u, np.ones(3), np.full(3, 1 / 3), np.full((3, 3), 1 / 3))
+    np.testing.assert_array_equal(chain.nodes, u)
+    np.testing.assert_array_equal(chain.class_weights, u)
+    assert len(chain) == 3
+    assert chain.describe(1) == "(0, 0.5, 0.5)"
+    assert SwitchChain.from_classes(P).describe(1) == "1"
+    np.testing.assert_array_equal(chain.atoms, [True, False, False])
+    assert set(map(tuple, chain.sample(50, np.random.default_rng(0)))) <= set(map(tuple, u))
+    with pytest.raises(ParameterError, match=r"class_weights\[0\]: sums to 1\.1"):
+        SwitchChain([[0.5, 0.6], [0.5, 0.5]], np.ones(2), [0.5, 0.5], P)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "between", "expected"),
+    [
+        # 0, two nodes between, 1: hard values last, and backwards
+        ([0.0, 0.25, 0.75, 1.0], [[], [0, 1], [0, 1], []], [[1, 2, 3, 0], [1, 2, 1, 2]]),
+        # two directions; the rounding of 1 - 0.9 makes no other value
+        (
+            [0.0, 1.0, 0.1, 0.9, 0.9, 1.0 - 0.9],
+            [[], [], [0, 1], [0, 1], [0, 1], [0, 1]],
+            [[2, 5, 3, 4, 1, 0], [0, 1, 0, 2, 1, 2]],
+        ),
+        # edges come in the order of their first nodes
+        (
+            [0, 1, 2, 0.5, 1.5, 0.25],
+            [[], [], [], [1, 2], [0, 1], [1, 2]],
+            [[3, 5, 4, 2, 1, 0], [1, 2, 2, 1, 1, 2]],
+        ),
+        # one regime on two nodes, and hard nodes alone
+        ([1.0, 0.0, 1.0], [[], [], []], [[1, 0, 2], [1, 0, 2]]),
+        ([0.3], [[0, 1]], [[0], [2]]),
+    ],
+)
+def test_ranking(nodes, between, expected):
+    table = np.array([[k in one for k in range(3)] for one in between])
+    np.testing.assert_array_equal(rank(np.array(nodes), table), expected)
+
+
+def test_hardening_shares_out_the_middle():
+    chain = SwitchChain([0.0, 0.25, 0.5, 1.0], np.ones(4), np.full(4, 1 / 4), np.eye(4))
+    np.testing.assert_allclose(hardened(chain), [[0.5625, 0.0625], [0.0625, 0.3125]])
+
+
+@pytest.mark.parametrize(
+    ("arrows", "expected"),
+    [
+        (np.zeros((3, 3)), [[0], [1], [2]]),
+        (np.roll(np.eye(4), 1, axis=1), [[0, 1, 2, 3]]),
+        (np.diag(np.ones(6), 1), [[6]]),  # a long way to the end
+        ([[0, 1, 0, 1], [1, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]], [[2], [3]]),
+        ([[0, 0, 1], [0, 0, 1], [1, 0, 0]], [[0, 2]]),
+    ],
+)
+def test_closed_classes(arrows, expected):
+    assert closed_classes(np.array(arrows, dtype=bool)) == expected
 
 
 def test_reachable_nodes():

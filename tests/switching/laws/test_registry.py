@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, FuzzyMarkovLaw, SwitchChain
+from fuzzykf import CGOFMSModel, FadeLaw, FuzzyMarkovLaw, SwitchChain
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching import laws
 from fuzzykf.switching.laws.base import Law, ParametricLaw
@@ -20,7 +20,10 @@ EXAMPLES = {
     "fmc2": FuzzyMarkovLaw.fmc2(0.12, 0.5, 0.17),
     "free": LAWS["free"](np.arange(1.0, 26.0).reshape(5, 5)),
     "from_density": FuzzyMarkovLaw.from_density([[0.2, 0.05], [0.05, 0.2]], 0.1, 0.1),
+    "fade": FadeLaw.between(4, 10),
 }
+#: Fades, or edges, each with cells of its own.
+PARTS = dict.fromkeys(LAWS, 1) | {"fade": 2}
 PARAMETRIC = [kind for kind, law in LAWS.items() if issubclass(law, ParametricLaw)]
 
 
@@ -32,7 +35,7 @@ def test_every_law_offers_what_a_law_offers(kind):
     assert law.kind == kind
     chain = law.discretize(3)
     assert isinstance(chain, SwitchChain)
-    assert len(chain) == 5
+    assert len(chain) == law.n_classes + 3 * PARTS[kind]
     np.testing.assert_allclose(law.harden().sum(), 1.0)
     assert law.p_hard == pytest.approx(chain.initial[chain.atoms].sum(), abs=1e-9)
     drawn = law.sample(50, np.random.default_rng(0), n_nodes=3)
@@ -46,7 +49,27 @@ def test_laws_come_back_bit_for_bit(kind):
     law = EXAMPLES[kind]
     again = LAWS[kind].from_dict(law.to_dict())
     assert again.to_dict() == law.to_dict()
-    np.testing.assert_array_equal(again.corners, law.corners)
+    for name in ("initial", "transition", "class_weights"):
+        np.testing.assert_array_equal(getattr(again.discretize(3), name), getattr(law.discretize(3), name))
+
+
+@pytest.mark.parametrize("kind", LAWS)
+def test_durations_are_those_of_the_chain(kind):
+    law, chain = EXAMPLES[kind], EXAMPLES[kind].discretize(3)
+    hard = np.flatnonzero(chain.atoms)
+    joint = chain.initial[:, None] * chain.transition
+    stay = [chain.transition[k, k] for k in hard]
+    # the first of the powers of staying that fails, summed
+    expected = [sum(p**k for k in range(5000)) for p in stay]
+    np.testing.assert_allclose(law.mean_dwell(3), expected, rtol=1e-9)
+    between = np.flatnonzero(~chain.atoms)
+    begin = joint[np.ix_(hard, between)].sum(axis=0)
+    steps, p = 0.0, begin / begin.sum()
+    for _ in range(5000):
+        steps, p = steps + p.sum(), p @ chain.transition[np.ix_(between, between)]
+    # a free law need not be stationary, but the others are
+    assert law.mean_fade(3) == pytest.approx(steps, rel=0.2 if kind == "free" else 1e-9)
+    np.testing.assert_allclose(law.harden(3).sum(), 1.0)
 
 
 def test_functions_are_not_written():

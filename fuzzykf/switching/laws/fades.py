@@ -1,0 +1,529 @@
+"""Fades: a switch that goes from class to class gradually, and in a direction.
+
+A law on the values of the switch alone remembers where it is, not which way it moves; a fade does.
+So the law is one of a Markov chain on classes and on the cells of directed fades, and exact filters
+stay exact.  A directed fade a -> b has F cells, at the class weights (1 - t) e_a + t e_b with
+t = (k - 1/2)/F, k = 1, ..., F.  A step leads
+
+    from class a to the first cell of (a, b)       with the rate of the fade,
+    from class a to class b at once                with the probability of that jump,
+    from cell k to cell k + 1, from the last to b  with F / length,
+    from a cell to the same place of (b, a)        with turn_back,
+
+and otherwise nowhere.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import as_count, as_real, brief
+from fuzzykf.immutable import cached_property
+from fuzzykf.reprs import shown, value_text
+from fuzzykf.switching.laws.base import NODES, Law, Link
+from fuzzykf.switching.laws.chain import SwitchChain, closed_classes, stationary_distribution
+from fuzzykf.switching.laws.edges import as_edge, as_probability, check_rule, entries
+from fuzzykf.switching.laws.quadrature import MOST_NODES
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from matplotlib.axes import Axes
+
+    from fuzzykf.arrays import FloatArray
+
+__all__ = ["FadeLaw", "FadeLength"]
+
+#: What probabilities and numbers of cells may miss by rounding.
+ROUNDING = 1e-12
+
+#: Most classes of a law.
+MOST_CLASSES = 1000
+
+
+class FadeLength(NamedTuple):
+    """How many steps a fade lasts, until it has come to a class: its own end, or where it began."""
+
+    mean: float
+    std: float
+
+
+class FadeLaw(Law):
+    """Law of a switch that fades from class to class in a direction, or jumps.
+
+    Parameters
+    ----------
+    n_classes : int
+        Number K of classes (hard regimes).
+    fades : mapping of (int, int) to (float, float)
+        For a fade from class a to class b, ``{(a, b): (rate, mean_length)}``: the probability that it
+        begins in a step at a, and how many steps it lasts on average, at least 1.  With rate 0 it is
+        entered from the fade back alone, by turning.
+    jumps : mapping of (int, int) to float, optional
+        ``{(a, b): p}``: the probability that the switch goes from a to b at once.
+    turn_back : float
+        Probability, per step in a fade, to go on with the fade back from the same place.
+
+    Raises
+    ------
+    ParameterError
+        If a class is left with a probability of more than 1, a fade has no fade back although
+        ``turn_back`` is positive, or there is no unique stationary law.
+
+    Notes
+    -----
+    The law is a chain only once the number F of cells of each fade is chosen.  A fade lasts
+    ``mean_length`` on average whatever F is, for ``turn_back = 0``; its standard deviation is
+    sqrt(F (1 - F / mean_length)) mean_length / F, none at all for F = ``mean_length``.  F cannot be larger
+    than the length.  Where no number is given, in `sample`, `harden` and the durations, it is 5, or as
+    many as the shortest fade has room for, min(5, floor(shortest length)); if fades turn back there is
+    room for floor(length (1 - turn_back)).  Filters take 5 unless they are told otherwise.
+
+    Classes that are left for ever have no part in the stationary law.
+
+    Examples
+    --------
+    >>> law = FadeLaw(2, {(0, 1): (0.025, 10), (1, 0): (0.025, 10)})
+    >>> round(law.p_hard, 6)
+    0.8
+    >>> law.discretize(5).transition.shape
+    (12, 12)
+    >>> law.fade_lengths(5)[0, 1]
+    FadeLength(mean=10.0, std=3.1622776601683795)
+    """
+
+    kind = "fade"
+
+    def __init__(
+        self,
+        n_classes: int,
+        fades: Mapping[tuple[int, int], tuple[float, float]],
+        *,
+        jumps: Mapping[tuple[int, int], float] | None = None,
+        turn_back: float = 0.0,
+    ) -> None:
+        K = as_count("n_classes", n_classes, 2, MOST_CLASSES)
+        self.n_classes = K
+        self._fades = tuple(
+            (as_edge("fades", pair, K), _rate_and_length(pair, value))
+            for pair, value in entries("fades", fades, "{(a, b): (rate, mean_length)}")
+        )
+        self._jumps = tuple(
+            (as_edge("jumps", pair, K), as_probability(f"jumps[{pair}]", value))
+            for pair, value in entries("jumps", {} if jumps is None else jumps, "{(a, b): probability}")
+        )
+        self.turn_back = as_probability("turn_back", turn_back)
+        self._check_classes()
+        self._check_turns()
+
+    def _check_classes(self) -> None:
+        arrows = self._arrows()
+        left = arrows.sum(axis=1)
+        if (left > 1.0 + ROUNDING).any():
+            a = int(left.argmax())
+            rates = sum(rate for (start, _), (rate, _) in self._fades if start == a)
+            raise ParameterError(
+                f"fades, jumps: got rates that sum to {rates:.6g} and jumps that sum to "
+                f"{left[a] - rates:.6g} from class {a}, together {left[a]:.6g}; expected at most 1"
+            )
+        closed = closed_classes(arrows > 0.0)
+        if len(closed) > 1:
+            parts = " and ".join(map(str, closed))
+            raise ParameterError(
+                f"fades, jumps: got several parts that are never left, the classes {parts}; expected ways "
+                "between the classes that leave one such part, so that the stationary law is unique"
+            )
+
+    def _check_turns(self) -> None:
+        pairs = [pair for pair, _ in self._fades]
+        if self.turn_back > 0.0:
+            for a, b in pairs:
+                if (b, a) not in pairs:
+                    raise ParameterError(
+                        f"turn_back: got {self.turn_back:.6g}, but the fade {(a, b)} has no fade {(b, a)} "
+                        f"to turn to; expected 0, or {(b, a)} among the fades (its rate may be 0)"
+                    )
+        for pair, (_, length) in self._fades:
+            if 1.0 / length + self.turn_back > 1.0 + ROUNDING:
+                raise ParameterError(
+                    f"turn_back: got {self.turn_back:.6g}, expected at most {1.0 - 1.0 / length:.6g} for "
+                    f"the fade {pair} of length {length:.6g}, which goes on with at least 1 / length a step"
+                )
+
+    @classmethod
+    def between(cls, dwell: float, length: float, *, jump: float = 0.0, turn_back: float = 0.0) -> Self:
+        """Make the symmetric law of two classes.
+
+        Parameters
+        ----------
+        dwell : float
+            Mean number of steps at a class, at least 1: what leaves it is a fade or a jump, with a
+            probability of 1 / dwell together.
+        length : float
+            Mean number of steps of a fade, at least 1.
+        jump : float
+            Probability of a jump per step at a class, at most 1 / dwell.
+        turn_back : float
+            As for `FadeLaw`.
+
+        Examples
+        --------
+        >>> law = FadeLaw.between(40, 10)
+        >>> law.mean_dwell(), round(law.mean_fade(), 9)
+        (array([40., 40.]), 10.0)
+        """
+        steps = as_real("dwell", dwell, "a number of steps")
+        if not (steps >= 1.0 and np.isfinite(steps)):
+            raise ParameterError(f"dwell: got {steps:.6g}, expected a finite number of steps, at least 1")
+        p = as_probability("jump", jump)
+        rate = 1.0 / steps - p
+        if rate < -ROUNDING:
+            raise ParameterError(
+                f"jump: got {p:.6g}, expected at most {1.0 / steps:.6g}, 1 / dwell for dwell = {steps:.6g}"
+            )
+        fade = (max(rate, 0.0), _as_length("length", length))
+        jumps = {(0, 1): p, (1, 0): p} if p else {}
+        return cls(2, {(0, 1): fade, (1, 0): fade}, jumps=jumps, turn_back=turn_back)
+
+    # ------------------------------------------------------------------ what it was made from
+
+    @property
+    def fades(self) -> dict[tuple[int, int], tuple[float, float]]:
+        """Rate and mean length by fade, in the order of their cells."""
+        return dict(self._fades)
+
+    @property
+    def jumps(self) -> dict[tuple[int, int], float]:
+        """Probability of each jump."""
+        return dict(self._jumps)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The parameters of the law by name."""
+        return {
+            "n_classes": self.n_classes,
+            "fades": self.fades,
+            "jumps": self.jumps,
+            "turn_back": self.turn_back,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return classes, fades [a, b, rate, length], jumps [a, b, p] and turn_back as plain values."""
+        return {
+            "n_classes": self.n_classes,
+            "fades": [[*pair, *values] for pair, values in self._fades],
+            "jumps": [[*pair, p] for pair, p in self._jumps],
+            "turn_back": self.turn_back,
+        }
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Self:
+        """Make a law from what `to_dict` returned."""
+        return cls(
+            values["n_classes"],
+            {(a, b): (rate, length) for a, b, rate, length in values["fades"]},
+            jumps={(a, b): p for a, b, p in values["jumps"]},
+            turn_back=values["turn_back"],
+        )
+
+    def _arrows(self) -> FloatArray:
+        """Probability that the switch leaves a for b, by a fade or at once: (K, K)."""
+        arrows = np.zeros((self.n_classes, self.n_classes))
+        for (a, b), p in self._jumps:
+            arrows[a, b] += p
+        for (a, b), (rate, _) in self._fades:
+            arrows[a, b] += rate
+        return arrows
+
+    # ------------------------------------------------------------------ the chain
+
+    def nodes_up_to(self, most: int) -> int:
+        """Return the largest number of cells, but not above ``most``, that every fade has room for."""
+        return min([most, *(self._room(length) for _, (_, length) in self._fades)])
+
+    def _room(self, length: float) -> int:
+        return int(np.floor(length * (1.0 - self.turn_back) * (1.0 + ROUNDING)))
+
+    def discretize(self, n_nodes: int, rule: str = "cell") -> SwitchChain:
+        """Return the chain with so many cells in each fade.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number F of cells of each fade.  Without any a fade is a jump.
+        rule : {"cell"}
+
+        Returns
+        -------
+        SwitchChain
+            On the classes, then the cells fade by fade in the order of ``fades``: K + F (number of
+            fades) nodes.  Its initial law is the stationary one.
+
+        Raises
+        ------
+        ParameterError
+            If a fade is too short for so many cells.
+
+        Examples
+        --------
+        >>> FadeLaw.between(20, 3).discretize(5)
+        Traceback (most recent call last):
+            ...
+        fuzzykf.errors.ParameterError: n_nodes: got 5, expected n_nodes=3 at most for fade (0, 1) of length 3
+        """
+        check_rule(rule)
+        F, K, fades = as_count("n_nodes", n_nodes, 0), self.n_classes, self._fades
+        if self.nodes_up_to(F) < F:
+            pair, (_, length) = min(fades, key=lambda fade: self._room(fade[1][1]))
+            turning = f" that turns back with {self.turn_back:.6g} a step" if self.turn_back else ""
+            raise ParameterError(
+                f"n_nodes: got {F}, expected n_nodes={self._room(length)} at most for fade {pair} of length "
+                f"{length:.6g}{turning}"
+            )
+        if K + len(fades) * F > MOST_NODES + 2:
+            raise ParameterError(
+                f"n_nodes: got {F}, expected at most {(MOST_NODES + 2 - K) // len(fades)} for {len(fades)} "
+                f"fades; tables have an entry for each pair of {K + len(fades) * F} nodes"
+            )
+        weights = np.concatenate([np.eye(K), *(_cells(pair, F, K) for pair, _ in fades)])
+        measure = np.concatenate([np.ones(K), np.full(len(fades) * F, 1.0 / max(F, 1))])
+        nodes = weights[:, 1] if K == 2 else weights
+        return SwitchChain(nodes, measure, self._stationary(F), self._transition(F), weights)
+
+    def _transition(self, F: int) -> FloatArray:
+        K, fades = self.n_classes, self._fades
+        P = np.zeros((K + len(fades) * F,) * 2)
+        for (a, b), p in self._jumps:
+            P[a, b] += p
+        for e, ((a, b), (rate, length)) in enumerate(fades):
+            cells = K + e * F + np.arange(F)
+            path = np.append(cells, b)
+            P[a, path[0]] += rate
+            P[cells, path[1:]] = F / length
+            if self.turn_back and F:
+                P[cells, K + self._back[e] * F + np.arange(F)[::-1]] = self.turn_back
+        stay = 1.0 - P.sum(axis=1)
+        P[np.diag_indices(len(P))] = np.where(stay > ROUNDING, stay, 0.0)
+        normalised: FloatArray = P / P.sum(axis=1, keepdims=True)
+        return normalised
+
+    @cached_property
+    def _back(self) -> list[int]:
+        """Number of the fade back of each fade; only if fades turn back."""
+        pairs = [pair for pair, _ in self._fades]
+        return [pairs.index((b, a)) for a, b in pairs]
+
+    def _stationary(self, F: int) -> FloatArray:
+        """Stationary law: that of the classes, between which fades count as jumps, and what fades add."""
+        K = self.n_classes
+        arrows, visits = np.zeros((K, K)), np.zeros((K, len(self._fades), F))
+        for (a, b), p in self._jumps:
+            arrows[a, b] += p
+        for e, ((a, b), (rate, length)) in enumerate(self._fades):
+            own = self._visits(e, F)
+            visits[a, e] += rate * own[:F]
+            arrows[a, b] += rate * (own[F - 1] * F / length if F else 1.0)  # or back to where it began
+            if self.turn_back:
+                visits[a, self._back[e]] += rate * own[F:]
+        arrows[np.diag_indices(K)] = 1.0 - arrows.sum(axis=1)
+        at = stationary_distribution(arrows)
+        masses = np.concatenate([at, np.tensordot(at, visits, 1).reshape(-1)])
+        stationary: FloatArray = masses / masses.sum()
+        return stationary
+
+    def _visits(self, e: int, F: int) -> FloatArray:
+        """Mean number of steps in each cell, (F,) or (2 F,), of a fade that has begun."""
+        Q = self._within(e, F)
+        begin = np.zeros(len(Q))
+        begin[:1] = 1.0
+        return np.asarray(np.linalg.solve((np.eye(len(Q)) - Q).T, begin), dtype=np.float64)
+
+    def _within(self, e: int, F: int) -> FloatArray:
+        """Transition matrix of the cells of a fade and, if it can turn, those of its fade back."""
+        turning = self.turn_back > 0.0
+        Q = np.zeros(((1 + turning) * F,) * 2)
+        for part, fade in enumerate((e, self._back[e]) if turning else (e,)):
+            step = F / self._fades[fade][1][1]
+            cells = part * F + np.arange(F)
+            Q[cells[:-1], cells[1:]] = step
+            Q[cells, cells] = 1.0 - step - self.turn_back
+            if turning:
+                Q[cells, (1 - part) * F + np.arange(F)[::-1]] = self.turn_back
+        return Q
+
+    # ------------------------------------------------------------------ what follows from it
+
+    def fade_lengths(self, n_nodes: int | None = None) -> dict[tuple[int, int], FadeLength]:
+        """Return mean and standard deviation of the number of steps that each fade lasts.
+
+        Parameters
+        ----------
+        n_nodes : int, optional
+            Number of cells; see the notes of the class.
+
+        Returns
+        -------
+        dict of (int, int) to FadeLength
+            Until a class is reached: a fade that turns back, and back again, counts as one.
+
+        Examples
+        --------
+        >>> FadeLaw.between(40, 10).fade_lengths(10)[1, 0]  # a step for each cell
+        FadeLength(mean=10.0, std=0.0)
+        """
+        F = self._cells_or_default(n_nodes)
+        self.discretize(F)  # the error that says how many cells there can be
+        found = {}
+        for e, (pair, _) in enumerate(self._fades):
+            if not F:
+                found[pair] = FadeLength(0.0, 0.0)
+                continue
+            Q = self._within(e, F)
+            leave = np.eye(len(Q)) - Q
+            to_end = np.linalg.solve(leave, np.ones(len(Q)))
+            mean, square = float(to_end[0]), float((2.0 * np.linalg.solve(leave, to_end) - to_end)[0])
+            variance = square - mean**2
+            found[pair] = FadeLength(mean, float(np.sqrt(variance)) if variance > ROUNDING * square else 0.0)
+        return found
+
+    def _cells_or_default(self, n_nodes: int | None) -> int:
+        return self.nodes_up_to(NODES) if n_nodes is None else as_count("n_nodes", n_nodes, 0)
+
+    @property
+    def p_hard(self) -> float:
+        """Probability that the switch is at a class.
+
+        It is the same for all numbers of cells unless fades turn back and those there and back differ
+        in length.
+        """
+        return float(self.discretize(self.nodes_up_to(NODES)).initial[: self.n_classes].sum())
+
+    def harden(self, n_nodes: int | None = None) -> FloatArray:
+        """Return the joint probabilities of two consecutive hard regimes.
+
+        A cell counts as the class that is nearer, the middle one as the class that is being left:
+        to share it out would invent jumps.
+
+        Parameters
+        ----------
+        n_nodes : int, optional
+            Number of cells; see the notes of the class.
+
+        Returns
+        -------
+        ndarray, shape (K, K)
+
+        Examples
+        --------
+        >>> FadeLaw.between(40, 10).harden().round(6)
+        array([[0.49, 0.01],
+               [0.01, 0.49]])
+        """
+        F, K = self._cells_or_default(n_nodes), self.n_classes
+        chain = self.discretize(F)
+        nearer = [np.where(2 * np.arange(F) < F, a, b) for (a, b), _ in self._fades]  # 2 k < F: t <= 1/2
+        shares = np.eye(K)[np.concatenate([np.arange(K), *nearer]).astype(int)]
+        joint: FloatArray = shares.T @ (chain.initial[:, None] * chain.transition) @ shares
+        return joint
+
+    def sample(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> FloatArray:
+        """Draw a stationary chain of ``n`` values.
+
+        Parameters
+        ----------
+        n : int
+            Length.
+        rng : numpy.random.Generator
+        n_nodes : int, optional
+            Number of cells; see the notes of the class.
+
+        Returns
+        -------
+        ndarray, shape (n,) or (n, K)
+            For two classes the share of class 1, else the shares of all.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> FadeLaw.between(2, 2).sample(8, np.random.default_rng(1))
+        array([0.25, 0.75, 1.  , 0.75, 0.25, 0.  , 0.25, 0.75])
+        """
+        return self.discretize(self._cells_or_default(n_nodes)).sample(n, rng)
+
+    def links(self) -> list[Link]:
+        """Return the ways from class to class, with rate and length of a fade, and what a jump has."""
+        fades = [
+            Link(pair, f"{rate:.3g}, {length:.3g} steps", gradual=True)
+            for pair, (rate, length) in self._fades
+        ]
+        return fades + [Link(pair, f"{p:.3g}", gradual=False) for pair, p in self._jumps]
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        rng: np.random.Generator | None = None,
+        n: int = 300,
+        n_nodes: int | None = None,
+    ) -> Axes:
+        """Draw the graph of classes, fades and jumps, with rates and lengths; or a path of the switch.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            By default those of a new figure.
+        rng : numpy.random.Generator, optional
+            If given, a path is sampled and drawn instead, by `fuzzykf.plotting.plot_path`.
+        n : int
+            Length of the path.
+        n_nodes : int, optional
+            Number of cells of the path; see the notes of the class.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from fuzzykf.plotting.laws import plot_graph, plot_path
+
+        return plot_graph(self, ax) if rng is None else plot_path(self.sample(n, rng, n_nodes), ax)
+
+    @shown
+    def __repr__(self) -> str:
+        text = f"FadeLaw({self.n_classes}, {_pairs_text(self.fades)}"
+        if self._jumps:
+            text += f", jumps={_pairs_text(self.jumps)}"
+        return f"{text}, turn_back={value_text(self.turn_back)})" if self.turn_back else f"{text})"
+
+
+def _pairs_text(values: dict[tuple[int, int], Any]) -> str:
+    listed = ", ".join(f"{pair}: {value_text(value)}" for pair, value in [*values.items()][:4])
+    return f"{{{listed}{', ...' if len(values) > 4 else ''}}}"
+
+
+def _as_length(name: str, value: Any) -> float:
+    length = as_real(name, value, "a number of steps")
+    if not (length >= 1.0 and np.isfinite(length)):
+        raise ParameterError(f"{name}: got {length:.6g}, expected a finite number of steps, at least 1")
+    return length
+
+
+def _rate_and_length(pair: Any, value: Any) -> tuple[float, float]:
+    name = f"fades[{pair}]"
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise ParameterError(f"{name}: got {brief(value)}, expected a pair (rate, mean_length)")
+    return as_probability(f"{name}, rate", value[0]), _as_length(f"{name}, mean length", value[1])
+
+
+def _cells(pair: tuple[int, int], F: int, K: int) -> FloatArray:
+    """Class weights of the cells of a fade, (F, K).
+
+    Those of the fade back are the same numbers, to the bit: values that are equal count as one.
+    """
+    a, b = pair
+    weights = np.zeros((F, K))
+    t = (np.arange(F) + 0.5) / max(F, 1)
+    weights[:, a], weights[:, b] = t[::-1], t
+    return weights
