@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, io
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FadeLaw, FuzzyMarkovLaw, OFSRFilter, io
 from fuzzykf.errors import FileFormatError, ParameterError
 
 DATA = Path(__file__).parent / "data"
 LAWS = [FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16), FuzzyMarkovLaw.fmc2(0.1, 0.8 / 1.71, 0.3)]
+FADES = FadeLaw(2, {(0, 1): (1 / 30, 9.5), (1, 0): (0.07, 20 / 3)}, jumps={(1, 0): 0.01}, turn_back=0.1)
 
 
 def regressions(K, seed=0):
@@ -48,6 +49,7 @@ def models(fuzzy, hard):
         "check": CGOFMSModel(LAWS[0], form.means, form.covariances, 1, constraint="check"),
         "transition": CGOFMSModel(LAWS[0], form.means, form.covariances, 1, interpolation="transition"),
         "regression": CGOFMSModel.from_regressions(LAWS[0], **regressions(2)),
+        "fades": CGOFMSModel(FADES, form.means, form.covariances, 1),
         "hard transition": hard,
         "hard covariance": fuzzy.harden(),
         "hard regression": CGOMSModel.from_regressions(
@@ -56,7 +58,7 @@ def models(fuzzy, hard):
     }
 
 
-NAMES = ("fmc1 covariance", "fmc2 covariance", "check", "transition", "regression",
+NAMES = ("fmc1 covariance", "fmc2 covariance", "check", "transition", "regression", "fades",
          "hard transition", "hard covariance", "hard regression")  # fmt: skip
 
 
@@ -66,7 +68,9 @@ def model(request, fuzzy_model, hard_model):
 
 
 def make_filter(model):
-    return OFSRFilter(model, 4, "midpoint") if isinstance(model, CGOFMSModel) else CGOMSMFilter(model)
+    if not isinstance(model, CGOFMSModel):
+        return CGOMSMFilter(model)
+    return OFSRFilter(model, 4, "cell" if model.law.kind == "fade" else "midpoint")
 
 
 # --------------------------------------------------------------------------- models
@@ -236,6 +240,28 @@ def test_files_that_are_no_model(content, message, tmp_path):
 def test_damaged_models(fuzzy_model, change, tmp_path):
     path, document = save(fuzzy_model, tmp_path)
     change(document)
+    path.write_text(json.dumps(document))
+    with pytest.raises(FileFormatError, match=r"model\.json: damaged: "):
+        CGOFMSModel.load(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda law: law.update(n_classes=3),
+        lambda law: law.update(n_classes=10**9),
+        lambda law: law.pop("jumps"),
+        lambda law: law.update(turn_back="often"),
+        lambda law: law["fades"].pop(),
+        lambda law: law["fades"][0].pop(),
+        lambda law: law["fades"][0].__setitem__(0, 0.5),
+        lambda law: law["fades"][0].__setitem__(2, 1.5),
+        lambda law: law["jumps"][0].__setitem__(2, None),
+    ],
+)
+def test_damaged_fades(fuzzy_model, hard_model, change, tmp_path):
+    path, document = save(models(fuzzy_model, hard_model)["fades"], tmp_path)
+    change(document["law"])
     path.write_text(json.dumps(document))
     with pytest.raises(FileFormatError, match=r"model\.json: damaged: "):
         CGOFMSModel.load(path)

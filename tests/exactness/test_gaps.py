@@ -11,7 +11,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, KnownSwitchFilter, OFSRFilter
+from fuzzykf import (
+    CGOFMSModel,
+    CGOMSMFilter,
+    CGOMSModel,
+    FadeLaw,
+    FuzzyMarkovLaw,
+    KnownSwitchFilter,
+    OFSRFilter,
+)
 
 TOLERANCE = {"rtol": 1e-8, "atol": 1e-9}
 NONE = np.nan
@@ -147,13 +155,26 @@ def test_a_gap_at_the_end_is_exact(K, m, q, N, enumerate_paths):
         np.testing.assert_allclose(f.smooth(gappy).mu, truth[-1].probability, **TOLERANCE)
 
 
-@pytest.mark.parametrize("n_nodes", [0, 2])
-def test_forecasts_are_exact(n_nodes, fuzzy_model, enumerate_paths):
+FADES = FadeLaw.between(5, 4, jump=0.05, turn_back=0.1)
+
+
+def test_a_gap_at_the_end_of_fades_is_exact(fuzzy_model, enumerate_paths):
+    # where most pairs of nodes are impossible
+    model = CGOFMSModel(FADES, fuzzy_model.form.means, fuzzy_model.form.covariances, 1)
+    ys = pierced(model.simulate(5, np.random.default_rng(2), 2).y, 3, 4)
+    f, system = OFSRFilter(model, 2), model.placed(2)
+    _, truth = check_filter(f, system, ys, enumerate_paths)
+    check_smoother(f, truth[-1], ys)
+
+
+@pytest.mark.parametrize(("law", "n_nodes"), [(None, 0), (None, 2), (FADES, 1)])
+def test_forecasts_are_exact(law, n_nodes, fuzzy_model, enumerate_paths):
     # means and covariances of states and observations, and probabilities, 1 to 3 steps ahead
-    N, steps = 4, 3
-    system = fuzzy_model.on_nodes(n_nodes)
-    ys = fuzzy_model.simulate(N, np.random.default_rng(3)).y
-    f = OFSRFilter(fuzzy_model, n_nodes)
+    N, steps, form = 4, 3, fuzzy_model.form
+    model = fuzzy_model if law is None else CGOFMSModel(law, form.means, form.covariances, 1)
+    system = model.on_nodes(n_nodes)
+    ys = model.simulate(N, np.random.default_rng(3)).y
+    f = OFSRFilter(model, n_nodes)
     f.filter(ys)
     ahead = f.forecast(steps)
     truth = enumerate_paths(system, np.concatenate([ys, np.full((steps, 1), NONE)]))
@@ -282,7 +303,15 @@ def test_the_error_of_a_gap_dies_away(fuzzy_model, enumerate_paths):
 # --------------------------------------------------------------------------- spellings of a gap
 
 
-@pytest.mark.parametrize("law", [FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16), FuzzyMarkovLaw.fmc2(0.12, 0.5, 0.17)])
+@pytest.mark.parametrize(
+    "law",
+    [
+        FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
+        FuzzyMarkovLaw.fmc2(0.12, 0.5, 0.17),
+        FadeLaw.between(40, 10),
+        FadeLaw.between(6, 10, jump=0.05, turn_back=0.2),
+    ],
+)
 def test_smoothing_many_gaps_stays_finite(law, fuzzy_model):
     # every second observation missing, and long gaps, with an outlier at their end
     model = CGOFMSModel(law, fuzzy_model.form.means, fuzzy_model.form.covariances, 1)

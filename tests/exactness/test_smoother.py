@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, KnownSwitchFilter, OFSRFilter
+from fuzzykf import (
+    CGOFMSModel,
+    CGOMSMFilter,
+    CGOMSModel,
+    FadeLaw,
+    FuzzyMarkovLaw,
+    KnownSwitchFilter,
+    OFSRFilter,
+)
 
 TOLERANCE = {"rtol": 1e-8, "atol": 1e-10}
 LAW = FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16)
@@ -71,6 +79,15 @@ def test_fuzzy_switches(form, m, q, make_transitions, enumerate_paths):
     f = fuzzy(form, m, q, make_transitions)
     ys = f.model.simulate(6, np.random.default_rng(2)).y
     check(f, ys, enumerate_paths(f.model.on_nodes(1), ys))
+
+
+@pytest.mark.parametrize("turn_back", [0.0, 0.2])
+@pytest.mark.parametrize(("m", "q"), [(1, 1), (2, 1), (1, 2)])
+def test_fades(turn_back, m, q, enumerate_paths):
+    law = FadeLaw.between(5, 4, jump=0.05, turn_back=turn_back)
+    model = CGOFMSModel.from_regressions(law, **regressions(2, m, q, 4))
+    ys = model.simulate(5, np.random.default_rng(2), 2).y
+    check(OFSRFilter(model, 2), ys, enumerate_paths(model.placed(2), ys))
 
 
 @pytest.mark.parametrize("n_nodes", [0, 3])

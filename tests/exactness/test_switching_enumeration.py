@@ -18,6 +18,7 @@ from fuzzykf import (
     CGOFMSModel,
     CGOMSMFilter,
     CGOMSModel,
+    FadeLaw,
     FuzzyMarkovLaw,
     KnownSwitchFilter,
     OFSRFilter,
@@ -228,6 +229,31 @@ def test_regression_form(m, q, F, N, enumerate_sequences):
     step = tables(partial(regression_step, p), nodes)
     truth = enumerate_sequences(*chain_of(law, F), regression_moments(p, nodes), step, y, m)
     check(OFSRFilter(model, F, "midpoint"), y, truth)
+
+
+@pytest.mark.parametrize(
+    ("m", "q", "F", "N"), [(1, 1, 1, 5), (1, 1, 2, 5), (1, 1, 4, 3), (2, 1, 2, 4), (1, 2, 1, 5)]
+)
+@pytest.mark.parametrize(
+    "law",
+    [
+        FadeLaw.between(6, 5),
+        FadeLaw(2, {(0, 1): (0.2, 4.5), (1, 0): (0.1, 8)}, jumps={(1, 0): 0.1}),
+        FadeLaw.between(5, 7, jump=0.05, turn_back=0.25),
+    ],
+    ids=["plain", "uneven", "turning"],
+)
+def test_fades(law, m, q, F, N, make_transitions, enumerate_sequences):
+    # two directions on the same values, and most pairs of nodes impossible
+    A, _, means, Sigma = make_transitions(2, m, q, seed=1)
+    gamma = gamma_from(0.6 * A, Sigma)
+    model = CGOFMSModel(law, means, gamma, m)
+    y, chain = model.simulate(N, np.random.default_rng(3), F).y, law.discretize(F)
+    assert (chain.transition == 0.0).any()
+    step = tables(partial(covariance_step, means, gamma, m), chain.nodes)
+    first = moments(means, Sigma, chain.nodes)
+    truth = enumerate_sequences(chain.initial, chain.transition, first, step, y, m)
+    check(OFSRFilter(model, F), y, truth)
 
 
 @pytest.mark.parametrize(("m", "q"), [(1, 1), (2, 1), (1, 2), (2, 2), (3, 1)])

@@ -12,7 +12,7 @@ cdef extern from "src/series.h" nogil:
         double *cells
         double *mask
     ctypedef struct fk_summary:
-        int stride, n_atoms, M
+        int stride, n_atoms, n_edges, M
         const double *cells
         const double *twice
         const double *noise
@@ -20,6 +20,7 @@ cdef extern from "src/series.h" nogil:
         const double *nodes
         const double *weights
         const int *order
+        const int *ends
     ctypedef struct fk_room:
         double *p
         double *x
@@ -103,7 +104,7 @@ cdef class Summary:
 
     cdef fk_summary s
     cdef Buffer memory
-    cdef cnp.ndarray order
+    cdef cnp.ndarray ranking
 
 
 cdef class Workspace:

@@ -86,7 +86,7 @@ def pack(transition, factor, Axx, H, G, c, C, Ayy, Ny):
 
 
 cdef class Summary:
-    def __cinit__(self, Kernel kernel, transition, offset, twice, noise, nodes, weights, atoms):
+    def __cinit__(self, Kernel kernel, transition, offset, twice, noise, nodes, weights, atoms, ranking):
         cdef fk_kernel *k = &kernel.k
         cdef int M1 = k.M1, M2 = k.M2, m = k.m, w = k.w, size = 1 + m * (1 + w), i, j, r, t
         cdef cnp.ndarray T = doubles(transition, "transition", (M1, M2))
@@ -97,6 +97,16 @@ cdef class Summary:
         cdef cnp.ndarray atoms_ = np.array(atoms, dtype=bool)
         if np.shape(atoms_) != (M2,):
             raise ValueError(f"atoms: got shape {np.shape(atoms_)}, expected ({M2},)")
+        self.ranking = np.array(ranking, dtype=np.intc)
+        if np.shape(ranking) != (2, M2):
+            raise ValueError(f"ranking: got shape {np.shape(ranking)}, expected (2, {M2})")
+        order, ends = self.ranking[0], self.ranking[1]
+        n_atoms = int(np.count_nonzero(atoms_))
+        if not (
+            np.array_equal(np.sort(order), np.arange(M2)) and ends[M2 - 1] == 2 and atoms_[order][M2 - n_atoms:].all()
+            and (n_atoms in (0, M2) or ends[M2 - n_atoms - 1] == 2)
+        ):
+            raise ValueError("ranking: expected all nodes, the atoms last, with the ends of values and strata")
         cdef size_t cells = <size_t> M1 * k.blocks * size * 8, ld = fk_padded(M1), to = fk_padded(M2)
         self.memory = Buffer(cells + (m * m + m * m * m * m + 9) * ld + 2 * to + 3 * <size_t> M2)
         cdef double *cell
@@ -125,12 +135,12 @@ cdef class Summary:
                 fk_fill_ahead(i, M2, <int> ld, at(T) + i * M2, pairs, ahead)
         memcpy(to_nodes, at(nodes_), M2 * sizeof(double))
         memcpy(to_nodes + to, at(weights_), M2 * sizeof(double))
-        hard = np.flatnonzero(atoms_)[::-1]
-        self.order = np.concatenate([hard, np.flatnonzero(~atoms_)]).astype(np.intc)
-        self.s.stride, self.s.n_atoms, self.s.M, self.s.cells = size, len(hard), M2, self.memory.data
+        self.s.stride, self.s.n_atoms, self.s.M, self.s.cells = size, n_atoms, M2, self.memory.data
+        self.s.n_edges = int(np.count_nonzero(ends[:M2 - n_atoms] == 2))
         self.s.twice, self.s.noise, self.s.ahead = to_twice, to_noise, ahead
         self.s.nodes, self.s.weights = to_nodes, to_nodes + to
-        self.s.order = <const int *> cnp.PyArray_DATA(self.order)
+        self.s.order = <const int *> cnp.PyArray_DATA(self.ranking)
+        self.s.ends = self.s.order + M2
 
 
 cdef class Workspace:

@@ -76,7 +76,7 @@ def filter_series(
         The states after the last two observations; the last one twice where there is one alone.
     """
     M1, M2, m, q = kernel.shape
-    switch = summary.nodes, summary.weights, summary.atoms
+    switch = summary.switch
     s, order = len(ys), (kernel.rows.shape[1] - 1 - q) // q
     if start == 0:
         log_initial, mean, covariance, factor = cast("tuple[FloatArray, ...]", begin)
@@ -249,7 +249,7 @@ def summarise(
     table: FloatArray,
     sign: FloatArray | None,
     log_likelihood: FloatArray,
-    switch: tuple[FloatArray, FloatArray, BoolArray],
+    switch: tuple[FloatArray, FloatArray, BoolArray, IntArray],
 ) -> None:
     """Fill in what is known after observations.
 
@@ -262,9 +262,9 @@ def summarise(
     sign : ndarray, shape (s, k, M), or None
     log_likelihood : ndarray, shape (s, k)
     switch : tuple
-        Nodes, weights and atoms, (M,) each.
+        The arguments of `most_likely` beside the probabilities.
     """
-    p, (nodes, weights, atoms) = probabilities(table, sign), switch
+    p, nodes = probabilities(table, sign), switch[0]
     fields = {"log_likelihood": log_likelihood, "mu": p, "table": table, "sign": sign}
     if "x" in out or "P" in out:
         moments = np.swapaxes(table[..., 1:, :], -1, -2)
@@ -279,7 +279,7 @@ def summarise(
         P = between + (p[..., None, :] @ moments[..., m:]).reshape(between.shape)
         fields["P"] = 0.5 * (P + np.swapaxes(P, -1, -2))
     if "switch" in out:
-        fields["switch"] = most_likely(p, nodes, weights, atoms)
+        fields["switch"] = most_likely(p, *switch)
     if "switch_mean" in out:
         fields["switch_mean"] = by_rows(p, nodes[:, None])[..., 0]
     for name, values in fields.items():
@@ -334,27 +334,49 @@ def prior_moments(
     return centre, 0.5 * (P + np.swapaxes(P, -1, -2))
 
 
-def most_likely(mu: FloatArray, nodes: FloatArray, weights: FloatArray, atoms: BoolArray) -> FloatArray:
+def most_likely(
+    mu: FloatArray, nodes: FloatArray, weights: FloatArray, atoms: BoolArray, ranking: IntArray
+) -> FloatArray:
     """MPM estimate of the switch, (...), by the rule of the 2020 paper (section VI-B).
 
-    If the hard values together have more than half of the probability, the likelier of them, on a tie
-    the later one; else the node in between with the largest density (mass divided by weight).
+    The likeliest stratum comes first: all hard values together, or what lies between the same
+    classes; on a tie the earlier one, and hard values last.  Beside a single edge hard values need
+    more than half of the probability.  In the stratum it is the likeliest of the hard values, on a tie
+    the later one, or the value with the largest density: mass divided by weight, summed over its nodes.
 
     Parameters
     ----------
     mu : ndarray, shape (..., M)
-    nodes, weights, atoms : ndarray, shape (M,)
+    nodes : ndarray, shape (M,) or (M, K)
+    weights, atoms : ndarray, shape (M,)
+    ranking : ndarray of int, shape (2, M)
+        Numbers of the nodes stratum by stratum and value by value, atoms last; for each 1 if it is the
+        last of its value, 2 if it is the last of its stratum as well, else 0.
     """
-    last_first, inner = np.flatnonzero(atoms)[::-1], np.flatnonzero(~atoms)
-    hard = soft = np.empty(0)
-    if last_first.size:
-        hard = nodes[last_first][np.argmax(mu[..., last_first], axis=-1)]
-    if inner.size:
-        soft = nodes[inner][np.argmax(mu[..., inner] / weights[inner], axis=-1)]
-    if not (last_first.size and inner.size):
-        return hard if last_first.size else soft
-    estimate: FloatArray = np.where(mu[..., last_first].sum(axis=-1) > 0.5, hard, soft)
+    order, ends = ranking
+    mass = mu[..., order]
+    value_ends, strata_ends = np.flatnonzero(ends), np.flatnonzero(ends == 2)
+    level = np.add.reduceat(mass / np.where(atoms, 1.0, weights)[order], _begins(value_ends), axis=-1)
+    stop = np.searchsorted(value_ends, strata_ends) + 1  # of each stratum, among the values
+    best = np.stack(
+        [
+            order[value_ends[start + np.argmax(level[..., start:end], axis=-1)]]
+            for start, end in zip([0, *stop[:-1]], stop, strict=True)
+        ],
+        axis=-1,
+    )
+    total = np.add.reduceat(mass, _begins(strata_ends), axis=-1)
+    if len(stop) == 2 and atoms[order[-1]]:
+        chosen = (total[..., 1] > 0.5).astype(np.intp)
+    else:
+        chosen = np.argmax(total, axis=-1)
+    estimate: FloatArray = nodes[np.take_along_axis(best, chosen[..., None], axis=-1)[..., 0]]
     return estimate
+
+
+def _begins(ends: IntArray) -> IntArray:
+    """Return where the parts begin whose last places are given."""
+    return np.append(0, ends[:-1] + 1)
 
 
 # --------------------------------------------------------------------------- what a state says

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import BoolArray, FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["DEAD", "LOG_ZERO", "Kernel", "Summary", "pack"]
 
@@ -129,6 +129,8 @@ class Summary:
         Values of the switch, and the measure of each node.
     atoms : ndarray of bool, shape (M2,)
         Which nodes are values of positive probability in the law.
+    ranking : ndarray of int, shape (2, M2)
+        How the nodes are looked through for the most likely value of the switch, see `most_likely`.
     """
 
     def __init__(
@@ -141,9 +143,10 @@ class Summary:
         nodes: FloatArray,
         weights: FloatArray,
         atoms: BoolArray,
+        ranking: IntArray,
     ) -> None:
         self.transition, self.offset, self.twice, self.noise = transition, offset, twice, noise
-        self.nodes, self.weights, self.atoms = nodes, weights, atoms
+        self.switch = nodes, weights, atoms, ranking
         M1, M2, m, _ = kernel.shape
         carried = np.zeros((M1, m, M1, M2, m))
         for i in range(M1):

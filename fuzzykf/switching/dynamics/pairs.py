@@ -233,6 +233,7 @@ class PairTables:
             chain.nodes,
             chain.weights,
             chain.atoms,
+            chain.ranking,
         )
 
     def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:

@@ -68,11 +68,11 @@ class StationarySystem:
     @cached_property
     def tables(self) -> PairTables:
         """The tables of every step."""
-        u, nodes = self.chain.class_weights, self.chain.nodes
+        u, value = self.chain.class_weights, self.chain.describe
 
         def describe(index: tuple[int, ...]) -> str:
             i, j = index
-            return f"pair of nodes ({i}, {j}), r_n = {nodes[i]:.6g} and r_n+1 = {nodes[j]:.6g}"
+            return f"pair of nodes ({i}, {j}), r_n = {value(i)} and r_n+1 = {value(j)}"
 
         reached = (self.chain.transition != 0.0) & self.chain.reachable[:, None]
         pairs = self.form.pairs(u[:, None, :], u[None, :, :], describe, reached)

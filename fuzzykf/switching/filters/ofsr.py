@@ -22,9 +22,10 @@ class OFSRFilter(SavedFilter):
     n_nodes : int
         Number F of nodes between the hard values 0 and 1.  The cost of a step grows as
         (F + 2)^2: 49 pairs at F = 5, 144 at F = 10.  The error falls as F^-2 for FMC1 and
-        as F^-1 for FMC2; 5 is enough in most cases.
+        as F^-1 for FMC2; 5 is enough in most cases.  Of fades each has so many, and none can have more
+        than it has steps.
     rule : {"cell", "midpoint", "gauss", "product"}
-        How the law is discretised, see `FuzzyMarkovLaw.discretize`.
+        How the law is discretised, see `FuzzyMarkovLaw.discretize`; laws on graphs know "cell" alone.
 
     See Also
     --------

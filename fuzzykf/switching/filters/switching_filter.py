@@ -516,7 +516,7 @@ class SwitchingFilter(Stepper, Filter):
 
     @property
     def nodes(self) -> FloatArray:
-        """Values of the switch at the nodes, (M,)."""
+        """Values of the switch at the nodes, (M,); some may share one, see `SwitchChain.by_value`."""
         return self._system.chain.nodes
 
     @property

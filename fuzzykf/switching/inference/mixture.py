@@ -132,4 +132,4 @@ class Source:
 
 def most_likely_switch(chain: SwitchChain, mu: FloatArray) -> FloatArray:
     """MPM estimate of the switch, (...), from the probabilities of its nodes (..., M)."""
-    return engine.most_likely(mu, chain.nodes, chain.weights, chain.atoms)
+    return engine.most_likely(mu, chain.nodes, chain.weights, chain.atoms, chain.ranking)

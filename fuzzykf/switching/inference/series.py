@@ -228,7 +228,7 @@ def _filter_block(
         return Trajectory(out, gaps, None, None)
     missing = np.isnan(ys)
     holes = [*np.flatnonzero(missing.any(axis=(0, 2))).tolist(), n] if missing.any() else [n]
-    switch = chain.nodes, chain.weights, chain.atoms
+    switch = chain.nodes, chain.weights, chain.atoms, chain.ranking
     law = system.initial() if stand is None else None
     priors: list[tuple[int, Ahead]] = []  # what was known before observations taken alone
     wants_prior = "x_prior" in out or "P_prior" in out
@@ -307,7 +307,7 @@ def _put_states(
     signs, ones = None, np.ones(len(chain.nodes))
     if chain.is_signed:
         signs = np.array([[ones if one.sign is None else one.sign for one in mixtures]])
-    switch = chain.nodes, chain.weights, chain.atoms
+    switch = chain.nodes, chain.weights, chain.atoms, chain.ranking
     engine.summarise(out, np.array(at), states, signs, np.array([values], dtype=np.float64), switch)
 
 

@@ -162,6 +162,38 @@ class SwitchChain:
         found.flags.writeable = False
         return found
 
+    def by_value(self, mu: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Sum probabilities over the nodes of each value, as whoever shows them has to.
+
+        Parameters
+        ----------
+        mu : array_like, shape (..., M)
+            Probabilities of the nodes.
+
+        Returns
+        -------
+        values : ndarray, shape (V,) or (V, K)
+            Increasing; class weights in the order of the nodes that have them first.
+        masses : ndarray, shape (..., V)
+
+        Examples
+        --------
+        >>> from fuzzykf import FadeLaw
+        >>> chain = FadeLaw.between(40, 10).discretize(2)
+        >>> values, masses = chain.by_value(chain.initial)
+        >>> values, masses.round(3)
+        (array([0.  , 0.25, 0.75, 1.  ]), array([0.4, 0.1, 0.1, 0.4]))
+        """
+        p = as_numbers("mu", mu)
+        if p.ndim == 0 or p.shape[-1] != len(self):
+            raise ShapeError(f"mu: got shape {p.shape}, expected (..., {len(self)})")
+        first = _first_of_equals(np.round(self.nodes.reshape(len(self), -1) / SAME_VALUE))
+        kept = np.unique(first)
+        if self.nodes.ndim == 1:
+            kept = kept[np.argsort(self.nodes[kept], kind="stable")]
+        masses: FloatArray = p @ (first[:, None] == kept).astype(np.float64)
+        return self.nodes[kept], masses
+
     @cached_property
     def reachable(self) -> BoolArray:
         """Which nodes some path visits, as a boolean array of shape (M,)."""

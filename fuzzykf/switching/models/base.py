@@ -93,7 +93,7 @@ class SwitchingModel(Immutable, Document):
         """Return the shares of the regimes in values of the switch: (..., K)."""
 
     @abstractmethod
-    def _sample_switch(self, n: int, rng: np.random.Generator) -> FloatArray:
+    def _sample_switch(self, n: int, rng: np.random.Generator, n_nodes: int | None) -> FloatArray:
         """Draw ``n`` consecutive values of the switch."""
 
     # ------------------------------------------------------------------ names
@@ -232,7 +232,7 @@ class SwitchingModel(Immutable, Document):
 
     # ------------------------------------------------------------------ data and pictures
 
-    def simulate(self, n: int, rng: np.random.Generator) -> Simulation:
+    def simulate(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> Simulation:
         """Draw a series of switches, states and observations.
 
         Parameters
@@ -240,6 +240,10 @@ class SwitchingModel(Immutable, Document):
         n : int
             Number of steps.
         rng : numpy.random.Generator
+        n_nodes : int, optional
+            Nodes between the regimes that the switch moves on; see ``law.sample``.  By default
+            any value between them, where the law has such, else as many as the law says.  A model of
+            hard regimes has nothing in between.
 
         Returns
         -------
@@ -247,7 +251,7 @@ class SwitchingModel(Immutable, Document):
             ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,): values in [0, 1] of a fuzzy
             switch, regimes 0, ..., K - 1 of a hard one.
         """
-        r = self._sample_switch(n, rng)
+        r = self._sample_switch(n, rng, n_nodes)
         return self.form.simulate(self.class_weights(r), r, rng)
 
     def plot(self, ax: Axes | None = None, **options: Any) -> Axes:

@@ -21,7 +21,7 @@ from fuzzykf.switching.dynamics.forms import (
     TransitionForm,
 )
 from fuzzykf.switching.dynamics.registry import FORMS
-from fuzzykf.switching.laws.law import FuzzyMarkovLaw
+from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.registry import LAWS
 from fuzzykf.switching.models.base import NODES, SwitchingModel
 from fuzzykf.switching.models.hard import CGOMSModel
@@ -50,7 +50,7 @@ class CGOFMSModel(SwitchingModel):
 
     Parameters
     ----------
-    law : FuzzyMarkovLaw
+    law : FuzzyMarkovLaw, FadeLaw, or another law of two classes
         Law of the switch.
     means : array_like, shape (2, d)
         Mean of Z = (X, Y) in either regime, d = dim_x + dim_z; linear in between.
@@ -101,7 +101,7 @@ class CGOFMSModel(SwitchingModel):
 
     def __init__(
         self,
-        law: FuzzyMarkovLaw,
+        law: Law,
         means: ArrayLike,
         covariances: ArrayLike,
         dim_x: int,
@@ -116,7 +116,7 @@ class CGOFMSModel(SwitchingModel):
     @classmethod
     def from_regressions(
         cls,
-        law: FuzzyMarkovLaw,
+        law: Law,
         *,
         Ayy: ArrayLike,
         Ny: ArrayLike,
@@ -141,7 +141,7 @@ class CGOFMSModel(SwitchingModel):
 
         Parameters
         ----------
-        law : FuzzyMarkovLaw
+        law : FuzzyMarkovLaw, FadeLaw, or another law of two classes
         Ayy, Ny, Qyy : array_like, shapes (2, 2, q, q), (2, 2, q), (2, 2, q, q)
         Axx, H, G, c, C : array_like, shapes (2, 2, m, m), (2, 2, m, q), (2, 2, m, q), \
 (2, 2, m), (2, 2, m, m)
@@ -154,14 +154,18 @@ class CGOFMSModel(SwitchingModel):
         return cls._from_form(law, form)
 
     @classmethod
-    def _from_form(cls, law: FuzzyMarkovLaw, form: GaussianForm) -> Self:
+    def _from_form(cls, law: Law, form: GaussianForm) -> Self:
         model = cls.__new__(cls)
         model._build(law, form)
         return model
 
-    def _build(self, law: FuzzyMarkovLaw, form: GaussianForm) -> None:
-        if not isinstance(law, FuzzyMarkovLaw):
-            raise ParameterError(f"law: got {type(law).__name__}, expected a FuzzyMarkovLaw")
+    def _build(self, law: Law, form: GaussianForm) -> None:
+        if not isinstance(law, Law):
+            raise ParameterError(f"law: got {type(law).__name__}, expected a FuzzyMarkovLaw or another law")
+        if law.n_classes != 2:
+            raise ParameterError(
+                f"law: got one of {law.n_classes} classes, expected 2 for means of 2 regimes"
+            )
         if form.n_classes != 2:
             raise ParameterError(f"means: got {form.n_classes} regimes, expected 2 for a fuzzy switch")
         self.law, self.form = law, form
@@ -270,14 +274,14 @@ class CGOFMSModel(SwitchingModel):
         )
 
     def _prove_noise(self) -> None:
-        r = np.concatenate([[0.0], (np.arange(N_PROOF) + 0.5) / N_PROOF, [1.0]])
-        u = self.class_weights(r)
+        u, possible, there = self.law.reach(N_PROOF)
 
         def describe(index: tuple[int, ...]) -> str:
-            return f"pair r_n = {r[index[0]]:.6g}, r_n+1 = {r[index[1]]:.6g}"
+            before, after = (u[k, 1] for k in index)
+            return f"pair r_n = {before:.6g}, r_n+1 = {after:.6g}"
 
-        self.form.pairs(u[:, None], u[None, :], describe, self.law.joint_density(r[:, None], r) > 0.0)
-        self.form.marginal(u[self.law.marginal_density(r) > 0.0])
+        self.form.pairs(u[:, None], u[None, :], describe, possible)
+        self.form.marginal(u[there])
 
     def class_weights(self, r: ArrayLike) -> FloatArray:
         """Return the shares of the two regimes in values of the switch: (..., 2)."""
@@ -332,19 +336,26 @@ class CGOFMSModel(SwitchingModel):
         """
         return FILTERS["OFSRFilter"](self, self._nodes(n_nodes), rule)
 
-    def harden(self) -> CGOMSModel:
+    def harden(self, n_nodes: int | None = None) -> CGOMSModel:
         """Return the model of abrupt switches that is nearest in law.
 
         The law is integrated over the four quadrants; the Gaussian part of the hard
         pairs stays as it is.
+
+        Parameters
+        ----------
+        n_nodes : int, optional
+            Harden the chain on so many nodes instead; see `law.harden`.
         """
-        joint = self.law.harden()
+        joint = self.law.harden(n_nodes)
         initial = joint.sum(axis=1)
-        hard = CGOMSModel._from_form(joint / initial[:, None], self.form, initial / initial.sum())
+        rows = np.where(initial[:, None] > 0.0, joint, initial)  # what follows a regime that never is
+        transition = rows / rows.sum(axis=1, keepdims=True)
+        hard = CGOMSModel._from_form(transition, self.form, initial / initial.sum())
         return hard._with_labels(self.labels)
 
-    def _sample_switch(self, n: int, rng: np.random.Generator) -> FloatArray:
-        return self.law.sample(n, rng)
+    def _sample_switch(self, n: int, rng: np.random.Generator, n_nodes: int | None) -> FloatArray:
+        return self.law.sample(n, rng, n_nodes)
 
     def to_dict(self) -> dict[str, Any]:
         """Return law, Gaussian form and labels as plain values."""

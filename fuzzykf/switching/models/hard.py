@@ -393,7 +393,7 @@ class CGOMSModel(SwitchingModel):
         self.placed(n_nodes, rule)  # what makes no sense is refused
         return FILTERS["CGOMSMFilter"](self)
 
-    def _sample_switch(self, n: int, rng: np.random.Generator) -> FloatArray:
+    def _sample_switch(self, n: int, rng: np.random.Generator, n_nodes: int | None) -> FloatArray:
         return self._system.chain.sample(n, rng)
 
     @property

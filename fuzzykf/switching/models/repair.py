@@ -16,7 +16,7 @@ import numpy as np
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError
 from fuzzykf.gaussian import check_definite
 from fuzzykf.switching.dynamics.forms import CovarianceForm
-from fuzzykf.switching.laws.law import FuzzyMarkovLaw
+from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 from fuzzykf.switching.models.hard import CGOMSModel
 
@@ -47,7 +47,7 @@ class Repair(NamedTuple):
 
 
 def shrink_covariances(
-    switch: FuzzyMarkovLaw | ArrayLike, means: ArrayLike, covariances: ArrayLike, dim_x: int
+    switch: Law | ArrayLike, means: ArrayLike, covariances: ArrayLike, dim_x: int
 ) -> Repair:
     """Shrink Cov(X_2, X_1) just as far as a valid model needs.
 
@@ -57,7 +57,7 @@ def shrink_covariances(
 
     Parameters
     ----------
-    switch : FuzzyMarkovLaw or array_like, shape (K, K)
+    switch : a law of two classes, or array_like, shape (K, K)
         The law of a `CGOFMSModel`, or the transition matrix of a `CGOMSModel`.
     means, covariances, dim_x
         As in the models.
@@ -101,7 +101,7 @@ def shrink_covariances(
         return target + s * (given - target)
 
     def check(s: float) -> None:
-        if isinstance(switch, FuzzyMarkovLaw):
+        if isinstance(switch, Law):
             CGOFMSModel(switch, means, mixed(s), dim_x)
         else:
             CGOMSModel(switch, means, mixed(s), dim_x, initial=_anything(switch))

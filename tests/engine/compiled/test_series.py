@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 
 from fuzzykf.engine.numpy import series, tables
+from fuzzykf.switching.laws.chain import rank
 
 core = pytest.importorskip("fuzzykf.engine.compiled.series", reason="the compiled core has not been built")
 packed = pytest.importorskip("fuzzykf.engine.compiled.tables")
 
 SIZES = [(1, 1, 1), (3, 1, 1), (9, 1, 1), (20, 1, 1), (3, 2, 1), (7, 3, 2), (9, 1, 2), (3, 5, 2)]  # M, m, q
+
+
+def ranking_of(nodes, atoms):
+    """The order of nodes that are hard, or lie between two regimes."""
+    return rank(nodes, np.repeat(~np.asarray(atoms)[:, None], 2, axis=1))
 
 
 @pytest.fixture
@@ -31,6 +37,7 @@ def system_of(tables_of, state_of):
             "nodes": np.linspace(0.0, 1.0, M),
             "weights": rng.uniform(0.5, 1.5, M),
             "atoms": np.isin(np.arange(M), (0, M - 1)),
+            "ranking": ranking_of(np.linspace(0.0, 1.0, M), np.isin(np.arange(M), (0, M - 1))),
         }
         table = np.stack([state_of((M, M, m, q), seed) for seed in range(s)])
         sign = np.ones((s, M)) if signed else None
@@ -179,11 +186,13 @@ def test_what_does_not_fit_is_refused(system_of, change, message) -> None:
         core.filter_series(*compiled, begin, ys, start, stop, change.get("out", {}))
 
 
-@pytest.mark.parametrize("name", ["transition", "offset", "twice", "noise", "nodes", "weights", "atoms"])
+@pytest.mark.parametrize(
+    "name", ["transition", "offset", "twice", "noise", "nodes", "weights", "atoms", "ranking"]
+)
 def test_a_summary_of_other_tables_is_refused(tables_of, name) -> None:
     M, m = 3, 2
     shapes = {"transition": (M, M), "offset": (2, M * M * m), "twice": (M * m * m, m * m)}
-    shapes |= {"noise": (M, m * m), "nodes": (M,), "weights": (M,), "atoms": (M,)}
+    shapes |= {"noise": (M, m * m), "nodes": (M,), "weights": (M,), "atoms": (M,), "ranking": (2, M)}
     arguments = {key: np.zeros(shape) for key, shape in shapes.items()} | {name: np.zeros((5, 5))}
     with pytest.raises(ValueError, match=f"{name}: got shape"):
         packed.Summary(packed.pack(*tables_of((M, M, m, 1))), **arguments)
@@ -231,6 +240,7 @@ def test_mpm_of_ties(tables_of, law, atoms, expected, size) -> None:
         nodes=nodes,
         weights=weights,
         atoms=atoms,
+        ranking=ranking_of(nodes, atoms),
     )
     state = np.zeros((1, 1 + m + m * m, M))
     state[0, 0] = np.log(law)
@@ -247,3 +257,72 @@ def test_mpm_of_ties(tables_of, law, atoms, expected, size) -> None:
         tied &= mu[:, atoms].sum(axis=1) == 0.5
     assert tied.sum() > 3
     np.testing.assert_array_equal(switch[tied], expected)
+
+
+#: Class weights of nodes: two directions of a fade, the edges of a triangle, regimes of two nodes each.
+STRATA = {
+    "fades": [
+        [1, 0],
+        [0, 1],
+        *[[1 - r, r] for r in (0.125, 0.375, 0.625, 0.875, 0.875, 0.625, 0.375, 0.125)],
+    ],
+    "triangle": [*np.eye(3), [0.8, 0.2, 0], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.2, 0.8, 0]],
+    "shared regimes": [[1, 0, 0], [0, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 0]],
+}
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 1)], ids=["scalar", "two states"])
+@pytest.mark.parametrize("name", STRATA)
+def test_mpm_of_nodes_that_share_values(tables_of, name, size) -> None:
+    u = np.array(STRATA[name], dtype=float)
+    M, (m, q) = len(u), size
+    hard = u.max(axis=1) == 1.0
+    values = np.unique(u, axis=0, return_inverse=True)[1].reshape(-1).astype(float)
+    weights = np.where(hard, 1.0, np.random.default_rng(1).uniform(0.2, 1.0, M))
+    arguments = tables_of((M, M, m, q))
+    transition, _, Axx, H, _, c, C, _, _ = arguments
+    summary = packed.Summary(
+        kernel=packed.pack(*arguments),
+        transition=transition,
+        offset=np.moveaxis(np.concatenate([c[..., None], H], axis=-1), -1, 0).reshape(1 + q, -1),
+        twice=np.einsum("ij,ijkl,ijrs->ilskr", transition, Axx, Axx).reshape(-1, m * m),
+        noise=np.einsum("ij,ijkl->ikl", transition, C).reshape(M, m * m),
+        nodes=values,
+        weights=weights,
+        atoms=hard,
+        ranking=rank(values, np.where(hard[:, None], False, u > 0.0)),
+    )
+    out = {"mu": np.empty((1, 300, M)), "switch": np.empty((1, 300))}
+    ys = np.random.default_rng(2).normal(size=(1, 300, q)) * 2.0
+    core.filter_series(packed.pack(*arguments), summary, law_of(M, m, q), ys, 0, 300, out)
+    strata = [tuple(np.flatnonzero(one > 0.0)) if soft else () for one, soft in zip(u, ~hard, strict=True)]
+    for mu, switch in zip(out["mu"][0], out["switch"][0], strict=True):
+        mass = {s: sum(p for p, of in zip(mu, strata, strict=True) if of == s) for s in strata}
+        best = max(mass, key=mass.get) if len(mass) != 2 else () if mass[()] > 0.5 else strata[-1]
+        nodes = [k for k in range(M) if strata[k] == best]
+        density = {values[k]: sum(mu[j] / weights[j] for j in nodes if values[j] == values[k]) for k in nodes}
+        assert switch == max(density, key=density.get)
+    assert len(set(out["switch"][0])) > 2
+
+
+@pytest.mark.parametrize(
+    ("ranking", "problem"),
+    [
+        ([[0, 1, 2], [1, 2, 2]], "expected all nodes, the atoms last"),  # an atom comes first
+        ([[1, 1, 2], [2, 1, 2]], "expected all nodes, the atoms last"),
+        ([[1, 2, 0], [1, 1, 2]], "expected all nodes, the atoms last"),  # the edge does not end
+        ([[1, 2, 0], [2, 1, 1]], "expected all nodes, the atoms last"),
+    ],
+)
+def test_a_ranking_of_other_nodes_is_refused(tables_of, ranking, problem) -> None:
+    M, m = 3, 1
+    shapes = {"transition": (M, M), "offset": (2, M * M), "twice": (M, 1), "noise": (M, 1), "nodes": (M,)}
+    arguments = {key: np.zeros(shape) for key, shape in shapes.items()}
+    with pytest.raises(ValueError, match=problem):
+        packed.Summary(
+            packed.pack(*tables_of((M, M, m, 1))),
+            **arguments,
+            weights=np.ones(M),
+            atoms=np.array([True, False, True]),
+            ranking=ranking,
+        )

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, KnownSwitchFilter, OFSRFilter
+from fuzzykf import (
+    CGOFMSModel,
+    CGOMSMFilter,
+    CGOMSModel,
+    FadeLaw,
+    FuzzyMarkovLaw,
+    KnownSwitchFilter,
+    OFSRFilter,
+)
 from fuzzykf.switching.inference.series import SHOWN
 
 CGLSSM = {
@@ -43,6 +51,8 @@ def fuzzy_vector(m, q):
         "vector 5 3",
         "hard",
         "one hard regime",
+        "fades",
+        "turning fades of a vector",
         "moving",
         "order 3",
     ]
@@ -53,6 +63,12 @@ def make(request, fuzzy_model, hard_model, make_transitions):
         return lambda: OFSRFilter(fuzzy_model, 4), fuzzy_model
     if request.param == "hard":
         return lambda: CGOMSMFilter(hard_model), hard_model
+    if "fades" in request.param:  # several nodes of one value
+        plain = request.param == "fades"
+        form = fuzzy_model.form if plain else fuzzy_vector(2, 1).form
+        law = FadeLaw.between(5, 6) if plain else FadeLaw.between(4, 7, jump=0.05, turn_back=0.2)
+        model = CGOFMSModel._from_form(law, form)
+        return lambda: OFSRFilter(model, 4), model
     if request.param == "one hard regime":
         model = CGOMSModel.from_transitions([[1.0]], *make_transitions(1, 2, 2, seed=3), dim_x=2)
         return lambda: CGOMSMFilter(model), model
@@ -133,13 +149,13 @@ def test_the_mean_and_the_mode_of_the_switch_are_those_of_its_probabilities(make
     result = filter_().filter(observe(model, True))
     chain = filter_()._system.chain
     np.testing.assert_allclose(result.switch_mean, result.mu @ result.nodes, rtol=1e-12, atol=1e-14)
+    nodes, hard = chain.nodes, chain.nodes[chain.atoms]
+    between = np.unique(nodes[~chain.atoms])
     for p, switch in zip(result.mu, result.switch, strict=True):
-        atoms = np.flatnonzero(chain.atoms)
-        inner = np.flatnonzero(~chain.atoms)
-        if not inner.size or p[atoms].sum() > 0.5:
-            expected = chain.nodes[max(atoms, key=lambda k: (p[k], k))]
-        else:
-            expected = chain.nodes[max(inner, key=lambda k: p[k] / chain.weights[k])]
+        if not between.size or p[chain.atoms].sum() > 0.5:
+            expected = max(hard, key=lambda r: (p[nodes == r].sum(), r))
+        else:  # nodes of one value add up
+            expected = max(between, key=lambda r: (p / chain.weights)[nodes == r].sum())
         assert switch == expected
 
 

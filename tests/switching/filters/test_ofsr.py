@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, OFSRFilter
+from fuzzykf import CGOFMSModel, FadeLaw, FuzzyMarkovLaw, OFSRFilter
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.laws.cells import CellLaw
 
@@ -41,3 +41,40 @@ def test_a_free_law_has_nodes_of_its_own(fuzzy_model):
     assert len(model.placed(3).chain) == 5
     with pytest.raises(ParameterError, match="expected 3 and 'cell'"):
         model.filter(5)
+
+
+def test_fades_have_cells_of_their_own(fuzzy_model):
+    form = fuzzy_model.form
+    model = CGOFMSModel(FadeLaw.between(40, 10), form.means, form.covariances, 1)
+    f = OFSRFilter(model)
+    assert (f.n_nodes, len(f.nodes)) == (5, 12)
+    np.testing.assert_array_equal(f.nodes[:2], [0.0, 1.0])
+    assert f.switch_mean == pytest.approx(0.5)
+    short = CGOFMSModel(FadeLaw.between(40, 3), form.means, form.covariances, 1)
+    with pytest.raises(ParameterError, match=r"n_nodes=3 at most for fade \(0, 1\) of length 3"):
+        OFSRFilter(short)
+    assert set(short.simulate(2000, np.random.default_rng(0)).r) == {0.0, 1.0, *OFSRFilter(short, 3).nodes}
+    assert set(short.simulate(2000, np.random.default_rng(0), 1).r) == {0.0, 0.5, 1.0}
+    # a middle cell is of the class that is left, and there is one only for odd numbers
+    np.testing.assert_allclose(short.harden(2).transition, short.harden().transition, rtol=1e-12)
+    assert repr(model).startswith("CGOFMSModel(FadeLaw(2, {(0, 1): (0.025, 10.0), ")
+
+
+def test_it_takes_laws_of_two_classes(fuzzy_model):
+    form = fuzzy_model.form
+    ring = FadeLaw(3, {(0, 1): (0.1, 5), (1, 2): (0.1, 5), (2, 0): (0.1, 5)})
+    with pytest.raises(ParameterError, match="law: got one of 3 classes, expected 2 for means of 2 regimes"):
+        CGOFMSModel(ring, form.means, form.covariances, 1)
+    with pytest.raises(ParameterError, match="law: got str, expected a FuzzyMarkovLaw or another law"):
+        CGOFMSModel("fade", form.means, form.covariances, 1)
+
+
+def test_fades_tell_where_a_switch_is_going(fuzzy_model):
+    # on ramps the filter of the directed law beats that of a law that knows no direction
+    form, errors = fuzzy_model.form, {}
+    truth = CGOFMSModel(FadeLaw.between(40, 10), form.means, form.covariances, 1)
+    data = truth.simulate(4000, np.random.default_rng(1), 10)
+    for name, law in {"fades": truth.law, "symmetric": FuzzyMarkovLaw.fmc2(0.35, 0.25, 0.2)}.items():
+        result = OFSRFilter(CGOFMSModel(law, form.means, form.covariances, 1)).filter(data.y)
+        errors[name] = np.mean((result.switch_mean - data.r) ** 2)
+    assert errors["fades"] < 0.8 * errors["symmetric"]

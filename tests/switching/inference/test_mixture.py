@@ -52,6 +52,52 @@ def test_chains_of_one_kind_of_node():
     assert most_likely_switch(soft, np.array([0.9, 0.1])) == 0.2
 
 
+def graph_chain(n_classes, *cells, weights=None):
+    """Classes, and cells of given class weights."""
+    u = np.array([*np.eye(n_classes), *cells], dtype=float)
+    M = len(u)
+    w = np.r_[np.ones(n_classes), np.full(len(cells), 0.5) if weights is None else weights]
+    return SwitchChain(u[:, 1] if n_classes == 2 else u, w, np.full(M, 1 / M), np.full((M, M), 1 / M), u)
+
+
+#: Two directions of a fade with two cells each; a triangle whose edge 0-1 has two cells, the others one.
+FADES = graph_chain(2, [0.75, 0.25], [0.25, 0.75], [0.25, 0.75], [0.75, 0.25])
+TRIANGLE = graph_chain(
+    3, [0.75, 0.25, 0], [0.25, 0.75, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], weights=[0.5, 0.5, 1, 1]
+)
+
+
+@pytest.mark.parametrize(
+    ("chain", "mu", "expected"),
+    [
+        # cells of one value add up: .16 + .14 beats .2
+        (FADES, [0.1875, 0.1875, 0.125, 0.1875, 0.125, 0.1875], 0.25),  # a tie: the earlier one
+        (FADES, [0.2, 0.2, 0.16, 0.19, 0.1, 0.15], 0.25),
+        (FADES, [0.2, 0.2, 0.14, 0.25, 0.1, 0.11], 0.75),
+        (FADES, [0.3, 0.25, 0.45, 0.0, 0.0, 0.0], 0.0),  # hard: .55 together
+        (FADES, [0.25, 0.25, 0.1, 0.2, 0.1, 0.1], 0.75),  # one half is not more than half
+        # the stratum of largest mass first: hard .42 against .3 + .2, although a class is the likeliest node
+        (TRIANGLE, [0.42, 0.0, 0.0, 0.3, 0.2, 0.04, 0.04], [0.75, 0.25, 0]),
+        (TRIANGLE, [0.12, 0.2, 0.1, 0.2, 0.1, 0.18, 0.1], [0, 1, 0]),  # hard .42 against .3, .18 and .1
+        # a tie of hard values and an edge: the edge
+        (TRIANGLE, [0.125, 0.125, 0.125, 0.0625, 0.0625, 0.375, 0.125], [0, 0.5, 0.5]),
+        # a tie of two edges: the earlier, whose cells are narrower
+        (TRIANGLE, [0.125, 0.0, 0.0, 0.1875, 0.25, 0.4375, 0.0], [0.25, 0.75, 0]),
+        (TRIANGLE, [0.3, 0.0, 0.3, 0.1, 0.1, 0.1, 0.1], [0, 0, 1]),  # of two classes: the later
+        # regimes that several nodes stand for
+        (
+            SwitchChain([0, 1, 1], np.ones(3), [0.4, 0.3, 0.3], np.eye(3), np.eye(2)[[0, 1, 1]]),
+            [0.4, 0.3, 0.3],
+            1.0,
+        ),
+    ],
+)
+def test_the_most_likely_value_sums_over_its_nodes(chain, mu, expected):
+    np.testing.assert_array_equal(most_likely_switch(chain, np.array(mu)), expected)
+    many = most_likely_switch(chain, np.tile(mu, (3, 2, 1)))
+    np.testing.assert_array_equal(many, np.broadcast_to(expected, (3, 2, *np.shape(expected))))
+
+
 # --------------------------------------------------------------------------- summaries
 
 

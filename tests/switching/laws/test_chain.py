@@ -85,6 +85,22 @@ def test_ranking(nodes, between, expected):
     np.testing.assert_array_equal(rank(np.array(nodes), table), expected)
 
 
+def test_masses_by_value():
+    chain = SwitchChain([0.0, 1.0, 0.9, 0.1, 1.0 - 0.9], np.ones(5), np.full(5, 0.2), np.full((5, 5), 0.2))
+    mu = np.array([[0.1, 0.2, 0.3, 0.25, 0.15], [1.0, 0.0, 0.0, 0.0, 0.0]])
+    values, masses = chain.by_value(mu)
+    np.testing.assert_array_equal(values, [0.0, 0.1, 0.9, 1.0])
+    np.testing.assert_allclose(masses, [[0.1, 0.4, 0.3, 0.2], [1.0, 0.0, 0.0, 0.0]])
+    u = np.array([[0.0, 1.0, 0.0], [0.5, 0.5, 0.0], [0.0, 1.0, 0.0]])
+    values, masses = SwitchChain(u, np.ones(3), np.full(3, 1 / 3), np.full((3, 3), 1 / 3)).by_value(
+        [0.1, 0.6, 0.3]
+    )
+    np.testing.assert_array_equal(values, u[:2])
+    np.testing.assert_allclose(masses, [0.4, 0.6])
+    with pytest.raises(ShapeError, match=r"mu: got shape \(3,\), expected \(..., 5\)"):
+        chain.by_value([0.1, 0.6, 0.3])
+
+
 def test_hardening_shares_out_the_middle():
     chain = SwitchChain([0.0, 0.25, 0.5, 1.0], np.ones(4), np.full(4, 1 / 4), np.eye(4))
     np.testing.assert_allclose(hardened(chain), [[0.5625, 0.0625], [0.0625, 0.3125]])

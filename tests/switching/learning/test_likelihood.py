@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
+from fuzzykf import CGOFMSModel, FadeLaw
+from fuzzykf.engine import selected as engine
 from fuzzykf.switching.learning import likelihood
 
 
@@ -44,6 +47,36 @@ def test_a_stretch_is_the_sum_over_all_paths(scale):
             ]
         )
         assert steps[: upto + 1].sum() == pytest.approx(total, rel=1e-10)
+
+
+@pytest.mark.parametrize("law", [FadeLaw.between(5, 4), FadeLaw.between(4, 6, jump=0.1, turn_back=0.2)])
+def test_known_fades(law, fuzzy_model):
+    # most pairs of nodes are impossible: their logarithms leave no NaN, and no path goes through them
+    model = CGOFMSModel(law, fuzzy_model.form.means, fuzzy_model.form.covariances, 1)
+    truth = model.simulate(5, np.random.default_rng(1), n_nodes=2)
+    system = model.placed(2)
+    z, P, first = np.c_[truth.x, truth.y], system.chain.transition, system.initial()
+    start = [multivariate_normal(first.mean[k], first.covariance[k]).logpdf(z[0]) for k in range(len(P))]
+    densities = likelihood.emissions(system, z[:-1], z[1:])
+    total, visits = [], []
+    for path in itertools.product(range(len(P)), repeat=len(z)):
+        p = first.probability[path[0]] * np.prod([P[i, j] for i, j in itertools.pairwise(path)])
+        if p > 0.0:
+            terms = [densities[k, i, j] for k, (i, j) in enumerate(itertools.pairwise(path))]
+            total.append(np.log(p) + start[path[0]] + sum(terms))
+            visits.append(path)
+    data = SimpleNamespace(z=z, scale=SimpleNamespace(std=1.0, mean=0.0), starts=np.array([0]))
+    found = likelihood.log_likelihood(system, data)
+    assert found == pytest.approx(logsumexp(total), rel=1e-10)
+    # and what expectation-maximisation asks: which nodes were visited
+    weights = np.exp(np.array(total) - logsumexp(total))
+    expected = np.array(
+        [[weights @ (np.array(visits)[:, n] == k) for k in range(len(P))] for n in range(len(z))]
+    )
+    prior = first.probability * np.exp(np.array(start) - max(start))
+    gamma, xi, _ = engine.forward_backward(prior / prior.sum(), P, densities)
+    np.testing.assert_allclose(gamma, expected, atol=1e-10)
+    assert (xi[:, P == 0.0] == 0.0).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 6, 7, 11])

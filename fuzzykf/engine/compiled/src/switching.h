@@ -32,14 +32,15 @@ typedef struct {
  *
  * A cell (i, block) is 1 + m (1 + w) rows: transition, offset of the mean.  `noise` (m m, padded
  * M1) and `twice` (m m, m m, padded M1) carry p_i and p_i P_i to the covariance.  `ahead` (9, padded
- * M1), for scalar systems, sums up the cells; see fk_fill_ahead.  The numbers of the atoms, the last
- * one first, and of the other nodes stand in `order`. */
+ * M1), for scalar systems, sums up the cells; see fk_fill_ahead.  The numbers of the nodes stand in
+ * `order` as the estimate of the switch looks through them, the atoms last; `ends` is not 0 at the last
+ * node of a value of the switch, and 2 at the last of a stratum, of which `n_edges` are no atoms. */
 typedef struct {
-  int stride, n_atoms, M;
+  int stride, n_atoms, n_edges, M;
   const double *cells;
   const double *twice, *noise, *ahead;
   const double *nodes, *weights; /* padded M */
-  const int *order;
+  const int *order, *ends;
 } fk_summary;
 
 /* Where the summaries of a series go; any of them may be NULL. */
@@ -339,25 +340,28 @@ FK_STATIC int fk_largest_row(const fk_summary *s, int i, int M2, int blocks) {
   return top;
 }
 
-/* MPM, the estimate of the switch by the rule of the 2020 paper, section VI-B; no branch depends on mu. */
+/* MPM, the estimate of the switch by the rule of the 2020 paper, section VI-B, in the likeliest stratum, on a
+ * tie the earlier one; no branch depends on mu. */
 FK_STATIC double fk_most_likely(const fk_summary *s, const double *mu) {
-  const int *order = s->order;
-  double atoms = 0.0, best = -INFINITY, best_inner = -INFINITY;
-  int hard = 0, soft = 0;
-  for (int a = 0; a < s->n_atoms; a++) { /* MPM of atoms: by mass, backwards: on a tie the later counts */
+  const int *order = s->order, soft = s->M - s->n_atoms;
+  double stratum = 0.0, most = -INFINITY, level = 0.0, best = -INFINITY;
+  int value = 0, winner = 0;
+  for (int a = 0; a < s->M; a++) {
     const double mass = mu[order[a]];
-    atoms += mass;
-    hard = mass > best ? order[a] : hard;
-    best = mass > best ? mass : best;
+    stratum += mass;
+    level += a < soft ? mass / s->weights[order[a]] : mass; /* atoms by mass, the others by density */
+    if (!s->ends[a]) continue;
+    value = level > best ? order[a] : value;
+    best = level > best ? level : best;
+    level = 0.0;
+    if (s->ends[a] < 2) continue;
+    /* beside a single edge atoms need more than half of all, which is known without rounding */
+    const double bar = a >= soft && s->n_edges == 1 ? 0.5 : most;
+    winner = stratum > bar ? value : winner;
+    most = stratum > most ? stratum : most;
+    stratum = 0.0, best = -INFINITY;
   }
-  for (int a = s->n_atoms; a < s->M; a++) { /* MPM of the others: by density, on a tie the earlier one */
-    const double density = mu[order[a]] / s->weights[order[a]];
-    soft = density > best_inner ? order[a] : soft;
-    best_inner = density > best_inner ? density : best_inner;
-  }
-  /* exactly one half on the atoms is not more than one half */
-  const int is_hard = s->n_atoms == s->M || (s->n_atoms && atoms > 0.5);
-  return s->nodes[is_hard ? hard : soft];
+  return s->nodes[winner];
 }
 
 /* The arithmetic for one kind of processor; engines.h has them all. */
