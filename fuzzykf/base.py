@@ -204,6 +204,7 @@ class Filter(ABC):
             self._check_next(index)
         series = as_observations(zs, self.dim_z)
         sizes = {"state": self.dim_x, "observation": self.dim_z, "node": np.size(getattr(self, "mu", ()))}
+        sizes["class"] = np.size(getattr(self, "class_weights", ()))
         shapes = {name: shape for name, shape in _shapes(**sizes).items() if _shows(self, name, shape)}
         collected = {name: np.empty((len(series), *shape)) for name, shape in shapes.items()}
         before = attributes_of(self)

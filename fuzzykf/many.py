@@ -84,7 +84,7 @@ class ManySeries:
                     fields[name][rows, :n] = found
         return FilterResult(
             **fields,
-            nodes=nodes if "mu" in fields else None,
+            nodes=nodes if "mu" in fields or (nodes is not None and nodes.ndim == 2) else None,
             index=self.index,
             names=self.names,
             lengths=self.lengths,

@@ -52,7 +52,7 @@ class ResultField(NamedTuple):
     Attributes
     ----------
     axes : tuple of str
-        Names of its axes, among "step", "state", "node" and "observation"; the second axis of
+        Names of its axes, among "step", "state", "node", "class" and "observation"; the second axis of
         a covariance is "state_column" or "observation_column".
     description : str
         In one line, without a full stop.
@@ -79,7 +79,7 @@ def _fields_of(cls: type[Any]) -> dict[str, ResultField]:
 
 def _documented(cls: type[M]) -> type[M]:
     """Write the list of fields into the docstring of a class, in place of the word FIELDS."""
-    sizes = {"step": "n", "state": "dim_x", "observation": "dim_z", "node": "M"}
+    sizes = {"step": "n", "state": "dim_x", "observation": "dim_z", "node": "M", "class": "K"}
     lines = []
     for name, known in _fields_of(cls).items():
         shape = ", ".join(sizes[axis.removesuffix("_column")] for axis in known.axes)
@@ -137,9 +137,16 @@ class FilterResult:
     upper: FloatArray | Any = _field("step state", "greatest state that is possible (possibilistic filters)")
     mu: FloatArray | Any = _field("step node", "probability of each node (or class, or mode) of the switch")
     nodes: FloatArray | Any = _field(
-        "node", "values of the switch that the columns of mu belong to", streamed=False
+        "node",
+        "values of the switch that the columns of mu belong to; class weights (M, K) of more than two",
+        streamed=False,
     )
-    switch: FloatArray | Any = _field("step", "value of the switch of largest posterior marginal (MPM)")
+    class_weights: FloatArray | Any = _field(
+        "step class", "expected share of each class (hard regime) in the value of the switch"
+    )
+    switch: FloatArray | Any = _field(
+        "step", "value of the switch of largest posterior marginal (MPM); class weights as nodes"
+    )
     switch_mean: FloatArray | Any = _field("step", "posterior mean of the switch")
     switch_path: FloatArray | Any = _field(
         "step", "most likely path of the switch as a whole (smoothers)", streamed=False
@@ -180,8 +187,13 @@ class FilterResult:
         for name, known in FIELDS.items():
             shape = getattr(getattr(self, name), "shape", None)
             if known.axes[0] == "step" and isinstance(shape, tuple) and shape:
-                return shape[: 1 + len(shape) - len(known.axes)]
+                return shape[: 1 + len(shape) - len(self._axes(name))]
         return (0,)
+
+    def _axes(self, name: str) -> tuple[str, ...]:
+        """Return the axes of a field, with that of a value of the switch between more than two classes."""
+        axes = FIELDS[name].axes
+        return (*axes, "class") if name in _VALUES and np.ndim(self.nodes) == 2 else axes
 
     def __len__(self) -> int:
         """Return the length of the leading axis: steps, or series."""
@@ -398,6 +410,9 @@ class FilterResult:
         return f"{type(self).__name__} of " + (f"{many[0]} series of {steps}" if many else steps)
 
 
+#: Fields that hold values of the switch at each step.
+_VALUES = ("switch", "switch_path")
+
 #: What stands for a space at which a line is not broken.
 _UNBROKEN = "\0"
 
@@ -430,7 +445,7 @@ def field_shapes(names: Iterable[str], **sizes: int) -> dict[str, tuple[int, ...
     ----------
     names : iterable of str
     **sizes : int
-        Sizes of the axes that occur: ``state``, ``node``, ``observation``.
+        Sizes of the axes that occur: ``state``, ``node``, ``class``, ``observation``.
 
     Examples
     --------
@@ -463,8 +478,8 @@ class Simulation(NamedTuple):
         States.
     y : ndarray, shape (n, q)
         Observations.
-    r : ndarray, shape (n,)
-        Values of the switch.
+    r : ndarray, shape (n,) or (n, K)
+        Values of the switch; class weights between more than two classes.
     """
 
     x: FloatArray

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["as_dataframe", "as_dataset", "bounds_as_frames", "coords_of", "is_pandas"]
 
 #: Axes of what has a column, or some, in a table with a row for each step.
-_TABULATED = (("step",), ("step", "state"), ("step", "observation"))
+_TABULATED = (("step",), ("step", "state"), ("step", "observation"), ("step", "class"))
 
 
 def is_pandas(index: Any) -> bool:
@@ -51,7 +51,9 @@ def as_dataframe(result: Any, fields: Fields, index: Any, bounds: Bounds) -> pd.
         value = getattr(result, name)
         if value is None or known.axes not in _TABULATED:
             continue
-        count = len(known.axes)
+        if name == "class_weights" and result.switch_mean is not None:
+            continue  # it says all of two classes
+        count = value.ndim - len(result.shape) + 1
         columns |= _columns(name, value, count)
         covariance = None if known.spread is None else getattr(result, known.spread)
         if covariance is not None:
@@ -131,6 +133,8 @@ def as_dataset(result: Any, fields: Fields) -> xr.Dataset:
         if value is None or name == "nodes":
             continue
         dims = [step if axis == "step" else axis for axis in known.axes]
+        if value.ndim > len(dims) + many:  # a value of the switch between several classes
+            dims.append("class")
         variables[name] = ([name_of_series, *dims] if many else dims, value, {"long_name": known.description})
     coordinates: dict[str, Any] = dict(given)
     taken = {*fields, "state", "node", "class", "observation", "length"}
@@ -140,7 +144,10 @@ def as_dataset(result: Any, fields: Fields) -> xr.Dataset:
                 f"to_xarray: the index or a coordinate is called {name!r}, as a field or a dimension of "
                 "results is; rename it before filtering"
             )
-    if result.nodes is not None and result.mu is not None:
+    if np.ndim(result.nodes) == 2:
+        about = {"long_name": fields["nodes"].description}
+        coordinates["class_weights_of_node"] = (("node", "class"), result.nodes, about)
+    elif result.nodes is not None and result.mu is not None:
         coordinates["node"] = ("node", result.nodes, {"long_name": fields["nodes"].description})
     if many and result.names is not None:
         coordinates[name_of_series] = (name_of_series, np.array([*result.names, None], dtype=object)[:-1])

@@ -58,7 +58,7 @@ def describe(
         variable.attrs = {"long_name": FIELDS[str(name)].description}
         if units is not None and dims in (_STATE, _SQUARE):
             variable.attrs["units"] = units if dims == _STATE else f"({units})^2"
-    if "node" in result.dims and probe.nodes is not None and np.isfinite(probe.nodes).all():
+    if "node" in result.dims and np.ndim(probe.nodes) == 1 and np.isfinite(probe.nodes).all():
         result = result.assign_coords(node=("node", probe.nodes, {"long_name": "value of the switch"}))
     if states is not None:
         result = result.assign_coords({d: list(states) for d in _SQUARE if d in result.dims})

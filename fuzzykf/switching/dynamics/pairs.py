@@ -230,7 +230,7 @@ class PairTables:
             np.ascontiguousarray(np.moveaxis(offset, -1, 0)).reshape(offset.shape[-1], -1),
             np.swapaxes(np.einsum("ij,ijkl->ikl", self.transition, twice), -1, -2).reshape(-1, m * m),
             np.einsum("ij,ijkl->ikl", self.transition, Qxx).reshape(M1, m * m),
-            chain.nodes,
+            chain.keys,
             chain.weights,
             chain.atoms,
             chain.ranking,

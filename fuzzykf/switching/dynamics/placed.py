@@ -10,7 +10,7 @@ import numpy as np
 from fuzzykf.immutable import cached_property
 from fuzzykf.reprs import reprs
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
-from fuzzykf.switching.laws.chain import SwitchChain
+from fuzzykf.switching.laws.chain import SwitchChain, value_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -113,7 +113,7 @@ class KnownPath(ABC):
     Parameters
     ----------
     dim_x, dim_z : int
-    r : ndarray, shape (n,)
+    r : ndarray, shape (n,) or (n, K)
         Values of the switch.
     order : int
     """
@@ -144,8 +144,8 @@ class GaussianPath(KnownPath):
     form : GaussianForm
     shares : ndarray, shape (n, K)
         Shares of the regimes at each observation.
-    r : ndarray, shape (n,)
-        Values of the switch, for messages.
+    r : ndarray, shape (n,) or (n, K)
+        Values of the switch.
     """
 
     def __init__(self, form: Pairwise, shares: FloatArray, r: FloatArray) -> None:
@@ -158,6 +158,7 @@ class GaussianPath(KnownPath):
 
     def pair_tables(self, n: int) -> PairTables:
         """Return the tables of the step from observation ``n`` to ``n + 1``."""
-        label = f"known pair r_n = {self.r[n]:.6g}, r_n+1 = {self.r[n + 1]:.6g} (n = {n})"
+        before, after = (value_of(self.r[k]) if self.r.ndim == 2 else f"{self.r[k]:.6g}" for k in (n, n + 1))
+        label = f"known pair r_n = {before}, r_n+1 = {after} (n = {n})"
         u1, u2 = self.shares[n, None, None], self.shares[n + 1, None, None]
         return PairTables(np.ones((1, 1)), self.form.pairs(u1, u2, lambda _: label))

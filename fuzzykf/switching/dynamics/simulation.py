@@ -8,6 +8,7 @@ import numpy as np
 
 from fuzzykf.gaussian import semidefinite_root
 from fuzzykf.results import Simulation
+from fuzzykf.switching.laws.chain import value_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,7 +28,7 @@ def simulate_path(form: Pairwise, r: FloatArray, shares: FloatArray, rng: np.ran
     Parameters
     ----------
     form : GaussianForm
-    r : ndarray, shape (n,)
+    r : ndarray, shape (n,) or (n, K)
         Values of the switch.
     shares : ndarray, shape (n, K)
         Their shares in the regimes.
@@ -57,6 +58,7 @@ def simulate_path(form: Pairwise, r: FloatArray, shares: FloatArray, rng: np.ran
 def _describe_steps(r: FloatArray, start: int) -> Callable[[tuple[int, ...]], str]:
     def describe(index: tuple[int, ...]) -> str:
         k = start + index[0]
-        return f"step {k}, r_n = {r[k]:.6g}, r_n+1 = {r[k + 1]:.6g}"
+        before, after = (value_of(r[i]) if r.ndim == 2 else f"{r[i]:.6g}" for i in (k, k + 1))
+        return f"step {k}, r_n = {before}, r_n+1 = {after}"
 
     return describe

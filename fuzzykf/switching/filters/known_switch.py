@@ -19,6 +19,7 @@ from fuzzykf.sequel import warn_of_steps
 from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
 from fuzzykf.switching.inference.series import (
+    FOUND,
     SHOWN,
     Stand,
     Trajectory,
@@ -253,7 +254,7 @@ class KnownSwitchFilter(SwitchingFilter):
         r = path.r[len(path.r) - len(ys) :]
         if self._is_plain():
             stand = self._stand() if resume else None
-            trajectory = filter_one(self._method, path, ys, SHOWN, states=keep_nodes, stand=stand)
+            trajectory = filter_one(self._method, path, ys, FOUND, states=keep_nodes, stand=stand)
             if len(ys) or not resume:
                 self._adopt_path(trajectory, ys, path, stand)
         else:
@@ -286,7 +287,7 @@ class KnownSwitchFilter(SwitchingFilter):
         else:
             with self._as_it_was_on_error():
                 walked, ys = self._by_verbs(ys, path.r)
-                trajectory = filter_one(self._method, path, ys, SHOWN, states=True)
+                trajectory = filter_one(self._method, path, ys, FOUND, states=True)
                 check_explained(type(self).__name__, walked, trajectory)
                 smoothed = self._method.smooth(path, trajectory, ys)
         self._follow(index_of(zs))

@@ -29,8 +29,9 @@ from fuzzykf.switching.filters.walk import walk
 from fuzzykf.switching.inference.exact import EXACT
 from fuzzykf.switching.inference.forecast import forecast
 from fuzzykf.switching.inference.method import Method
-from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_switch
+from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_key, most_likely_switch
 from fuzzykf.switching.inference.series import (
+    FOUND,
     SHOWN,
     Stand,
     Trajectory,
@@ -81,8 +82,12 @@ class SwitchingFilter(Stepper, Filter):
         Probability of each node of the switch; sums to one.
     nodes : ndarray, shape (M,)
         Values of the switch at the nodes.
+    class_weights : ndarray, shape (K,)
+        Expected share of each class in the value of the switch.
     switch, switch_mean : float
-        Estimate of the switch by its posterior marginal (MPM), and its posterior mean.
+        Estimate of the switch by its posterior marginal (MPM), and its posterior mean.  Between more
+        than two classes values are class weights: ``nodes`` are (M, K), ``switch`` is (K,), and there is
+        no mean.
     log_likelihood : float
         Log-density of the latest observation given the earlier ones; 0 before any.
     y, S : ndarray, shapes (dim_z, 1) and (dim_z, dim_z)
@@ -305,7 +310,7 @@ class SwitchingFilter(Stepper, Filter):
         sequel = self.__dict__.get("_sequel") if resume else None
         if self._is_plain():
             stand = self._stand() if resume else None
-            trajectory = filter_one(self._method, self._system, ys, SHOWN, states=keep_nodes, stand=stand)
+            trajectory = filter_one(self._method, self._system, ys, FOUND, states=keep_nodes, stand=stand)
             if len(ys) or not resume:
                 self._adopt(trajectory, ys, stand)
         else:
@@ -386,7 +391,7 @@ class SwitchingFilter(Stepper, Filter):
         else:
             with self._as_it_was_on_error():
                 walked, ys = self._by_verbs(ys)
-                trajectory = filter_one(self._method, self._system, ys, SHOWN, states=True)
+                trajectory = filter_one(self._method, self._system, ys, FOUND, states=True)
                 check_explained(type(self).__name__, walked, trajectory)
                 smoothed = self._method.smooth(self._system, trajectory, ys)
         if index is not None:
@@ -516,7 +521,10 @@ class SwitchingFilter(Stepper, Filter):
 
     @property
     def nodes(self) -> FloatArray:
-        """Values of the switch at the nodes, (M,); some may share one, see `SwitchChain.by_value`."""
+        """Values of the switch at the nodes, (M,), or class weights (M, K) between more than two classes.
+
+        Some may share one, see `SwitchChain.by_value`.
+        """
         return self._system.chain.nodes
 
     @property
@@ -527,14 +535,26 @@ class SwitchingFilter(Stepper, Filter):
         return self._mixture.probabilities
 
     @property
-    def switch(self) -> float:
-        """Most likely value of the switch, by the MPM rule of the paper."""
-        return float(most_likely_switch(self._system.chain, self.mu))
+    def class_weights(self) -> FloatArray:
+        """Expected share of each class in the value of the switch, (K,)."""
+        return self.mu @ self._system.chain.class_weights
 
     @property
-    def switch_mean(self) -> float:
-        """Posterior mean of the switch."""
-        return float(self.mu @ self.nodes)
+    def switch(self) -> Any:
+        """Most likely value of the switch, by the MPM rule; (K,) between more than two classes."""
+        found = most_likely_switch(self._system.chain, self.mu)
+        return float(found) if found.ndim == 0 else found
+
+    @property
+    def _switch_key(self) -> float:
+        """Number by which results keep the value of the switch, see `SwitchChain.keys`."""
+        chain = self._system.chain
+        return float(self.switch) if chain.nodes.ndim == 1 else float(most_likely_key(chain, self.mu))
+
+    @property
+    def switch_mean(self) -> float | None:
+        """Posterior mean of the switch; None between more than two classes, see `class_weights`."""
+        return float(self.mu @ self.nodes) if self.nodes.ndim == 1 else None
 
     @property
     def log_likelihood(self) -> float:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.inference.series import SHOWN, Trajectory, allocate
+from fuzzykf.switching.inference.series import FOUND, Trajectory, allocate
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -38,12 +38,14 @@ def walk(
     taken : ndarray, shape (n, dim_z)
         The observations that the filter took: a verb may have passed on others.
     """
-    out, taken = allocate(system, (1, len(ys)), SHOWN, states), np.empty_like(ys)
+    out, taken = allocate(system, (1, len(ys)), FOUND, states), np.empty_like(ys)
     for n, y in enumerate(ys):
         f.predict(*(() if moves is None else (moves[n],)))
         f.update(y)
-        for name in SHOWN:
-            out[name][0, n] = np.reshape(getattr(f, name), out[name].shape[2:])
+        for name in FOUND:
+            value = f._switch_key if name == "switch" else getattr(f, name)
+            if value is not None:  # there is no mean between more than two classes
+                out[name][0, n] = np.reshape(value, out[name].shape[2:])
         taken[n] = f._z
         if states:
             if f._mixture is None or f._predicted:
@@ -52,5 +54,5 @@ def walk(
                     "update does not call that of fuzzykf; expected False"
                 )
             out["table"][0, n] = f._mixture.state_table(f.dim_x)
-    fields = {name: out[name][0] for name in (*SHOWN, *(["table"] if states else []))}
+    fields = {name: out[name][0] for name in (*FOUND, *(["table"] if states else []))}
     return Trajectory(fields, {}, f._mixture, f._before), taken

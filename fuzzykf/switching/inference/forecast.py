@@ -57,5 +57,6 @@ def forecast(
         mu=mu,
         nodes=chain.nodes,
         switch=most_likely_switch(chain, mu),
-        switch_mean=mu @ chain.nodes,
+        switch_mean=mu @ chain.nodes if chain.nodes.ndim == 1 else None,
+        class_weights=mu @ chain.class_weights,
     )

@@ -117,7 +117,7 @@ class Method(Protocol):
                 mixture.table[None, None],
                 None if sign is None else sign[None, None],
                 np.array([[value]]),
-                (chain.nodes, chain.weights, chain.atoms, chain.ranking),
+                (chain.keys, chain.weights, chain.atoms, chain.ranking),
             )
         assert mixture is not None
         return (mixture if before is None else before).table, mixture.table

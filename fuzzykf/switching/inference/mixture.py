@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fuzzykf.switching.dynamics.pairs import PairTables
     from fuzzykf.switching.laws.chain import SwitchChain
 
-__all__ = ["Mixture", "Source", "most_likely_switch"]
+__all__ = ["Mixture", "Source", "most_likely_key", "most_likely_switch"]
 
 
 # no tuples: filterpy's Saver makes an array of whatever a filter holds
@@ -130,6 +130,11 @@ class Source:
     tables: PairTables
 
 
+def most_likely_key(chain: SwitchChain, mu: FloatArray) -> FloatArray:
+    """Return the key of the MPM estimate of the switch, (...), see `SwitchChain.keys`."""
+    return engine.most_likely(mu, chain.keys, chain.weights, chain.atoms, chain.ranking)
+
+
 def most_likely_switch(chain: SwitchChain, mu: FloatArray) -> FloatArray:
-    """MPM estimate of the switch, (...), from the probabilities of its nodes (..., M)."""
-    return engine.most_likely(mu, chain.nodes, chain.weights, chain.atoms, chain.ranking)
+    """MPM estimate of the switch, (...) or (..., K), from the probabilities of its nodes (..., M)."""
+    return chain.values(most_likely_key(chain, mu))

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from fuzzykf.switching.laws.chain import SwitchChain
 
 __all__ = [
+    "FOUND",
     "SHOWN",
     "Stand",
     "Trajectory",
@@ -37,12 +38,16 @@ __all__ = [
     "filter_many",
     "filter_one",
     "result_of",
+    "shown",
     "smoothed_result",
     "windows_of",
 ]
 
-#: What a switching filter shows of every observation of a series.
-SHOWN = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood")
+#: What engines find for every observation of a series.
+FOUND = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood")
+
+#: What a switching filter shows of it.
+SHOWN = (*FOUND, "class_weights")
 
 #: How far, in parts of the largest number, verbs and whole series may be apart.
 _ROUNDING = 1e-6
@@ -139,6 +144,19 @@ def filter_many(
 
     Complete ones go side by side, those with gaps alone; ``threads`` share the complete ones.
     """
+    wanted = tuple(dict.fromkeys("mu" if name == "class_weights" else name for name in names))
+    return shown(system.chain, _filter_led(method, system, series, wanted, threads, stand), names)
+
+
+def _filter_led(
+    method: Method,
+    system: SwitchingSystem,
+    series: FloatArray,
+    names: tuple[str, ...],
+    threads: int,
+    stand: Stand | None,
+) -> dict[str, FloatArray]:
+    """Filter series with what has to stand before them."""
     if stand is not None:
         lead = stand.lead(series.shape[2])
         led = np.concatenate([np.broadcast_to(lead, (len(series), *lead.shape)), series], axis=1)
@@ -228,7 +246,7 @@ def _filter_block(
         return Trajectory(out, gaps, None, None)
     missing = np.isnan(ys)
     holes = [*np.flatnonzero(missing.any(axis=(0, 2))).tolist(), n] if missing.any() else [n]
-    switch = chain.nodes, chain.weights, chain.atoms, chain.ranking
+    switch = chain.keys, chain.weights, chain.atoms, chain.ranking
     law = system.initial() if stand is None else None
     priors: list[tuple[int, Ahead]] = []  # what was known before observations taken alone
     wants_prior = "x_prior" in out or "P_prior" in out
@@ -307,7 +325,7 @@ def _put_states(
     signs, ones = None, np.ones(len(chain.nodes))
     if chain.is_signed:
         signs = np.array([[ones if one.sign is None else one.sign for one in mixtures]])
-    switch = chain.nodes, chain.weights, chain.atoms, chain.ranking
+    switch = chain.keys, chain.weights, chain.atoms, chain.ranking
     engine.summarise(out, np.array(at), states, signs, np.array([values], dtype=np.float64), switch)
 
 
@@ -368,11 +386,27 @@ def windows_of(ys: FloatArray, order: int) -> FloatArray:
 # --------------------------------------------------------------------------- results
 
 
+def shown(chain: SwitchChain, found: dict[str, FloatArray], names: tuple[str, ...]) -> dict[str, FloatArray]:
+    """Return the fields named of what an engine found: where it has keys of the switch, the values.
+
+    A switch between more than two classes has no mean.
+    """
+    fields = {}
+    for name in names:
+        if name == "class_weights":
+            fields[name] = found["mu"] @ chain.class_weights
+        elif name == "switch":
+            fields[name] = chain.values(found[name])
+        elif name != "switch_mean" or chain.nodes.ndim == 1:
+            fields[name] = found[name]
+    return fields
+
+
 def result_of(
     chain: SwitchChain, trajectory: Trajectory, m: int, keep_nodes: bool, index: Any
 ) -> FilterResult:
     """Return what users read of a filtered series."""
-    fields = {name: trajectory.fields[name] for name in SHOWN}
+    fields = shown(chain, trajectory.fields, SHOWN)
     if keep_nodes:
         fields["node_x"], fields["node_P"] = engine.node_moments(trajectory.fields["table"], m)
     return FilterResult(**fields, nodes=chain.nodes, index=index)
@@ -389,7 +423,8 @@ def smoothed_result(
         mu=smoothed.mu,
         nodes=chain.nodes,
         switch=most_likely_switch(chain, smoothed.mu),
-        switch_mean=smoothed.mu @ chain.nodes,
+        switch_mean=smoothed.mu @ chain.nodes if chain.nodes.ndim == 1 else None,
+        class_weights=smoothed.mu @ chain.class_weights,
         switch_path=chain.nodes[smoothed.path],
         log_likelihood=trajectory.fields["log_likelihood"],
         node_x=smoothed.x if keep_nodes else None,

@@ -17,7 +17,15 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["SwitchChain", "closed_classes", "hardened", "rank", "stationary_distribution"]
+__all__ = [
+    "SwitchChain",
+    "closed_classes",
+    "hardened",
+    "rank",
+    "shares_of",
+    "stationary_distribution",
+    "value_of",
+]
 
 #: Rows of probabilities have to sum to one within this.
 SUM_TOLERANCE = 1e-9
@@ -144,10 +152,28 @@ class SwitchChain:
         """Return the number of nodes."""
         return len(self.nodes)
 
+    @property
+    def n_classes(self) -> int:
+        """Number K of hard regimes."""
+        return int(self.class_weights.shape[1])
+
+    @cached_property
+    def keys(self) -> FloatArray:
+        """Numbers by which engines name the values of the switch at the nodes, (M,).
+
+        They are the values themselves, or the numbers of the nodes where values are class weights.
+        """
+        keys = self.nodes if self.nodes.ndim == 1 else np.arange(len(self), dtype=np.float64)
+        keys.flags.writeable = False
+        return keys
+
+    def values(self, keys: FloatArray) -> FloatArray:
+        """Return the values of the switch, (...) or (..., K), that `keys` stand for."""
+        return keys if self.nodes.ndim == 1 else self.nodes[keys.astype(np.intp)]
+
     def describe(self, k: int) -> str:
         """Return the value of the switch at a node as a message shows it."""
-        value = self.nodes[k]
-        return f"{value:.6g}" if self.nodes.ndim == 1 else f"({', '.join(f'{u:.6g}' for u in value)})"
+        return f"{self.nodes[k]:.6g}" if self.nodes.ndim == 1 else value_of(self.nodes[k])
 
     @cached_property
     def atoms(self) -> BoolArray:
@@ -240,6 +266,48 @@ class SwitchChain:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self
+
+
+def value_of(weights: FloatArray) -> str:
+    """Return a value of the switch, given by its class weights, as a message shows it."""
+    return f"{weights[1]:.6g}" if len(weights) == 2 else f"({', '.join(f'{u:.6g}' for u in weights)})"
+
+
+def shares_of(r: FloatArray, n_classes: int) -> FloatArray:
+    """Return class weights (..., K) of a switch between K > 2 classes.
+
+    Parameters
+    ----------
+    r : ndarray, shape (..., K), or (n,) or ()
+        Class weights, or numbers of classes.
+    n_classes : int
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        If they are neither.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> shares_of(np.array([2.0, 0.0]), 3)
+    array([[0., 0., 1.],
+           [1., 0., 0.]])
+    """
+    if r.ndim < 2:
+        if not ((r == np.floor(r)) & (r >= 0) & (r < n_classes)).all():
+            wrong = r[~((r == np.floor(r)) & (r >= 0) & (r < n_classes))].flat[0]
+            raise ParameterError(
+                f"r: got {wrong:.6g}, expected regimes 0 to {n_classes - 1}, or class weights of shape (n, K)"
+            )
+        return np.eye(n_classes)[r.astype(np.intp)]
+    if r.shape[-1] != n_classes:
+        raise ShapeError(f"r: got shape {r.shape}, expected class weights (n, {n_classes}) or regimes (n,)")
+    off = ~((r >= 0.0).all(axis=-1) & (np.abs(r.sum(axis=-1) - 1.0) <= SUM_TOLERANCE))
+    if off.any():
+        first = value_of(r[off][0])
+        raise ParameterError(f"r: got the class weights {first}, expected some of at least 0 that sum to 1")
+    return r
 
 
 def check_probabilities(name: str, p: FloatArray) -> None:

@@ -208,7 +208,7 @@ class SwitchingModel(Immutable, Document):
 
         Parameters
         ----------
-        r : ndarray, shape (n,)
+        r : ndarray, shape (n,) or (n, K)
             Values of the switch.
         start : int
             Index of the observation to which the first of them belongs.
@@ -249,7 +249,8 @@ class SwitchingModel(Immutable, Document):
         -------
         Simulation
             ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,): values in [0, 1] of a fuzzy
-            switch, regimes 0, ..., K - 1 of a hard one.
+            switch, regimes 0, ..., K - 1 of a hard one; class weights (n, K) of a fuzzy one between
+            more than two.
         """
         r = self._sample_switch(n, rng, n_nodes)
         return self.form.simulate(self.class_weights(r), r, rng)

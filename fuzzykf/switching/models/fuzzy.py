@@ -22,6 +22,7 @@ from fuzzykf.switching.dynamics.forms import (
 )
 from fuzzykf.switching.dynamics.registry import FORMS
 from fuzzykf.switching.laws.base import Law
+from fuzzykf.switching.laws.chain import shares_of, value_of
 from fuzzykf.switching.laws.registry import LAWS
 from fuzzykf.switching.models.base import NODES, SwitchingModel
 from fuzzykf.switching.models.hard import CGOMSModel
@@ -44,17 +45,17 @@ N_PROOF = 16
 class CGOFMSModel(SwitchingModel):
     """Conditionally Gaussian observed fuzzy Markov switching model.
 
-    A switch R moves on [0, 1] between two regimes, abruptly or gradually.  Given the
-    switch, (X, Y) is a Gaussian Markov chain in which Y alone is Markov too, so that X
-    can be filtered exactly.
+    A switch R moves between regimes, abruptly or gradually: on [0, 1] between two, on the edges of
+    a graph between more.  Given the switch, (X, Y) is a Gaussian Markov chain in which Y alone is
+    Markov too, so that X can be filtered exactly.
 
     Parameters
     ----------
-    law : FuzzyMarkovLaw, FadeLaw, or another law of two classes
+    law : FuzzyMarkovLaw, FadeLaw, or another law of K classes
         Law of the switch.
-    means : array_like, shape (2, d)
-        Mean of Z = (X, Y) in either regime, d = dim_x + dim_z; linear in between.
-    covariances : array_like, shape (2, 2, 2d, 2d)
+    means : array_like, shape (K, d)
+        Mean of Z = (X, Y) in each regime, d = dim_x + dim_z; linear in between.
+    covariances : array_like, shape (K, K, 2d, 2d)
         Covariance of (Z_n, Z_n+1) for each pair of regimes; rows X1, Y1, X2, Y2.
     dim_x : int
         Number of components of the state; the others are observed.
@@ -141,12 +142,12 @@ class CGOFMSModel(SwitchingModel):
 
         Parameters
         ----------
-        law : FuzzyMarkovLaw, FadeLaw, or another law of two classes
-        Ayy, Ny, Qyy : array_like, shapes (2, 2, q, q), (2, 2, q), (2, 2, q, q)
-        Axx, H, G, c, C : array_like, shapes (2, 2, m, m), (2, 2, m, q), (2, 2, m, q), \
-(2, 2, m), (2, 2, m, m)
-        means, covariances : array_like, shapes (2, d) and (2, d, d)
-            Law of the first (X, Y) in either regime.
+        law : FuzzyMarkovLaw, FadeLaw, or another law of K classes
+        Ayy, Ny, Qyy : array_like, shapes (K, K, q, q), (K, K, q), (K, K, q, q)
+        Axx, H, G, c, C : array_like, shapes (K, K, m, m), (K, K, m, q), (K, K, m, q), \
+(K, K, m), (K, K, m, m)
+        means, covariances : array_like, shapes (K, d) and (K, d, d)
+            Law of the first (X, Y) in each regime.
         """
         form = RegressionForm(
             Ayy=Ayy, Ny=Ny, Qyy=Qyy, Axx=Axx, H=H, G=G, c=c, C=C, means=means, covariances=covariances
@@ -162,12 +163,10 @@ class CGOFMSModel(SwitchingModel):
     def _build(self, law: Law, form: GaussianForm) -> None:
         if not isinstance(law, Law):
             raise ParameterError(f"law: got {type(law).__name__}, expected a FuzzyMarkovLaw or another law")
-        if law.n_classes != 2:
+        if law.n_classes != form.n_classes:
             raise ParameterError(
-                f"law: got one of {law.n_classes} classes, expected 2 for means of 2 regimes"
+                f"means: got those of {form.n_classes} regimes, expected {law.n_classes}: the law has that many"
             )
-        if form.n_classes != 2:
-            raise ParameterError(f"means: got {form.n_classes} regimes, expected 2 for a fuzzy switch")
         self.law, self.form = law, form
         self._prove_noise()
 
@@ -277,15 +276,24 @@ class CGOFMSModel(SwitchingModel):
         u, possible, there = self.law.reach(N_PROOF)
 
         def describe(index: tuple[int, ...]) -> str:
-            before, after = (u[k, 1] for k in index)
-            return f"pair r_n = {before:.6g}, r_n+1 = {after:.6g}"
+            before, after = (value_of(u[k]) for k in index)
+            return f"pair r_n = {before}, r_n+1 = {after}"
 
         self.form.pairs(u[:, None], u[None, :], describe, possible)
         self.form.marginal(u[there])
 
     def class_weights(self, r: ArrayLike) -> FloatArray:
-        """Return the shares of the two regimes in values of the switch: (..., 2)."""
+        """Return the shares of the regimes in values of the switch: (..., K).
+
+        Parameters
+        ----------
+        r : array_like
+            Numbers in [0, 1] between two regimes, of any shape.  Between more, class weights (..., K), or
+            a number or a flat array of regimes 0, ..., K - 1.
+        """
         value = as_numbers("r", r)
+        if self.n_classes > 2:
+            return shares_of(value, self.n_classes)
         if not ((value >= 0.0) & (value <= 1.0)).all():
             raise ParameterError(f"r: got values from {value.min()} to {value.max()}, expected [0, 1]")
         return np.stack([1.0 - value, value], axis=-1)

@@ -63,7 +63,9 @@ def test_fades_have_cells_of_their_own(fuzzy_model):
 def test_it_takes_laws_of_two_classes(fuzzy_model):
     form = fuzzy_model.form
     ring = FadeLaw(3, {(0, 1): (0.1, 5), (1, 2): (0.1, 5), (2, 0): (0.1, 5)})
-    with pytest.raises(ParameterError, match="law: got one of 3 classes, expected 2 for means of 2 regimes"):
+    with pytest.raises(
+        ParameterError, match="means: got those of 2 regimes, expected 3: the law has that many"
+    ):
         CGOFMSModel(ring, form.means, form.covariances, 1)
     with pytest.raises(ParameterError, match="law: got str, expected a FuzzyMarkovLaw or another law"):
         CGOFMSModel("fade", form.means, form.covariances, 1)
