@@ -87,8 +87,10 @@ class KnownSwitchFilter(SwitchingFilter):
 
     def _start(self) -> None:
         super()._start()
-        self._r = np.nan  # value of the switch at the latest observation
-        self._r_next: float | None = None  # at the next one, once known
+        self._r: Any = (
+            np.nan
+        )  # value of the switch at the latest observation: a number, or class weights (K,)
+        self._r_next: Any = None  # at the next one, once known
         self._tables: PairTables | None = None  # of the step between them
         self._told_at_predict = False
 
@@ -103,7 +105,7 @@ class KnownSwitchFilter(SwitchingFilter):
             raise ParameterError("r: the value of the switch at the next observation is not known yet")
         return self._tables
 
-    def _tables_between(self, n: int, before: float, after: float) -> PairTables | None:
+    def _tables_between(self, n: int, before: Any, after: Any) -> PairTables | None:
         """Prove the step from observation ``n`` - 1 to ``n``; nothing changes if it is refused."""
         path = self.model.along(np.array([before, after]), start=n - 1) if n else None
         return None if path is None else path.pair_tables(0)
@@ -141,7 +143,7 @@ class KnownSwitchFilter(SwitchingFilter):
             if self._r_next is None:
                 raise ParameterError(_NEVER_GIVEN)
             n, now = n + 1, self._r_next
-        elif value is not None and self._r_next not in (None, value):
+        elif value is not None and not _may_be(value, self._r_next):
             raise ParameterError(_GIVEN_ONCE.format(value, self._r_next))
         tables = self._tables if value is None else self._tables_between(n, now, value)
         super().predict()
@@ -212,12 +214,20 @@ class KnownSwitchFilter(SwitchingFilter):
 
     _STATE = (*SwitchingFilter._STATE, "_r", "_r_next", "_tables", "_told_at_predict")
 
-    def _checked(self, r: float) -> float:
+    @property
+    def _takes_weights(self) -> bool:
+        """Whether values of the switch are class weights."""
+        return self.model.is_fuzzy and self.model.n_classes > 2
+
+    def _checked(self, r: Any) -> Any:
+        """Return one value of the switch: a number, or class weights (K,)."""
         value = _as_switches(r)
+        if self._takes_weights and value.size == self.model.n_classes:
+            return self.model.class_weights(value.reshape(1, -1))[0]
         if value.size != 1:
             raise ShapeError(f"r: got shape {value.shape}, expected one value of the switch")
-        self.model.class_weights(value.reshape(1))
-        return float(value.reshape(()))
+        weights = self.model.class_weights(value.reshape(1))
+        return weights[0] if self._takes_weights else float(value.reshape(()))
 
     def filter(  # type: ignore[override]
         self,
@@ -234,7 +244,8 @@ class KnownSwitchFilter(SwitchingFilter):
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1.
         r : array_like, shape (n,)
-            Values of the switch.
+            Values of the switch.  Between more than two classes, class weights (n, K) or numbers of
+            classes (n,).
         keep_nodes, resume : bool
             As in `SwitchingFilter.filter`.
 
@@ -262,7 +273,7 @@ class KnownSwitchFilter(SwitchingFilter):
         self._follow(index_of(zs))
         warn_of_steps(index_of(zs))
         result = result_of(path.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))
-        return replace(result, nodes=None, switch=r, switch_mean=r).with_coords(zs)
+        return self._told(result, r).with_coords(zs)
 
     def smooth(  # type: ignore[override]
         self, zs: ManyNumbers, r: ArrayLike, *, keep_nodes: bool = False
@@ -293,8 +304,7 @@ class KnownSwitchFilter(SwitchingFilter):
         self._follow(index_of(zs))
         warn_of_steps(index_of(zs))
         result = smoothed_result(path.chain, trajectory, smoothed, keep_nodes, index_of(zs))
-        told = replace(result, nodes=None, switch=path.r, switch_mean=path.r, switch_path=path.r)
-        return told.with_coords(zs)
+        return replace(self._told(result, path.r), switch_path=path.r).with_coords(zs)
 
     def filter_many(  # type: ignore[override]
         self,
@@ -355,18 +365,28 @@ class KnownSwitchFilter(SwitchingFilter):
             "or forecast with an OFSRFilter or a CGOMSMFilter"
         )
 
+    def _told(self, result: FilterResult, r: FloatArray) -> FilterResult:
+        """Return a result with what was told of the switch."""
+        weights = self.model.class_weights(r)
+        mean = None if self._takes_weights else r
+        return replace(result, nodes=None, switch=r, switch_mean=mean, class_weights=weights)
+
     def _read(self, zs: ManyNumbers, r: ArrayLike, resume: bool = False) -> tuple[FloatArray, KnownPath]:
         """Return observations and path of the switch, which begins where the filter is if it resumes."""
         zs = self._named(zs)
         check_aligned(zs=zs, r=r)
         ys = as_observations(zs, self.dim_z)
-        switches = _as_switches(r).reshape(-1)
-        if switches.shape != (len(ys),):
-            raise ShapeError(f"r: got {switches.size} values, expected {len(ys)}, one per observation")
+        switches = _as_switches(r)
+        if self._takes_weights:
+            switches = self.model.class_weights(switches)
+        else:
+            switches = switches.reshape(-1)
+        if len(switches) != len(ys):
+            raise ShapeError(f"r: got {len(switches)} values, expected {len(ys)}, one per observation")
         if not resume:
             return ys, self.model.along(switches)
         if self._n == 0:
-            if len(switches) and self._r_next not in (None, switches[0]):
+            if len(switches) and not _may_be(switches[0], self._r_next):
                 raise ParameterError(_GIVEN_ONCE.format(switches[0], self._r_next))
             return ys, self.model.along(switches)
         if self._predicted and self._r_next is None:
@@ -383,16 +403,17 @@ class KnownSwitchFilter(SwitchingFilter):
     ) -> None:
         self._adopt(trajectory, ys, stand)
         if len(ys):
-            self._r, self._told_at_predict = float(path.r[-1]), True
+            last = path.r[-1]
+            self._r, self._told_at_predict = last.copy() if last.ndim else float(last), True
 
     # ------------------------------------------------------------------ what users read
 
     @property
     def nodes(self) -> FloatArray:
-        """The known value of the switch, (1,); NaN before it is known."""
-        if self._predicted or self._n == 0:
-            return np.array([np.nan if self._r_next is None else self._r_next])
-        return np.array([self._r])
+        """The known value of the switch, (1,) or class weights (1, K); NaN before it is known."""
+        value = self._r_next if self._predicted or self._n == 0 else self._r
+        unknown = np.full(self.model.n_classes, np.nan) if self._takes_weights else np.nan
+        return np.array([unknown if value is None or np.isnan(value).all() else value])
 
     @property
     def mu(self) -> FloatArray:
@@ -400,9 +421,29 @@ class KnownSwitchFilter(SwitchingFilter):
         return np.ones(1)
 
     @property
-    def switch(self) -> float:
+    def switch(self) -> Any:
         """The known value of the switch."""
-        return float(self.nodes[0])
+        value = self.nodes[0]
+        return value if value.ndim else float(value)
+
+    @property
+    def class_weights(self) -> FloatArray:
+        """Share of each class in the known value of the switch, (K,); NaN before it is known."""
+        value = self.nodes
+        return (
+            np.full(self.model.n_classes, np.nan)
+            if np.isnan(value).any()
+            else self.model.class_weights(value)[0]
+        )
+
+    @property
+    def switch_mean(self) -> float | None:
+        """The known value of the switch; None between more than two classes."""
+        return None if self._takes_weights else float(self.nodes[0])
+
+    @property
+    def _switch_key(self) -> float:
+        return 0.0
 
     @shown
     def __repr__(self) -> str:
@@ -410,6 +451,11 @@ class KnownSwitchFilter(SwitchingFilter):
             f"{type(self).__name__}(dim_x={self.dim_x}, dim_z={self.dim_z}): the switch is known, "
             f"observations seen: {self._n}\n  model: {value_text(self.model, 2 * WIDTH)}"
         )
+
+
+def _may_be(value: Any, given: Any) -> bool:
+    """Whether a value of the switch is the one that was given before, if any was."""
+    return given is None or bool(np.array_equal(value, given))
 
 
 def _as_switches(r: ArrayLike) -> FloatArray:

@@ -137,4 +137,5 @@ def most_likely_key(chain: SwitchChain, mu: FloatArray) -> FloatArray:
 
 def most_likely_switch(chain: SwitchChain, mu: FloatArray) -> FloatArray:
     """MPM estimate of the switch, (...) or (..., K), from the probabilities of its nodes (..., M)."""
-    return chain.values(most_likely_key(chain, mu))
+    key = most_likely_key(chain, mu)
+    return key if chain.nodes.ndim == 1 else chain.values(key)

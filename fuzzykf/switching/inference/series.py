@@ -396,7 +396,7 @@ def shown(chain: SwitchChain, found: dict[str, FloatArray], names: tuple[str, ..
         if name == "class_weights":
             fields[name] = found["mu"] @ chain.class_weights
         elif name == "switch":
-            fields[name] = chain.values(found[name])
+            fields[name] = found[name] if chain.nodes.ndim == 1 else chain.values(found[name])
         elif name != "switch_mean" or chain.nodes.ndim == 1:
             fields[name] = found[name]
     return fields

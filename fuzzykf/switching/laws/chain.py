@@ -79,6 +79,7 @@ class SwitchChain:
     initial: FloatArray
     transition: FloatArray
     class_weights: FloatArray
+    keys: FloatArray  # by which engines name values (M,): these themselves, or numbers of nodes
 
     def __init__(
         self,
@@ -119,6 +120,7 @@ class SwitchChain:
             ("initial", start),
             ("transition", table),
             ("class_weights", shares),
+            ("keys", values if values.ndim == 1 else np.arange(M, dtype=np.float64)),
         ):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -157,18 +159,8 @@ class SwitchChain:
         """Number K of hard regimes."""
         return int(self.class_weights.shape[1])
 
-    @cached_property
-    def keys(self) -> FloatArray:
-        """Numbers by which engines name the values of the switch at the nodes, (M,).
-
-        They are the values themselves, or the numbers of the nodes where values are class weights.
-        """
-        keys = self.nodes if self.nodes.ndim == 1 else np.arange(len(self), dtype=np.float64)
-        keys.flags.writeable = False
-        return keys
-
     def values(self, keys: FloatArray) -> FloatArray:
-        """Return the values of the switch, (...) or (..., K), that `keys` stand for."""
+        """Return the values of the switch, (...) or (..., K), that keys stand for."""
         return keys if self.nodes.ndim == 1 else self.nodes[keys.astype(np.intp)]
 
     def describe(self, k: int) -> str:

@@ -165,7 +165,8 @@ class CGOFMSModel(SwitchingModel):
             raise ParameterError(f"law: got {type(law).__name__}, expected a FuzzyMarkovLaw or another law")
         if law.n_classes != form.n_classes:
             raise ParameterError(
-                f"means: got those of {form.n_classes} regimes, expected {law.n_classes}: the law has that many"
+                f"means: got those of {form.n_classes} regimes, expected {law.n_classes}, "
+                "as many as the law has"
             )
         self.law, self.form = law, form
         self._prove_noise()

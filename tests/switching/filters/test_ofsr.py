@@ -64,7 +64,7 @@ def test_it_takes_laws_of_two_classes(fuzzy_model):
     form = fuzzy_model.form
     ring = FadeLaw(3, {(0, 1): (0.1, 5), (1, 2): (0.1, 5), (2, 0): (0.1, 5)})
     with pytest.raises(
-        ParameterError, match="means: got those of 2 regimes, expected 3: the law has that many"
+        ParameterError, match="means: got those of 2 regimes, expected 3, as many as the law has"
     ):
         CGOFMSModel(ring, form.means, form.covariances, 1)
     with pytest.raises(ParameterError, match="law: got str, expected a FuzzyMarkovLaw or another law"):

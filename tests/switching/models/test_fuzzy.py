@@ -141,7 +141,7 @@ def test_every_filter_proves_its_own_nodes(monkeypatch):
         ({"dim_x": 2}, "dim_x: got 2"),
         (
             {"means": [[0.0, 3.0]], "covariances": pair_covariances()[:1, :1]},
-            "means: got 1 regimes, expected 2",
+            "means: got those of 1 regimes, expected 2",
         ),
         ({"means": [[0.0, np.inf], [0, 0]]}, r"means: entry \(0, 1\) is inf"),
     ],
