@@ -377,10 +377,7 @@ class KnownSwitchFilter(SwitchingFilter):
         check_aligned(zs=zs, r=r)
         ys = as_observations(zs, self.dim_z)
         switches = _as_switches(r)
-        if self._takes_weights:
-            switches = self.model.class_weights(switches)
-        else:
-            switches = switches.reshape(-1)
+        switches = self.model.class_weights(switches) if self._takes_weights else switches.reshape(-1)
         if len(switches) != len(ys):
             raise ShapeError(f"r: got {len(switches)} values, expected {len(ys)}, one per observation")
         if not resume:

@@ -36,10 +36,13 @@ from fuzzykf.switching.inference.series import (
     Stand,
     Trajectory,
     check_explained,
+    class_weights_of,
     filter_many,
     filter_one,
     result_of,
     smoothed_result,
+)
+from fuzzykf.switching.inference.series import (
 )
 
 if TYPE_CHECKING:
@@ -537,7 +540,7 @@ class SwitchingFilter(Stepper, Filter):
     @property
     def class_weights(self) -> FloatArray:
         """Expected share of each class in the value of the switch, (K,)."""
-        return self.mu @ self._system.chain.class_weights
+        return class_weights_of(self._system.chain, self.mu)
 
     @property
     def switch(self) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 from fuzzykf.gaussian import as_count
 from fuzzykf.results import FilterResult
 from fuzzykf.switching.inference.mixture import most_likely_switch
+from fuzzykf.switching.inference.series import class_weights_of
 
 if TYPE_CHECKING:
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
@@ -58,5 +59,5 @@ def forecast(
         nodes=chain.nodes,
         switch=most_likely_switch(chain, mu),
         switch_mean=mu @ chain.nodes if chain.nodes.ndim == 1 else None,
-        class_weights=mu @ chain.class_weights,
+        class_weights=class_weights_of(chain, mu),
     )

@@ -35,6 +35,7 @@ __all__ = [
     "Trajectory",
     "allocate",
     "check_explained",
+    "class_weights_of",
     "filter_many",
     "filter_one",
     "result_of",
@@ -48,6 +49,8 @@ FOUND = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_lik
 
 #: What a switching filter shows of it.
 SHOWN = (*FOUND, "class_weights")
+
+_NONE = np.empty(0)
 
 #: How far, in parts of the largest number, verbs and whole series may be apart.
 _ROUNDING = 1e-6
@@ -144,7 +147,8 @@ def filter_many(
 
     Complete ones go side by side, those with gaps alone; ``threads`` share the complete ones.
     """
-    wanted = tuple(dict.fromkeys("mu" if name == "class_weights" else name for name in names))
+    source = _source_of_weights(system.chain)
+    wanted = tuple(dict.fromkeys(source if name == "class_weights" else name for name in names))
     return shown(system.chain, _filter_led(method, system, series, wanted, threads, stand), names)
 
 
@@ -394,12 +398,37 @@ def shown(chain: SwitchChain, found: dict[str, FloatArray], names: tuple[str, ..
     fields = {}
     for name in names:
         if name == "class_weights":
-            fields[name] = found["mu"] @ chain.class_weights
+            fields[name] = class_weights_of(chain, found.get("mu", _NONE), found.get("switch_mean"))
         elif name == "switch":
             fields[name] = found[name] if chain.nodes.ndim == 1 else chain.values(found[name])
         elif name != "switch_mean" or chain.nodes.ndim == 1:
             fields[name] = found[name]
     return fields
+
+
+def _source_of_weights(chain: SwitchChain) -> str:
+    """Return the field from which the weights of the classes follow: the mean tells all of two classes."""
+    two = chain.nodes.ndim == 1 and np.array_equal(chain.class_weights[:, -1], chain.nodes)
+    return "switch_mean" if two and chain.class_weights.shape[1] == 2 else "mu"
+
+
+def class_weights_of(chain: SwitchChain, mu: FloatArray, mean: FloatArray | None = None) -> FloatArray:
+    """Return the expected shares of the classes (..., K), to the bit the same however many rows there are.
+
+    Parameters
+    ----------
+    chain : SwitchChain
+    mu : ndarray, shape (..., M)
+    mean : ndarray, shape (...), optional
+        Of the switch, if it is known already.
+    """
+    if _source_of_weights(chain) == "switch_mean":
+        mean = np.asarray(mu @ chain.keys) if mean is None else mean
+        return np.stack([1.0 - mean, mean], axis=-1)
+    shares = np.zeros((*mu.shape[:-1], chain.class_weights.shape[1]))
+    for k, weights in enumerate(chain.class_weights):
+        shares += mu[..., k, None] * weights
+    return shares
 
 
 def result_of(
@@ -424,7 +453,7 @@ def smoothed_result(
         nodes=chain.nodes,
         switch=most_likely_switch(chain, smoothed.mu),
         switch_mean=smoothed.mu @ chain.nodes if chain.nodes.ndim == 1 else None,
-        class_weights=smoothed.mu @ chain.class_weights,
+        class_weights=class_weights_of(chain, smoothed.mu),
         switch_path=chain.nodes[smoothed.path],
         log_likelihood=trajectory.fields["log_likelihood"],
         node_x=smoothed.x if keep_nodes else None,
