@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_count, as_numbers, check_broadcast, check_generator
+from fuzzykf.gaussian import as_count, as_numbers, as_real, check_broadcast, check_generator
 from fuzzykf.reprs import shown, value_text
 from fuzzykf.switching.laws.base import Law, Reach
 from fuzzykf.switching.laws.chain import MOST_DRAWS, hardened
 from fuzzykf.switching.laws.integration import Lines, cell_masses, integrate_line, invert_line
 from fuzzykf.switching.laws.quadrature import discretize
 from fuzzykf.switching.laws.registry import LAWS
+from fuzzykf.switching.laws.shares import ROUNDING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -44,7 +45,7 @@ _ENDS = np.array([0.0, 1.0])
 class FuzzyMarkovLaw(Law):
     """Symmetric law of two consecutive values of a fuzzy switch.
 
-    Laws are made by `fmc1`, `fmc2` and `from_density`, and never change.
+    Laws are made by `fmc1`, `fmc2`, `from_durations` and `from_density`, and never change.
 
     Attributes
     ----------
@@ -174,6 +175,69 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         0.7
         """
         return _make("from_density", corners, edges, interior, kinks)
+
+    @classmethod
+    def from_durations(cls, stay: float, slide: float, *, jump: float = 0.0) -> FuzzyMarkovLaw:
+        """Make the law of the paper that has these durations, FMC1 or FMC2.
+
+        Parameters
+        ----------
+        stay : float
+            Mean number of steps at a hard value, at least 1.
+        slide : float
+            Mean number of steps between two hard values: in [4/3, 5/3] for FMC1, in ]7/4, 2[ for FMC2.
+            What lasts longer, as most fades do, is no such law; see `FadeLaw.between`.
+        jump : float
+            Probability, per step at a hard value, of a jump to the other one; less than 1 / stay.
+
+        Returns
+        -------
+        FuzzyMarkovLaw
+            With ``mean_dwell()`` of ``stay`` and ``mean_fade()`` of ``slide``.
+
+        Raises
+        ------
+        ParameterError
+            If neither law has such durations.
+
+        Notes
+        -----
+        A law of the paper has no memory beyond the value of the switch: from any value between, its
+        densities lead to 0 or 1 within two steps on average.  With f the probability that the switch
+        is hard and then no longer, slide = (1 - p_hard) / f, which is (5 eta + 4 delta) / (3 eta + 3 delta)
+        for FMC1 and 2 - delta / 2 for FMC2.
+
+        Examples
+        --------
+        >>> law = FuzzyMarkovLaw.from_durations(stay=20, slide=1.5)
+        >>> law.kind, law.mean_dwell().round(9), round(law.mean_fade(), 9)
+        ('fmc1', array([20., 20.]), 1.5)
+        >>> FuzzyMarkovLaw.from_durations(stay=20, slide=1.9).kind
+        'fmc2'
+        """
+        D, S = (as_real(n, v, "a number of steps") for n, v in (("stay", stay), ("slide", slide)))
+        if not (D >= 1.0 and np.isfinite(D)):
+            raise ParameterError(f"stay: got {D:.6g}, expected a finite number of steps, at least 1")
+        J = as_real("jump", jump, "a probability")
+        if not 0.0 <= J < 1.0 / D:
+            raise ParameterError(
+                f"jump: got {J:.6g}, expected a probability in [0, {1.0 / D:.6g}[, less than 1 / stay, since "
+                "the rest of what leaves a hard value slides"
+            )
+        leave = 1.0 / D - J  # by a slide, per step at a hard value
+        p_hard = 1.0 / (1.0 + S * leave)
+        alpha, flow = 0.5 * p_hard * (1.0 - 1.0 / D), p_hard * leave
+        if 4.0 / 3.0 - ROUNDING <= S <= 5.0 / 3.0 + ROUNDING:
+            eta, delta = max(3.0 * S - 4.0, 0.0) * flow, max(5.0 - 3.0 * S, 0.0) * flow
+            return cls.fmc1(alpha, delta, eta)
+        width = 4.0 - 2.0 * S
+        if 0.0 < width < 0.5:
+            return cls.fmc2(alpha, flow / (2.0 * width), width)
+        raise ParameterError(
+            f"slide: got {S:.6g}, expected a mean number of steps in [4/3, 5/3] (FMC1) or ]7/4, 2[ (FMC2), "
+            "the only ones that laws of the paper can express, which have no direction; "
+            "FadeLaw.between(stay, slide) fades in as many steps as it is told"
+        )
 
     # ------------------------------------------------------------------ the density, part by part
 

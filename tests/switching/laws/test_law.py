@@ -413,3 +413,73 @@ def test_any_density_is_drawn_from_by_inverting_it(r):
     for u in np.linspace(0.05, 0.95, 7):
         assert law._draw_inside(r, float(u)) == pytest.approx(FMC1._draw_inside(r, float(u)), abs=1e-9)
     assert law._inner_mass(r) == pytest.approx(FMC1._inner_mass(r), rel=1e-12)
+
+
+# --------------------------------------------------------------------------- durations
+
+
+@pytest.mark.parametrize("jump", [0.0, 0.3])
+@pytest.mark.parametrize("stay", [1.5, 20.0, 400.0])
+@pytest.mark.parametrize(
+    ("slide", "kind"),
+    [(4 / 3, "fmc1"), (1.5, "fmc1"), (5 / 3, "fmc1"), (1.76, "fmc2"), (1.9, "fmc2"), (1.999, "fmc2")],
+)
+def test_laws_of_given_durations(stay, slide, kind, jump):
+    law = FuzzyMarkovLaw.from_durations(stay=stay, slide=slide, jump=jump / stay)
+    assert law.kind == kind
+    for F in (None, 1, 4):
+        np.testing.assert_allclose(law.mean_dwell(F), stay, rtol=1e-9)
+        assert law.mean_fade(F) == pytest.approx(slide, rel=1e-9)
+    # jumps, per step at a hard value
+    assert law.beta / law.marginal_density(0.0) == pytest.approx(jump / stay, abs=1e-12)
+
+
+@pytest.mark.parametrize("law", [FMC1, FMC2, FuzzyMarkovLaw.from_durations(6, 1.6, jump=0.05)])
+def test_samples_have_the_durations(law):
+    r = law.sample(30_000, np.random.default_rng(8))
+    hard = np.isin(r, (0.0, 1.0))
+    change = np.flatnonzero((np.diff(r) != 0.0) & (hard[1:] | hard[:-1]))  # to, from or between hard values
+    lengths, kinds = np.diff(change), hard[change[:-1] + 1]
+    assert lengths[kinds].mean() == pytest.approx(law.mean_dwell().mean(), rel=0.03)
+    assert lengths[~kinds].mean() == pytest.approx(law.mean_fade(), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            (20, 10),
+            r"slide: got 10, expected .* in \[4/3, 5/3\] \(FMC1\) or \]7/4, 2\[ \(FMC2\).*FadeLaw.between",
+        ),
+        ((20, 1.7), "slide: got 1.7, expected a mean number of steps in"),
+        ((20, 1.75), "slide: got 1.75, expected"),
+        ((20, 2.0), "slide: got 2, expected"),
+        ((20, 1.3), "slide: got 1.3, expected"),
+        ((20, np.nan), "slide: got nan, expected"),
+        ((20, "long"), "slide: got 'long', expected a number of steps"),
+        ((0.9, 1.5), "stay: got 0.9, expected a finite number of steps, at least 1"),
+        ((np.inf, 1.5), "stay: got inf, expected a finite number"),
+        ((20, 1.5, 0.05), r"jump: got 0.05, expected a probability in \[0, 0.05\[, less than 1 / stay"),
+        ((20, 1.5, -0.1), "jump: got -0.1, expected a probability"),
+    ],
+)
+def test_durations_that_laws_of_the_paper_cannot_have(arguments, message):
+    stay, slide, *jump = arguments
+    with pytest.raises(ParameterError, match=message):
+        FuzzyMarkovLaw.from_durations(stay, slide, jump=jump[0] if jump else 0.0)
+
+
+def test_durations_of_laws_without_them():
+    hard = FuzzyMarkovLaw.fmc1(0.5, 0.0, 0.0)
+    assert np.isinf(hard.mean_dwell()).all()
+    assert np.isnan(hard.mean_fade())
+    soft = FuzzyMarkovLaw.from_density(np.zeros((2, 2)), 0.0, 1.0)
+    assert np.isnan(soft.mean_dwell()).all()
+    assert np.isinf(soft.mean_fade())
+
+
+@pytest.mark.parametrize("law", [FMC1, FMC2])
+@pytest.mark.parametrize("F", [2, 6])
+def test_a_chain_of_even_cells_is_hardened_as_its_law(law, F):
+    np.testing.assert_allclose(law.harden(F), law.harden(), rtol=1e-12)
+    assert abs(law.harden(3) - law.harden()).max() > 1e-4  # the middle cell is shared out
