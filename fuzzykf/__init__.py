@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         CGOMSModel,
         FadeLaw,
         FuzzyMarkovLaw,
+        GraphLaw,
         KnownSwitchFilter,
         OFSRFilter,
         SwitchChain,
@@ -60,8 +61,8 @@ _HOMES = {
         "fuzzykf.preprocessing": "DailyProfile Standardizer",
         "fuzzykf.results": "FilterResult",
         "fuzzykf.switching": (
-            "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FadeLaw FuzzyMarkovLaw KnownSwitchFilter OFSRFilter "
-            "SwitchChain"
+            "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FadeLaw FuzzyMarkovLaw GraphLaw KnownSwitchFilter "
+            "OFSRFilter SwitchChain"
         ),
     }.items()
     for name in names.split()
@@ -83,6 +84,7 @@ __all__ = [
     "FuzzyRelationEstimator",
     "FuzzykfError",
     "GaussianMembership",
+    "GraphLaw",
     "GridMembership",
     "IMMEstimator",
     "IntervalMembership",

@@ -35,6 +35,7 @@ from fuzzykf import (
     FuzzyMarkovLaw,
     FuzzyRelationEstimator,
     GaussianMembership,
+    GraphLaw,
     GridMembership,
     IMMEstimator,
     IntervalMembership,
@@ -211,6 +212,10 @@ SPECIMENS = {
     FadeLaw: [
         lambda: FadeLaw.between(40, 10, jump=0.005, turn_back=0.1),
         lambda: FadeLaw(40, {(a, (a + k) % 40): (0.01, 9) for a in range(40) for k in (1, 2, 3)}),
+    ],
+    GraphLaw: [
+        lambda: GraphLaw.from_masses([3, 3, 2], {(0, 1): 1.5, (1, 2): 0.5}),
+        lambda: GraphLaw.from_masses(np.ones(40), {(a, a + 1): 0.1 for a in range(39)}),
     ],
     SwitchChain: [
         lambda: SwitchChain.from_classes([[0.9, 0.1], [0.1, 0.9]]),

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.laws.fades import FadeLaw
+    from fuzzykf.switching.laws.edges import GraphicLaw
     from fuzzykf.switching.laws.law import FuzzyMarkovLaw
     from fuzzykf.switching.models.base import SwitchingModel
 
@@ -80,15 +80,16 @@ def _shades(density: Any) -> Any:
     return colormaps[SURFACE](0.15 + 0.75 * flat / top)
 
 
-def plot_graph(law: FadeLaw, ax: Axes | None = None) -> Axes:
+def plot_graph(law: GraphicLaw, ax: Axes | None = None) -> Axes:
     """Draw the classes of a law as the corners of a regular polygon, and the ways between them.
 
-    Fades are whole arrows with their rate and mean length, jumps dashed ones with their probability; both
-    are per step.
+    Of a `FadeLaw` fades are whole arrows with their rate and mean length, jumps dashed ones with their
+    probability, per step.  Of a `GraphLaw` edges are lines with their mass, jumps dashed ones with the
+    probability of two consecutive classes.
 
     Parameters
     ----------
-    law : FadeLaw
+    law : FadeLaw or GraphLaw
     ax : matplotlib.axes.Axes, optional
         By default those of a new figure.
 
@@ -114,9 +115,10 @@ def plot_graph(law: FadeLaw, ax: Axes | None = None) -> Axes:
     corners = _corners(law.n_classes)
     ways: dict[tuple[int, int], int] = {}
     for link in law.links():
-        a, b = link.ends
-        ways[a, b] = rank = ways.get((a, b), 0) + 1  # each one from a to b is bent more than the last
-        bend = 0.18 * rank if link.directed else 0.0
+        a, b = link.ends if link.directed else sorted(link.ends)
+        # each one from a to b is bent more than the last; what has no direction begins with a straight line
+        bend = 0.18 * (ways.get((a, b), 0) + 1) if link.directed else 0.35 * ways.get((a, b), 0)
+        ways[a, b] = ways.get((a, b), 0) + 1
         color = BLUE if link.gradual else ORANGE
         arrow = FancyArrowPatch(
             corners[a],

@@ -14,6 +14,7 @@ from fuzzykf.switching.inference.method import Method
 from fuzzykf.switching.inference.mixture import Mixture
 from fuzzykf.switching.laws import FuzzyMarkovLaw, SwitchChain
 from fuzzykf.switching.laws.fades import FadeLaw
+from fuzzykf.switching.laws.graph import GraphLaw
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 from fuzzykf.switching.models.hard import CGOMSModel
 from fuzzykf.switching.models.repair import shrink_covariances
@@ -27,6 +28,7 @@ __all__ = [
     "CGOMSModel",
     "FadeLaw",
     "FuzzyMarkovLaw",
+    "GraphLaw",
     "InitialLaw",
     "KnownSwitchFilter",
     "Method",

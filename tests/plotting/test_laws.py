@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.patches import FancyArrowPatch
 
-from fuzzykf import FadeLaw
+from fuzzykf import FadeLaw, GraphLaw
 from fuzzykf.errors import ShapeError
 from fuzzykf.plotting import BLUE, ORANGE, plot_graph, plot_path
 
@@ -35,6 +35,20 @@ def test_a_fade_law_is_drawn_with_its_rates_and_jumps() -> None:
     # class 0 on top, the others clockwise
     corners = np.array([circle.get_offsets()[0] for circle in axes.collections])
     np.testing.assert_allclose(corners, [[0, 1], [3**0.5 / 2, -0.5], [-(3**0.5) / 2, -0.5]], atol=1e-12)
+
+
+def test_a_graph_law_is_drawn_with_its_masses() -> None:
+    law = GraphLaw.from_masses([3, 3, 2], {(0, 1): 1.5, (2, 1): 0.5}, jumps={(0, 1): 0.2, (0, 2): 0.1})
+    axes = law.plot()
+    texts = [text.get_text() for text in axes.texts]
+    assert texts == ["0.15", "0.05", "0.04", "0.02", "0", "1", "2"]  # edges, then jumps both ways
+    heads = [arrow.get_arrowstyle() for arrow in arrows(axes)]
+    assert not any(head.arrow.endswith(">") for head in heads)
+    # an edge is straight, and a jump between the same classes beside it
+    edge, _, jump, _ = (arrow.get_path().vertices for arrow in arrows(axes))
+    bends = [np.abs(one[1] - one[[0, -1]].mean(axis=0)).max() for one in (edge, jump)]
+    assert bends[0] < 1e-6
+    assert bends[1] > 0.02
 
 
 def test_each_way_between_two_classes_is_an_arrow_of_its_own() -> None:

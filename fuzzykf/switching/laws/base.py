@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.switching.laws.chain import SwitchChain
 
-__all__ = ["NODES", "Law", "Link", "ParametricLaw", "Reach"]
+__all__ = ["NODES", "Law", "ParametricLaw", "Reach"]
 
 #: Number of nodes that a law is put on where any will do and none is asked for.
 NODES = 5
@@ -29,15 +29,6 @@ class Reach(NamedTuple):
     class_weights: FloatArray  # (P, K)
     pairs: BoolArray  # (P, P): from the row to the column
     values: BoolArray  # (P,): which have mass or density
-
-
-class Link(NamedTuple):
-    """A way from class to class, as pictures show it."""
-
-    ends: tuple[int, int]
-    text: str
-    gradual: bool
-    directed: bool = True
 
 
 class Law(Immutable, ABC):

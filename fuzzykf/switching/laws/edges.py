@@ -1,17 +1,85 @@
-"""Arguments that are given for pairs of classes: the edges of a graph."""
+"""What laws on graphs share: arguments that are given for edges, cells along them, and pictures."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_real, brief, is_whole
+from fuzzykf.switching.laws.base import Law
+from fuzzykf.switching.laws.quadrature import MOST_NODES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-__all__ = ["as_edge", "as_edges", "as_probability", "check_rule", "entries"]
+    from matplotlib.axes import Axes
+
+    from fuzzykf.arrays import FloatArray
+
+__all__ = [
+    "MOST_CLASSES",
+    "GraphicLaw",
+    "Link",
+    "as_edge",
+    "as_edges",
+    "as_probability",
+    "check_cells",
+    "class_weights",
+    "entries",
+]
+
+#: Most classes of a law.
+MOST_CLASSES = 1000
+
+
+class Link(NamedTuple):
+    """A way from class to class, as pictures show it."""
+
+    ends: tuple[int, int]
+    text: str
+    gradual: bool
+    directed: bool = True
+
+
+class GraphicLaw(Law):
+    """A law that a graph of its classes shows."""
+
+    @abstractmethod
+    def links(self) -> list[Link]:
+        """Return the ways between classes, with what a picture says of each."""
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        rng: np.random.Generator | None = None,
+        n: int = 300,
+        n_nodes: int | None = None,
+    ) -> Axes:
+        """Draw the graph of the classes and the ways between them; or a path of the switch.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            By default those of a new figure.
+        rng : numpy.random.Generator, optional
+            If given, a path is sampled and drawn instead, by `fuzzykf.plotting.plot_path`.
+        n : int
+            Length of the path.
+        n_nodes : int, optional
+            As in `sample`.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from fuzzykf.plotting.laws import plot_graph, plot_path
+
+        return plot_graph(self, ax) if rng is None else plot_path(self.sample(n, rng, n_nodes), ax)
 
 
 def as_edge(name: str, pair: Any, n_classes: int) -> tuple[int, int]:
@@ -40,7 +108,7 @@ def as_edge(name: str, pair: Any, n_classes: int) -> tuple[int, int]:
 
 
 def as_edges(name: str, pairs: Iterable[Any], n_classes: int) -> tuple[tuple[int, int], ...]:
-    """Return pairs without direction, each smaller class first, none of them twice.
+    """Return edges as they are given, none of them twice in whatever direction.
 
     Raises
     ------
@@ -50,10 +118,9 @@ def as_edges(name: str, pairs: Iterable[Any], n_classes: int) -> tuple[tuple[int
     found: list[tuple[int, int]] = []
     for pair in pairs:
         a, b = as_edge(name, pair, n_classes)
-        edge = (min(a, b), max(a, b))
-        if edge in found:
-            raise ParameterError(f"{name}: got {edge} twice, expected each edge once")
-        found.append(edge)
+        if (a, b) in found or (b, a) in found:
+            raise ParameterError(f"{name}: got the edge between {a} and {b} twice, expected each edge once")
+        found.append((a, b))
     return tuple(found)
 
 
@@ -84,7 +151,36 @@ def entries(name: str, given: Any, form: str) -> Iterator[tuple[Any, Any]]:
     yield from given.items()
 
 
-def check_rule(rule: Any) -> None:
-    """Refuse a rule of discretisation but "cell": the laws of graphs are known on their cells."""
+def check_cells(F: int, rule: Any, n_classes: int, parts: int) -> None:
+    """Refuse a rule of discretisation but "cell", and cells that make tables too large.
+
+    Parameters
+    ----------
+    F : int
+        Number of cells of each part.
+    rule : str
+    n_classes, parts : int
+        Of the graph; parts are edges or fades.
+    """
     if not (isinstance(rule, str) and rule == "cell"):
         raise ParameterError(f"rule: got {brief(rule)}, expected 'cell', the one rule of laws on graphs")
+    M, most = n_classes + parts * F, MOST_NODES + 2
+    if most < M:
+        raise ParameterError(
+            f"n_nodes: got {F} for each of {parts} edges or fades, expected at most "
+            f"{(most - n_classes) // parts}; tables have {M}^2 entries"
+        )
+
+
+def class_weights(edges: Iterable[tuple[int, int]], F: int, K: int) -> FloatArray:
+    """Class weights of the classes, and of the cells edge by edge: (K + F E, K).
+
+    Those of (b, a) are the same numbers as those of (a, b), to the bit: nodes of equal values count as one.
+    """
+    t = (np.arange(F) + 0.5) / max(F, 1)
+    parts = [np.eye(K)]
+    for a, b in edges:
+        cells = np.zeros((F, K))
+        cells[:, a], cells[:, b] = t[::-1], t
+        parts.append(cells)
+    return np.concatenate(parts)

@@ -23,15 +23,21 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_count, as_real, brief
 from fuzzykf.immutable import cached_property
 from fuzzykf.reprs import shown, value_text
-from fuzzykf.switching.laws.base import NODES, Law, Link
+from fuzzykf.switching.laws.base import NODES
 from fuzzykf.switching.laws.chain import SwitchChain, closed_classes, stationary_distribution
-from fuzzykf.switching.laws.edges import as_edge, as_probability, check_rule, entries
-from fuzzykf.switching.laws.quadrature import MOST_NODES
+from fuzzykf.switching.laws.edges import (
+    MOST_CLASSES,
+    GraphicLaw,
+    Link,
+    as_edge,
+    as_probability,
+    check_cells,
+    class_weights,
+    entries,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from matplotlib.axes import Axes
 
     from fuzzykf.arrays import FloatArray
 
@@ -39,9 +45,6 @@ __all__ = ["FadeLaw", "FadeLength"]
 
 #: What probabilities and numbers of cells may miss by rounding.
 ROUNDING = 1e-12
-
-#: Most classes of a law.
-MOST_CLASSES = 1000
 
 
 class FadeLength(NamedTuple):
@@ -51,7 +54,7 @@ class FadeLength(NamedTuple):
     std: float
 
 
-class FadeLaw(Law):
+class FadeLaw(GraphicLaw):
     """Law of a switch that fades from class to class in a direction, or jumps.
 
     Parameters
@@ -274,7 +277,6 @@ class FadeLaw(Law):
             ...
         fuzzykf.errors.ParameterError: n_nodes: got 5, expected n_nodes=3 at most for fade (0, 1) of length 3
         """
-        check_rule(rule)
         F, K, fades = as_count("n_nodes", n_nodes, 0), self.n_classes, self._fades
         if self.nodes_up_to(F) < F:
             pair, (_, length) = min(fades, key=lambda fade: self._room(fade[1][1]))
@@ -283,12 +285,8 @@ class FadeLaw(Law):
                 f"n_nodes: got {F}, expected n_nodes={self._room(length)} at most for fade {pair} of length "
                 f"{length:.6g}{turning}"
             )
-        if K + len(fades) * F > MOST_NODES + 2:
-            raise ParameterError(
-                f"n_nodes: got {F}, expected at most {(MOST_NODES + 2 - K) // len(fades)} for {len(fades)} "
-                f"fades; tables have an entry for each pair of {K + len(fades) * F} nodes"
-            )
-        weights = np.concatenate([np.eye(K), *(_cells(pair, F, K) for pair, _ in fades)])
+        check_cells(F, rule, K, len(fades))
+        weights = class_weights([pair for pair, _ in fades], F, K)
         measure = np.concatenate([np.ones(K), np.full(len(fades) * F, 1.0 / max(F, 1))])
         nodes = weights[:, 1] if K == 2 else weights
         return SwitchChain(nodes, measure, self._stationary(F), self._transition(F), weights)
@@ -461,35 +459,6 @@ class FadeLaw(Law):
         ]
         return fades + [Link(pair, f"{p:.3g}", gradual=False) for pair, p in self._jumps]
 
-    def plot(
-        self,
-        ax: Axes | None = None,
-        *,
-        rng: np.random.Generator | None = None,
-        n: int = 300,
-        n_nodes: int | None = None,
-    ) -> Axes:
-        """Draw the graph of classes, fades and jumps, with rates and lengths; or a path of the switch.
-
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            By default those of a new figure.
-        rng : numpy.random.Generator, optional
-            If given, a path is sampled and drawn instead, by `fuzzykf.plotting.plot_path`.
-        n : int
-            Length of the path.
-        n_nodes : int, optional
-            Number of cells of the path; see the notes of the class.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-        """
-        from fuzzykf.plotting.laws import plot_graph, plot_path
-
-        return plot_graph(self, ax) if rng is None else plot_path(self.sample(n, rng, n_nodes), ax)
-
     @shown
     def __repr__(self) -> str:
         text = f"FadeLaw({self.n_classes}, {_pairs_text(self.fades)}"
@@ -515,15 +484,3 @@ def _rate_and_length(pair: Any, value: Any) -> tuple[float, float]:
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise ParameterError(f"{name}: got {brief(value)}, expected a pair (rate, mean_length)")
     return as_probability(f"{name}, rate", value[0]), _as_length(f"{name}, mean length", value[1])
-
-
-def _cells(pair: tuple[int, int], F: int, K: int) -> FloatArray:
-    """Class weights of the cells of a fade, (F, K).
-
-    Those of the fade back are the same numbers, to the bit: values that are equal count as one.
-    """
-    a, b = pair
-    weights = np.zeros((F, K))
-    t = (np.arange(F) + 0.5) / max(F, 1)
-    weights[:, a], weights[:, b] = t[::-1], t
-    return weights

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.laws.integration import JointLaw
 
-__all__ = ["RULES", "discretize", "from_file", "panel_bounds"]
+__all__ = ["RULES", "chain_of_joint", "discretize", "from_file", "panel_bounds"]
 
 #: Names of the rules.
 RULES = ("cell", "midpoint", "gauss", "product")
@@ -69,7 +69,7 @@ def discretize(law: JointLaw, n_nodes: int, rule: str) -> SwitchChain:
         joint = weights[:, None] * weights * law.joint_density(nodes[:, None], nodes)
         if F:  # without nodes between it is the chain of the hard values, whatever lies between them
             _check_neighbours(law, nodes, joint, rule)
-    return _chain_from_joint(nodes, weights, joint)
+    return chain_of_joint(nodes, weights, joint)
 
 
 def _check_neighbours(law: JointLaw, nodes: FloatArray, joint: FloatArray, rule: str) -> None:
@@ -128,15 +128,19 @@ def _with_atoms(x: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([[0.0], x, [1.0]]), np.concatenate([[1.0], w, [1.0]])
 
 
-def _chain_from_joint(nodes: FloatArray, weights: FloatArray, joint: FloatArray) -> SwitchChain:
+def chain_of_joint(
+    nodes: FloatArray, weights: FloatArray, joint: FloatArray, class_weights: FloatArray | None = None
+) -> SwitchChain:
+    """Return the chain whose consecutive nodes have these joint masses, (M, M)."""
+    K = 2 if class_weights is None else class_weights.shape[1]
     total = joint.sum()
     if not total > 0.0:
         raise ParameterError(
-            f"n_nodes: the law has no mass on the {nodes.size - 2} nodes and the two hard values; use more"
+            f"n_nodes: the law has no mass on the {len(nodes) - K} nodes and the {K} hard values; use more"
         )
     initial = joint.sum(axis=1) / total
     transition = _rows(joint / total, initial)
-    return SwitchChain(nodes, weights, initial / initial.sum(), transition)
+    return SwitchChain(nodes, weights, initial / initial.sum(), transition, class_weights)
 
 
 def _rows(joint: FloatArray, initial: FloatArray) -> FloatArray:

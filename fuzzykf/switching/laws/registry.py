@@ -17,6 +17,7 @@ LAWS = Registry(
         "free": "fuzzykf.switching.laws.cells:CellLaw",
         "from_density": "fuzzykf.switching.laws.density:DensityLaw",
         "fade": "fuzzykf.switching.laws.fades:FadeLaw",
+        "graph": "fuzzykf.switching.laws.graph:GraphLaw",
     }
 )
 

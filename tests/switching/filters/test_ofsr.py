@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, FadeLaw, FuzzyMarkovLaw, OFSRFilter
+from fuzzykf import CGOFMSModel, FadeLaw, FuzzyMarkovLaw, GraphLaw, OFSRFilter
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.laws.cells import CellLaw
 
@@ -80,3 +80,16 @@ def test_fades_tell_where_a_switch_is_going(fuzzy_model):
         result = OFSRFilter(CGOFMSModel(law, form.means, form.covariances, 1)).filter(data.y)
         errors[name] = np.mean((result.switch_mean - data.r) ** 2)
     assert errors["fades"] < 0.8 * errors["symmetric"]
+
+
+def test_a_graph_of_two_classes_is_filtered_as_its_law(fuzzy_model, tmp_path):
+    law, form = fuzzy_model.law, fuzzy_model.form
+    graph = GraphLaw(2, [(0, 1)], law.corners, parameters=[(law.eta, law.delta)])
+    model = CGOFMSModel(graph, form.means, form.covariances, 1)
+    y = model.simulate(60, np.random.default_rng(0)).y
+    model.save(tmp_path / "model.json")
+    for one in (model, CGOFMSModel.load(tmp_path / "model.json")):
+        found, expected = OFSRFilter(one).smooth(y), OFSRFilter(fuzzy_model).smooth(y)
+        for name in ("x", "P", "switch_mean", "log_likelihood"):
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9, err_msg=name)
+        np.testing.assert_allclose(found.switch, expected.switch, atol=1e-15)

@@ -369,7 +369,7 @@ BOTH = {(0, 1): (0.1, 5), (1, 0): (0.1, 5)}
         (lambda: FadeLaw.between(20, 3).harden(1.5), "n_nodes: got 1.5, expected a whole number"),
         (
             lambda: FadeLaw.between(20, 3000).discretize(600),
-            "n_nodes: got 600, expected at most 500 for 2 fades",
+            "n_nodes: got 600 for each of 2 edges or fades, expected at most 500",
         ),
         (lambda: FadeLaw.between(20, 3).discretize(3, "gauss"), "rule: got 'gauss', expected 'cell'"),
         (lambda: FadeLaw.between(20, 3).sample(3, 0), "rng: got int, expected a numpy.random.Generator"),

@@ -1,0 +1,388 @@
+"""Symmetric laws of a switch among K classes that may fade along the edges of a graph.
+
+The switch is at a class (a vertex), or on an edge between two, at the class weights
+(1 - t) e_a + t e_b with t in ]0, 1[.  The measure is a Dirac mass on each class and the length along
+each edge; a law is a symmetric joint density of two consecutive values: the masses ``corners`` of two
+classes, one density for an edge and itself and for an edge and its classes, and perhaps one for two
+edges with a common class.  For K = 2 these are FMC1 and FMC2, with corners that need not be equal.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import as_array, as_choice, as_count, as_numbers, brief, check_generator
+from fuzzykf.immutable import cached_property
+from fuzzykf.reprs import shown, value_text
+from fuzzykf.switching.laws.chain import MOST_DRAWS, SwitchChain, hardened
+from fuzzykf.switching.laws.crossings import as_crossings
+from fuzzykf.switching.laws.edge_families import FAMILIES, EdgeFamily
+from fuzzykf.switching.laws.edges import MOST_CLASSES, GraphicLaw, Link, as_edges, check_cells, class_weights
+from fuzzykf.switching.laws.graph_masses import masses_of
+from fuzzykf.switching.laws.graph_walk import GraphWalk
+from fuzzykf.switching.laws.quadrature import chain_of_joint
+from fuzzykf.switching.laws.shares import ROUNDING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.arrays import FloatArray
+
+    Edge = tuple[int, int]
+
+__all__ = ["GraphLaw"]
+
+#: By how much the total mass may miss one.
+MASS_TOLERANCE = 1e-9
+
+
+class GraphLaw(GraphicLaw):
+    """Symmetric law of a switch among K classes, gradual along the edges of a graph.
+
+    Parameters
+    ----------
+    n_classes : int
+        Number K of classes (hard regimes).
+    edges : sequence of (int, int)
+        Which classes fade into which; nodes come edge by edge, from the first class to the second.
+    corners : array_like, shape (K, K)
+        Joint masses of two consecutive classes, symmetric.
+    family : {"linear", "band"}
+        Density of a distance on an edge: linear, from eta at no distance to delta at 1; or gamma up to the
+        half width of a band, and zero beyond.
+    parameters : sequence of (float, float)
+        For each edge (eta, delta), or (gamma, width) with a width in ]0, 1/2].
+    crossings : mapping of (edge, edge) to (float, float), optional
+        ``{((0, 1), (1, 2)): (kappa, width)}``: for bands, the density between two edges with a common class
+        where the way through it is at most ``width``, in ]0, 1/2].
+
+    Raises
+    ------
+    ParameterError
+        If a mass or a density is negative, or the total mass is not 1; the message names the sum.
+
+    See Also
+    --------
+    GraphLaw.from_masses : For masses that are not normalised.
+    fuzzykf.FadeLaw : For fades with a direction.
+
+    Notes
+    -----
+    The total mass is that of the corners and of the edges, 8 eta/3 + 7 delta/3 or gamma w (6 - w) each, and
+    kappa w^2 for each crossing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> corners = [[0.26, 0.02, 0.0], [0.02, 0.2, 0.01], [0.0, 0.01, 0.1]]
+    >>> law = GraphLaw(3, [(0, 1), (1, 2)], corners, parameters=[(0.06, 0.03), (0.03, 0.03)])
+    >>> law.class_masses.round(4), law.edge_masses.round(4)
+    (array([0.325, 0.305, 0.14 ]), array([0.14, 0.09]))
+    >>> law = GraphLaw.from_masses([0.3, 0.3, 0.2], {(0, 1): 0.15, (1, 2): 0.05})
+    >>> round(law.p_hard, 6), len(law.discretize(5))
+    (0.8, 13)
+    """
+
+    kind = "graph"
+
+    def __init__(
+        self,
+        n_classes: int,
+        edges: Iterable[Edge],
+        corners: ArrayLike,
+        *,
+        family: str = "linear",
+        parameters: Sequence[tuple[float, float]] | ArrayLike,
+        crossings: Mapping[tuple[Edge, Edge], tuple[float, float]] | None = None,
+    ) -> None:
+        self.n_classes = K = as_count("n_classes", n_classes, 2, MOST_CLASSES)
+        self.edges = as_edges("edges", _listed("edges", edges), K)
+        self.family = as_choice("family", family, FAMILIES)
+        self.corners = _as_corners("corners", corners, K)
+        make, form = FAMILIES[family]
+        pairs = _as_pairs(parameters, len(self.edges), form)
+        self._densities: tuple[EdgeFamily, ...] = tuple(
+            make(f"parameters, edge {edge}", float(first), float(second))
+            for edge, (first, second) in zip(self.edges, pairs, strict=True)
+        )
+        self._pairs = pairs
+        self._crossings = as_crossings({} if crossings is None else crossings, self.edges, K, family)
+        self._check_total()
+
+    def _check_total(self) -> None:
+        corners = float(self.corners.sum())
+        along = [density.mass + 2.0 * density.flow for density in self._densities]
+        across = [2.0 * crossing.mass for crossing in self._crossings]
+        total = corners + sum(along) + sum(across)
+        if not abs(total - 1.0) <= MASS_TOLERANCE:
+            crossing = f", crossings {sum(across):.6g}" if across else ""
+            raise ParameterError(
+                f"corners, parameters: got masses that sum to {total:.9g} (corners {corners:.6g}, edges "
+                f"{sum(along):.6g}{crossing}), expected 1; GraphLaw.from_masses normalises"
+            )
+
+    @classmethod
+    def from_masses(
+        cls,
+        vertices: ArrayLike,
+        edges: Mapping[Edge, float],
+        *,
+        jumps: Mapping[Edge, float] | None = None,
+        family: str = "linear",
+        shape: float | None = None,
+        crossings: Mapping[tuple[Edge, Edge], tuple[float, float]] | None = None,
+    ) -> Self:
+        """Make a law from how often the switch is where; masses count relative to their sum.
+
+        Parameters
+        ----------
+        vertices : array_like, shape (K,)
+            Mass of each class.
+        edges : mapping of (int, int) to float
+            Mass of each edge.
+        jumps : mapping of (int, int) to float, optional
+            Joint mass of class a and then b, and as much of b and then a.
+        family : {"linear", "band"}
+        shape : float, optional
+            Of the densities: delta / eta of linear ones (by default 0.5), the half width of bands (0.2).
+        crossings : mapping of (edge, edge) to (float, float), optional
+            ``{((0, 1), (1, 2)): (mass, width)}``: the joint mass of the first edge and then the second,
+            and as much the other way; a part of the masses of both edges.
+
+        Returns
+        -------
+        GraphLaw
+            Whose classes stay as often as the masses leave room for.
+
+        Raises
+        ------
+        ParameterError
+            If the mass of a class is less than what leaves it in a step, or that of an edge less than what
+            crosses from it; the message names both.
+
+        Examples
+        --------
+        >>> law = GraphLaw.from_masses([3, 3, 2], {(0, 1): 1.5, (1, 2): 0.5}, jumps={(0, 2): 0.1})
+        >>> round(law.p_hard, 6), law.harden().sum(axis=1).round(6)
+        (0.8, array([0.375, 0.4  , 0.225]))
+        """
+        return cls(**masses_of(vertices, edges, jumps, family, shape, crossings))
+
+    # ------------------------------------------------------------------ what it was made from
+
+    @property
+    def crossings(self) -> dict[tuple[Edge, Edge], tuple[float, float]]:
+        """Density and width of each crossing."""
+        return {(self.edges[c.first], self.edges[c.second]): (c.kappa, c.width) for c in self._crossings}
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The parameters of the law by name."""
+        return {
+            "n_classes": self.n_classes,
+            "edges": self.edges,
+            "corners": self.corners,
+            "family": self.family,
+            "parameters": [tuple(pair) for pair in self._pairs.tolist()],
+            "crossings": self.crossings,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what it is made from as plain values; crossings as [edge, edge, kappa, width]."""
+        return {
+            "n_classes": self.n_classes,
+            "edges": [list(edge) for edge in self.edges],
+            "corners": self.corners.tolist(),
+            "family": self.family,
+            "parameters": self._pairs.tolist(),
+            "crossings": [[*map(list, key), *value] for key, value in self.crossings.items()],
+        }
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Self:
+        """Make a law from what `to_dict` returned."""
+        ways = {(tuple(e), tuple(f)): (kappa, width) for e, f, kappa, width in values["crossings"]}
+        return cls(**{**values, "crossings": ways})
+
+    # ------------------------------------------------------------------ masses
+
+    @cached_property
+    def class_masses(self) -> FloatArray:
+        """Probability of each class, (K,)."""
+        masses: FloatArray = self.corners.sum(axis=1)
+        for edge, density in zip(self.edges, self._densities, strict=True):
+            masses[list(edge)] += density.flow
+        masses.flags.writeable = False
+        return masses
+
+    @cached_property
+    def edge_masses(self) -> FloatArray:
+        """Probability of each edge, (E,)."""
+        masses = np.array([density.mass for density in self._densities])
+        for crossing in self._crossings:
+            masses[[crossing.first, crossing.second]] += crossing.mass
+        masses.flags.writeable = False
+        return masses
+
+    @property
+    def p_hard(self) -> float:
+        """Probability that the switch is at a class; at least 3/8 for linear densities, 1/3 for bands."""
+        return float(self.class_masses.sum())
+
+    def discretize(self, n_nodes: int, rule: str = "cell") -> SwitchChain:
+        """Approximate the law by a chain on the classes and on equal cells of the edges.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number F of cells of each edge.  Without any it is the chain of the classes alone.
+        rule : {"cell"}
+            Joint masses are exact integrals of the density over pairs of cells.
+
+        Returns
+        -------
+        SwitchChain
+            On the classes, then the cells edge by edge: K + F (number of edges) nodes.
+        """
+        F, K = as_count("n_nodes", n_nodes, 0), self.n_classes
+        check_cells(F, rule, K, len(self.edges))
+        weights = class_weights(self.edges, F, K)
+        measure = np.concatenate([np.ones(K), np.full(len(weights) - K, 1.0 / max(F, 1))])
+        nodes = weights[:, 1] if K == 2 else weights
+        return chain_of_joint(nodes, measure, self._cell_masses(F), weights)
+
+    def _cell_masses(self, F: int) -> FloatArray:
+        K = self.n_classes
+        joint = np.zeros((K + F * len(self.edges),) * 2)
+        joint[:K, :K] = self.corners
+        cells = [K + F * e + np.arange(F) for e in range(len(self.edges))]
+        for at, (a, b), density in zip(cells, self.edges, self._densities, strict=True):
+            if not F:
+                break
+            joint[np.ix_(at, at)] = density.between(F)
+            joint[a, at] = joint[at, a] = density.from_class(F)
+            joint[b, at] = joint[at, b] = density.from_class(F)[::-1]
+        for c in self._crossings if F else ():
+            # both edges counted from the common class
+            first, second = (
+                cells[e][:: 1 - 2 * end] for e, end in zip((c.first, c.second), c.ends, strict=True)
+            )
+            masses = c.cells(F)
+            joint[np.ix_(first, second)] = masses
+            joint[np.ix_(second, first)] = masses.T
+        return joint
+
+    def harden(self, n_nodes: int | None = None) -> FloatArray:
+        """Return the joint probabilities of two consecutive hard regimes: edges are cut in the middle.
+
+        Parameters
+        ----------
+        n_nodes : int, optional
+            Harden the chain on so many cells of each edge instead; the middle one of an odd number is shared
+            out.  Even numbers give what the law gives.
+
+        Returns
+        -------
+        ndarray, shape (K, K)
+
+        Examples
+        --------
+        >>> GraphLaw.from_masses([4, 4], {(0, 1): 2}).harden().round(4)
+        array([[0.4304, 0.0696],
+               [0.0696, 0.4304]])
+        """
+        return hardened(self.discretize(2 if n_nodes is None else n_nodes))
+
+    # ------------------------------------------------------------------ drawing
+
+    def sample(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> FloatArray:
+        """Draw a stationary chain of ``n`` values, exactly.
+
+        Parameters
+        ----------
+        n : int
+            Length.
+        rng : numpy.random.Generator
+        n_nodes : int, optional
+            Draw from the chain on so many cells of each edge instead.
+
+        Returns
+        -------
+        ndarray, shape (n,) or (n, K)
+            For two classes the share of class 1, else the shares of all.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> law = GraphLaw.from_masses([3, 3, 2], {(0, 1): 1.5, (1, 2): 0.5})
+        >>> law.sample(100, np.random.default_rng(0)).shape
+        (100, 3)
+        """
+        if n_nodes is not None:
+            return self.discretize(n_nodes).sample(n, rng)
+        check_generator(rng)
+        n = as_count("n", n, most=MOST_DRAWS)
+        weights = self._walk.path(rng.random((n, 2)))
+        return weights[:, 1].copy() if self.n_classes == 2 else weights
+
+    @cached_property
+    def _walk(self) -> GraphWalk:
+        masses = np.concatenate([self.class_masses, self.edge_masses])
+        return GraphWalk(masses, self.corners, self.edges, self._densities, self._crossings)
+
+    # ------------------------------------------------------------------ pictures
+
+    def links(self) -> list[Link]:
+        """Return the edges with their masses, and the jumps with theirs."""
+        found = [
+            Link(edge, f"{mass:.3g}", gradual=True, directed=False)
+            for edge, mass in zip(self.edges, self.edge_masses, strict=True)
+        ]
+        for a, b in np.argwhere(np.triu(self.corners, 1) > 0.0).tolist():
+            found.append(Link((a, b), f"{2 * self.corners[a, b]:.3g}", gradual=False, directed=False))
+        return found
+
+    @shown
+    def __repr__(self) -> str:
+        listed = ", ".join(map(str, self.edges[:4])) + (", ..." if len(self.edges) > 4 else "")
+        parameters = f"parameters={value_text(self.parameters['parameters'])}"
+        crossings = f", crossings of {len(self._crossings)} pairs" if self._crossings else ""
+        return f"GraphLaw({self.n_classes}, [{listed}], family={self.family!r}, {parameters}{crossings})"
+
+
+def _listed(name: str, edges: Any) -> list[Any]:
+    try:
+        return list(edges)
+    except TypeError as error:
+        raise ParameterError(f"{name}: got {brief(edges)}, expected a list of pairs (a, b)") from error
+
+
+def _as_corners(name: str, corners: ArrayLike, K: int) -> FloatArray:
+    masses = as_array(name, corners, (K, K))
+    if (masses < 0.0).any():
+        raise ParameterError(f"{name}: got {masses.min():.6g}, expected masses, which are not negative")
+    off = np.abs(masses - masses.T)
+    if off.max() > ROUNDING:
+        a, b = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
+        raise ParameterError(
+            f"{name}: got {masses[a, b]:.6g} at {(a, b)} and {masses[b, a]:.6g} at {(b, a)}, expected a "
+            "symmetric matrix"
+        )
+    return 0.5 * (masses + masses.T)
+
+
+def _as_pairs(parameters: Any, E: int, form: str) -> FloatArray:
+    values = as_numbers("parameters", parameters)
+    values = as_array("parameters", values, (None,) * values.ndim)
+    if values.size == E == 0:
+        values = np.empty((0, 2))
+    if values.shape != (E, 2):
+        raise ParameterError(
+            f"parameters: got an array of shape {values.shape}, expected a pair {form} for each of {E} edges"
+        )
+    return values
