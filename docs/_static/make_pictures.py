@@ -1,7 +1,8 @@
-"""Make the picture of README and of the front page: python docs/_static/make_pictures.py."""
+"""Make the pictures of README, of the front page and of pages: python docs/_static/make_pictures.py."""
 
 from __future__ import annotations
 
+import re
 import runpy
 from pathlib import Path
 
@@ -14,3 +15,11 @@ import matplotlib.pyplot as plt
 HERE = Path(__file__).parent
 runpy.run_path(str(HERE.parents[1] / "examples" / "plot_fuzzy_switches.py"))
 plt.savefig(HERE / "fuzzy_switches.png", dpi=110)
+
+# the first listing of the page on laws leaves its figure behind
+page = (HERE.parent / "howto" / "laws.md").read_text(encoding="utf-8")
+listing = re.search(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+assert listing is not None
+drawn: dict[str, object] = {}
+exec(compile(listing[1], "laws.md", "exec"), drawn)
+drawn["figure"].savefig(HERE / "laws.png", dpi=90)  # type: ignore[attr-defined]

@@ -185,8 +185,8 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         stay : float
             Mean number of steps at a hard value, at least 1.
         slide : float
-            Mean number of steps between two hard values: in [4/3, 5/3] for FMC1, in ]7/4, 2[ for FMC2.
-            What lasts longer, as most fades do, is no such law; see `FadeLaw.between`.
+            Mean number of steps between two hard values, the same one or the other: in [4/3, 5/3] for FMC1,
+            in ]7/4, 2[ for FMC2.  What lasts longer, as most fades do, is no such law; see `FadeLaw.between`.
         jump : float
             Probability, per step at a hard value, of a jump to the other one; less than 1 / stay.
 
@@ -202,10 +202,10 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
 
         Notes
         -----
-        A law of the paper has no memory beyond the value of the switch: from any value between, its
-        densities lead to 0 or 1 within two steps on average.  With f the probability that the switch
-        is hard and then no longer, slide = (1 - p_hard) / f, which is (5 eta + 4 delta) / (3 eta + 3 delta)
-        for FMC1 and 2 - delta / 2 for FMC2.
+        A law of the paper has no direction: most of what leaves a hard value is back at once, and the few
+        ways to the other one are long.  So the mean is below two steps.  With f the probability that the
+        switch is hard and then no longer, slide = (1 - p_hard) / f, which is
+        (5 eta + 4 delta) / (3 eta + 3 delta) for FMC1 and 2 - delta / 2 for FMC2.
 
         Examples
         --------
