@@ -83,9 +83,10 @@ class Law(Immutable, ABC):
             NaN for a regime that has no mass; infinite for one that is never left.
         """
         joint, hard = self._joint(n_nodes)
-        mass, stay = joint.sum(axis=1)[hard], np.diag(joint)[hard]
+        mass = joint.sum(axis=1)[hard]
+        joint[np.diag_indices(len(joint))] = 0.0  # what leaves is summed, not a difference
         with np.errstate(divide="ignore", invalid="ignore"):
-            dwell: FloatArray = np.where(mass > 0.0, mass / (mass - stay), np.nan)
+            dwell: FloatArray = np.where(mass > 0.0, mass / joint.sum(axis=1)[hard], np.nan)
         return dwell
 
     def mean_fade(self, n_nodes: int | None = None) -> float:

@@ -24,7 +24,7 @@ from fuzzykf.gaussian import as_count, as_real, brief
 from fuzzykf.immutable import cached_property
 from fuzzykf.reprs import shown, value_text
 from fuzzykf.switching.laws.base import NODES
-from fuzzykf.switching.laws.chain import SwitchChain, closed_classes, stationary_distribution
+from fuzzykf.switching.laws.chain import SwitchChain, balance, closed_classes
 from fuzzykf.switching.laws.edges import (
     MOST_CLASSES,
     GraphicLaw,
@@ -286,6 +286,7 @@ class FadeLaw(GraphicLaw):
                 f"{length:.6g}{turning}"
             )
         check_cells(F, rule, K, len(fades))
+        F = F if fades else 0  # what has no cells has none of any number
         weights = class_weights([pair for pair, _ in fades], F, K)
         measure = np.concatenate([np.ones(K), np.full(len(fades) * F, 1.0 / max(F, 1))])
         nodes = weights[:, 1] if K == 2 else weights
@@ -326,31 +327,33 @@ class FadeLaw(GraphicLaw):
             arrows[a, b] += rate * (own[F - 1] * F / length if F else 1.0)  # or back to where it began
             if self.turn_back:
                 visits[a, self._back[e]] += rate * own[F:]
-        arrows[np.diag_indices(K)] = 1.0 - arrows.sum(axis=1)
-        at = stationary_distribution(arrows)
+        at = balance(arrows)
         masses = np.concatenate([at, np.tensordot(at, visits, 1).reshape(-1)])
         stationary: FloatArray = masses / masses.sum()
         return stationary
 
     def _visits(self, e: int, F: int) -> FloatArray:
         """Mean number of steps in each cell, (F,) or (2 F,), of a fade that has begun."""
-        Q = self._within(e, F)
-        begin = np.zeros(len(Q))
+        moves = self._moves(e, F)
+        begin = np.zeros(len(moves))
         begin[:1] = 1.0
-        return np.asarray(np.linalg.solve((np.eye(len(Q)) - Q).T, begin), dtype=np.float64)
+        return np.asarray(np.linalg.solve(moves.T, begin), dtype=np.float64)
 
-    def _within(self, e: int, F: int) -> FloatArray:
-        """Transition matrix of the cells of a fade and, if it can turn, those of its fade back."""
+    def _moves(self, e: int, F: int) -> FloatArray:
+        """Identity minus transitions among the cells of a fade and, if it can turn, those of its fade back.
+
+        Written down without a difference from 1, so that long fades lose no digits.
+        """
         turning = self.turn_back > 0.0
-        Q = np.zeros(((1 + turning) * F,) * 2)
+        moves = np.zeros(((1 + turning) * F,) * 2)
         for part, fade in enumerate((e, self._back[e]) if turning else (e,)):
             step = F / self._fades[fade][1][1]
             cells = part * F + np.arange(F)
-            Q[cells[:-1], cells[1:]] = step
-            Q[cells, cells] = 1.0 - step - self.turn_back
+            moves[cells, cells] = step + self.turn_back
+            moves[cells[:-1], cells[1:]] = -step
             if turning:
-                Q[cells, (1 - part) * F + np.arange(F)[::-1]] = self.turn_back
-        return Q
+                moves[cells, (1 - part) * F + np.arange(F)[::-1]] = -self.turn_back
+        return moves
 
     # ------------------------------------------------------------------ what follows from it
 
@@ -379,10 +382,9 @@ class FadeLaw(GraphicLaw):
             if not F:
                 found[pair] = FadeLength(0.0, 0.0)
                 continue
-            Q = self._within(e, F)
-            leave = np.eye(len(Q)) - Q
-            to_end = np.linalg.solve(leave, np.ones(len(Q)))
-            mean, square = float(to_end[0]), float((2.0 * np.linalg.solve(leave, to_end) - to_end)[0])
+            moves = self._moves(e, F)
+            to_end = np.linalg.solve(moves, np.ones(len(moves)))
+            mean, square = float(to_end[0]), float((2.0 * np.linalg.solve(moves, to_end) - to_end)[0])
             variance = square - mean**2
             found[pair] = FadeLength(mean, float(np.sqrt(variance)) if variance > ROUNDING * square else 0.0)
         return found
@@ -394,8 +396,8 @@ class FadeLaw(GraphicLaw):
     def p_hard(self) -> float:
         """Probability that the switch is at a class.
 
-        It is the same for all numbers of cells unless fades turn back and those there and back differ
-        in length.
+        It is the same for all numbers of cells unless fades turn back, and those there and back are not
+        alike; then it is that of the number in the notes of the class.
         """
         return float(self.discretize(self.nodes_up_to(NODES)).initial[: self.n_classes].sum())
 

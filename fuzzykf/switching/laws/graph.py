@@ -251,6 +251,7 @@ class GraphLaw(GraphicLaw):
         """
         F, K = as_count("n_nodes", n_nodes, 0), self.n_classes
         check_cells(F, rule, K, len(self.edges))
+        F = F if self.edges else 0  # what has no cells has none of any number
         weights = class_weights(self.edges, F, K)
         measure = np.concatenate([np.ones(K), np.full(len(weights) - K, 1.0 / max(F, 1))])
         nodes = weights[:, 1] if K == 2 else weights

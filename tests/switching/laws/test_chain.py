@@ -9,7 +9,7 @@ import pytest
 
 from fuzzykf import SwitchChain
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.switching.laws.chain import closed_classes, hardened, rank, stationary_distribution
+from fuzzykf.switching.laws.chain import balance, closed_classes, hardened, rank, stationary_distribution
 
 P = [[0.9, 0.1], [0.3, 0.7]]
 
@@ -221,3 +221,17 @@ def test_sampling_inverts_the_distribution_functions():
         [[((path[:-1] == a) & (path[1:] == b)).sum() for b in chain.nodes] for a in chain.nodes]
     )
     np.testing.assert_allclose(counts / counts.sum(axis=1, keepdims=True), chain.transition, atol=0.05)
+
+
+def test_balance_of_moves():
+    rng = np.random.default_rng(1)
+    for K in (1, 2, 5):
+        moves = rng.uniform(0.0, 1.0 / K, (K, K))
+        np.fill_diagonal(moves, 0.0)
+        P = moves + np.diag(1.0 - moves.sum(axis=1))
+        np.testing.assert_allclose(balance(moves), stationary_distribution(P), rtol=1e-12)
+    # rates far apart, where 1 - rate has lost its digits; and a regime that is left for ever
+    moves = np.array([[0.0, 1e-13, 0.0], [3e-13, 0.0, 0.5], [0.0, 1.0, 0.0]])
+    np.testing.assert_allclose(balance(moves), np.array([3.0, 1.0, 0.5]) / 4.5, rtol=1e-14)
+    moves = np.array([[0.0, 0.1, 0.1], [0.0, 0.0, 0.2], [0.0, 0.1, 0.0]])
+    np.testing.assert_allclose(balance(moves), [0.0, 1 / 3, 2 / 3], rtol=1e-14)

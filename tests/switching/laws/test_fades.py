@@ -144,6 +144,17 @@ def test_rate_zero_is_the_hard_chain() -> None:
     np.testing.assert_allclose(FadeLaw.between(20, 5).discretize(0).transition, [[0.95, 0.05], [0.05, 0.95]])
 
 
+def test_fades_that_are_seldom_keep_their_digits() -> None:
+    law = FadeLaw(2, {(0, 1): (3e-13, 10), (1, 0): (1e-13, 20)})
+    np.testing.assert_allclose(law.discretize(5).initial[:2], [0.25, 0.75], rtol=1e-11)
+    np.testing.assert_allclose(law.mean_dwell(), [1 / 3e-13, 1 / 1e-13], rtol=1e-12)
+    assert law.mean_fade() == pytest.approx(15.0, rel=1e-9)
+    for turn_back in (0.0, 1e-13):
+        long = FadeLaw.between(3e13, 1e13, turn_back=turn_back)
+        assert long.p_hard == pytest.approx(0.75, rel=1e-12)
+        assert long.fade_lengths()[0, 1].mean == pytest.approx(1e13, rel=1e-12)
+
+
 def test_a_class_that_is_left_for_ever_has_no_mass() -> None:
     law = FadeLaw(3, {(0, 1): (0.1, 5), (1, 2): (0.2, 5), (2, 1): (0.2, 5)})
     chain = law.discretize(5)
