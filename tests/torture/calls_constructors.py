@@ -223,6 +223,31 @@ CONSTRUCTORS: list[tuple[str, None, list[Verb]]] = [
     ]
     * 2,
     function(
+        fuzzykf.FuzzyMarkovLaw.from_durations, stay=real(1.0, 9.0), slide=real(1.4, 1.6), jump=real(0.0, 0.1)
+    ),
+    function(
+        fuzzykf.FadeLaw.between,
+        dwell=real(1.0, 9.0),
+        length=real(2.0, 9.0),
+        jump=maybe(real(0.0, 0.1)),
+        turn_back=maybe(real(0.0, 0.4)),
+    ),
+    function(
+        fuzzykf.FadeLaw,
+        n_classes=count(2, 2),
+        fades=fixed({(0, 1): (0.1, 5.0), (1, 0): (0.2, 4.0)}),
+        jumps=maybe(fixed({(0, 1): 0.1})),
+        turn_back=maybe(real(0.0, 0.4)),
+    ),
+    function(
+        fuzzykf.GraphLaw.from_masses,
+        vertices=fixed(np.array([3.0, 3.0])),
+        edges=fixed({(0, 1): 1.0}),
+        jumps=maybe(fixed({(1, 0): 0.2})),
+        family=maybe(choice("linear", "band")),
+        shape=maybe(real(0.1, 0.5)),
+    ),
+    function(
         fuzzykf.FuzzyMarkovLaw.from_density,
         corners=fixed(np.array([[0.2, 0.05], [0.05, 0.2]])),
         edges=choice(0.1, specimens.edge),

@@ -70,6 +70,18 @@ def law_verbs() -> list[Verb]:
     ]
 
 
+def graphic_law_verbs() -> list[Verb]:
+    """Return the verbs of a law on a graph."""
+    return [
+        verb("discretize", n_nodes=count(0, 5), rule=maybe(choice("cell"))),
+        verb("sample", n=count(0, 6, work=True), rng=generator(), n_nodes=maybe(count(0, 5))),
+        verb("harden", n_nodes=maybe(count(0, 5))),
+        *[verb(name, infinite=True, n_nodes=maybe(count(0, 5))) for name in ("mean_dwell", "mean_fade")],
+        verb("plot", n=count(1, 5, work=True), rng=maybe(generator()), n_nodes=maybe(count(0, 5))),
+        verb("to_dict"),
+    ]
+
+
 def membership_verbs(d: int) -> list[Verb]:
     """Return the verbs of a membership."""
     points, norm = array(3, d, scale=1.5), choice(norms.PRODUCT, norms.MIN, norms.HAMACHER, norms.LUKASIEWICZ)
@@ -149,6 +161,8 @@ OBJECTS: dict[str, list[Verb]] = {
         verb("save", path=fixed("file:model.json")),
     ],
     **{name: law_verbs() for name in specimens.OTHERS if name.startswith("FuzzyMarkovLaw")},
+    "FadeLaw": [*graphic_law_verbs(), verb("fade_lengths", n_nodes=maybe(count(0, 5)))],
+    "GraphLaw": graphic_law_verbs(),
     **{
         name: [verb("sample", n=count(0, 6, work=True), rng=generator())]
         for name in ("SwitchChain", "SwitchChain, classes")

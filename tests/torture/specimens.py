@@ -255,6 +255,8 @@ OTHERS: dict[str, Callable[[], Any]] = {
     "FuzzyMarkovLaw, fmc1": law,
     "FuzzyMarkovLaw, fmc2": lambda: law("fmc2"),
     "FuzzyMarkovLaw, cells": lambda: law("cells"),
+    "FadeLaw": lambda: fuzzykf.FadeLaw.between(10, 6, jump=0.02, turn_back=0.1),
+    "GraphLaw": lambda: fuzzykf.GraphLaw.from_masses([3, 3, 2], {(0, 1): 1.0, (1, 2): 0.5}),
     "SwitchChain": lambda: law().discretize(3),
     "SwitchChain, classes": lambda: fuzzykf.SwitchChain.from_classes([[0.8, 0.2], [0.3, 0.7]]),
     "placed": lambda: fuzzy_model().placed(2),
