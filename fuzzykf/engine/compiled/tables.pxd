@@ -12,7 +12,7 @@ cdef extern from "src/series.h" nogil:
         double *cells
         double *mask
     ctypedef struct fk_summary:
-        int stride, n_atoms, n_edges, M
+        int stride, n_atoms, n_edges, is_plain, M
         const double *cells
         const double *twice
         const double *noise

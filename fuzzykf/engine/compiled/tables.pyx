@@ -137,6 +137,7 @@ cdef class Summary:
         memcpy(to_nodes + to, at(weights_), M2 * sizeof(double))
         self.s.stride, self.s.n_atoms, self.s.M, self.s.cells = size, n_atoms, M2, self.memory.data
         self.s.n_edges = int(np.count_nonzero(ends[:M2 - n_atoms] == 2))
+        self.s.is_plain = self.s.n_edges < 2 and bool(ends.all())
         self.s.twice, self.s.noise, self.s.ahead = to_twice, to_noise, ahead
         self.s.nodes, self.s.weights = to_nodes, to_nodes + to
         self.s.order = <const int *> cnp.PyArray_DATA(self.ranking)

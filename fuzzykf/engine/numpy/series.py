@@ -354,6 +354,9 @@ def most_likely(
         last of its value, 2 if it is the last of its stratum as well, else 0.
     """
     order, ends = ranking
+    soft = order.size - np.count_nonzero(atoms)
+    if np.count_nonzero(ends) == order.size and not (ends[: max(soft - 1, 0)] == 2).any():
+        return nodes[_most_likely_node(mu, weights, order[:soft], order[soft:])]  # nearly always
     mass = mu[..., order]
     value_ends, strata_ends = np.flatnonzero(ends), np.flatnonzero(ends == 2)
     level = np.add.reduceat(mass / np.where(atoms, 1.0, weights)[order], _begins(value_ends), axis=-1)
@@ -372,6 +375,18 @@ def most_likely(
         chosen = np.argmax(total, axis=-1)
     estimate: FloatArray = nodes[np.take_along_axis(best, chosen[..., None], axis=-1)[..., 0]]
     return estimate
+
+
+def _most_likely_node(mu: FloatArray, weights: FloatArray, inner: IntArray, hard: IntArray) -> IntArray:
+    """Return what `most_likely` chooses among nodes of one edge at most, none of which share a value."""
+    likeliest = densest = np.empty(0, dtype=np.intp)
+    if hard.size:
+        likeliest = hard[np.argmax(mu[..., hard], axis=-1)]
+    if inner.size:
+        densest = inner[np.argmax(mu[..., inner] / weights[inner], axis=-1)]
+    if not (hard.size and inner.size):
+        return likeliest if hard.size else densest
+    return np.where(mu[..., hard].sum(axis=-1) > 0.5, likeliest, densest)
 
 
 def _begins(ends: IntArray) -> IntArray:

@@ -34,9 +34,10 @@ typedef struct {
  * M1) and `twice` (m m, m m, padded M1) carry p_i and p_i P_i to the covariance.  `ahead` (9, padded
  * M1), for scalar systems, sums up the cells; see fk_fill_ahead.  The numbers of the nodes stand in
  * `order` as the estimate of the switch looks through them, the atoms last; `ends` is not 0 at the last
- * node of a value of the switch, and 2 at the last of a stratum, of which `n_edges` are no atoms. */
+ * node of a value of the switch, and 2 at the last of a stratum, of which `n_edges` are no atoms;
+ * `is_plain` if every value is one node and there is one edge at most. */
 typedef struct {
-  int stride, n_atoms, n_edges, M;
+  int stride, n_atoms, n_edges, is_plain, M;
   const double *cells;
   const double *twice, *noise, *ahead;
   const double *nodes, *weights; /* padded M */
@@ -340,9 +341,29 @@ FK_STATIC int fk_largest_row(const fk_summary *s, int i, int M2, int blocks) {
   return top;
 }
 
+/* The estimate of `fk_most_likely` where no nodes share a value and at most one edge is there: almost always. */
+FK_INLINE int fk_most_likely_node(const fk_summary *s, const double *mu) {
+  const int *order = s->order, soft = s->M - s->n_atoms;
+  double atoms = 0.0, best = -INFINITY, best_inner = -INFINITY;
+  int hard = 0, inner = 0;
+  for (int a = soft; a < s->M; a++) {
+    const double mass = mu[order[a]];
+    atoms += mass;
+    hard = mass > best ? order[a] : hard;
+    best = mass > best ? mass : best;
+  }
+  for (int a = 0; a < soft; a++) {
+    const double density = mu[order[a]] / s->weights[order[a]];
+    inner = density > best_inner ? order[a] : inner;
+    best_inner = density > best_inner ? density : best_inner;
+  }
+  return soft == 0 || atoms > 0.5 ? hard : inner;
+}
+
 /* MPM, the estimate of the switch by the rule of the 2020 paper, section VI-B, in the likeliest stratum, on a
  * tie the earlier one; no branch depends on mu. */
 FK_STATIC double fk_most_likely(const fk_summary *s, const double *mu) {
+  if (s->is_plain) return s->nodes[fk_most_likely_node(s, mu)];
   const int *order = s->order, soft = s->M - s->n_atoms;
   double stratum = 0.0, most = -INFINITY, level = 0.0, best = -INFINITY;
   int value = 0, winner = 0;
