@@ -42,8 +42,6 @@ from fuzzykf.switching.inference.series import (
     result_of,
     smoothed_result,
 )
-from fuzzykf.switching.inference.series import (
-)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Iterator
