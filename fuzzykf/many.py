@@ -91,18 +91,20 @@ class ManySeries:
             coords=self.coords,
         )
 
-    def beside(self, name: str, values: Any) -> FloatArray:
-        """Read what has one number for each observation: in any of the forms that series come in.
+    def beside(self, name: str, values: Any, size: int = 1) -> FloatArray:
+        """Read what goes with each observation, in any of the forms that series come in.
 
         Parameters
         ----------
         name : str
             The argument, for errors.
         values : array_like, DataFrame, list, tuple or mapping
+        size : int
+            How many numbers go with each.
 
         Returns
         -------
-        ndarray, shape (series, n)
+        ndarray, shape (series, n, size)
 
         Raises
         ------
@@ -110,7 +112,7 @@ class ManySeries:
             If it is of other series, or of other rows.
         """
         try:
-            other = read_many(values, 1)
+            other = read_many(values, size)
         except (ShapeError, ParameterError) as error:
             raise type(error)(str(error).replace("zs:", f"{name}:", 1)) from error
         if other.values.shape[:2] != self.values.shape[:2] or not _equal(other.lengths, self.lengths):
@@ -124,7 +126,7 @@ class ManySeries:
         for mine, theirs in zip(_indexes(self), _indexes(other), strict=True):
             if mine is not None and theirs is not None and not mine.equals(theirs):
                 raise ParameterError(f"zs, {name}: rows of different indexes; expected the same")
-        return other.values[..., 0]
+        return other.values
 
 
 def stacked(results: Sequence[FilterResult], names: Iterable[str]) -> dict[str, FloatArray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +32,7 @@ from fuzzykf.switching.inference.series import (
 from fuzzykf.switching.models.base import SwitchingModel
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable
+    from collections.abc import Hashable, Iterable, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -123,13 +124,14 @@ class KnownSwitchFilter(SwitchingFilter):
 
     # ------------------------------------------------------------------ verbs
 
-    def predict(self, r: float | None = None) -> None:
+    def predict(self, r: ArrayLike | None = None) -> None:
         """Move to the time of the next observation.
 
         Parameters
         ----------
-        r : float, optional
-            Value of the switch at that time; else it has to come with `update`.
+        r : float or array_like, optional
+            Value of the switch at that time; else it has to come with `update`.  Of a fuzzy switch between
+            more than two classes, class weights (K,) or the number of a class.
 
         Raises
         ------
@@ -151,14 +153,14 @@ class KnownSwitchFilter(SwitchingFilter):
             self._r_next, self._tables = value, tables
         self._told_at_predict = self._r_next is not None
 
-    def update(self, z: Numbers, r: float | None = None) -> None:
+    def update(self, z: Numbers, r: ArrayLike | None = None) -> None:
         """Take an observation into account.
 
         Parameters
         ----------
         z : array_like
             The observation.
-        r : float, optional
+        r : float or array_like, optional
             Value of the switch at its time, unless given to `predict`.
 
         Raises
@@ -189,15 +191,15 @@ class KnownSwitchFilter(SwitchingFilter):
         assert self._r_next is not None
         self._r, self._r_next, self._tables = self._r_next, None, None
 
-    def step(self, z: Numbers, r: float | None = None) -> FloatArray:
+    def step(self, z: Numbers, r: ArrayLike | None = None) -> FloatArray:
         """Predict, then update with ``z``, at the value ``r`` of the switch.
 
         Parameters
         ----------
         z : array_like
             The observation.
-        r : float
-            Value of the switch at its time.
+        r : float or array_like
+            Value of the switch at its time, as for `predict`.
 
         Returns
         -------
@@ -225,9 +227,10 @@ class KnownSwitchFilter(SwitchingFilter):
         if self._takes_weights and value.size == self.model.n_classes:
             return self.model.class_weights(value.reshape(1, -1))[0]
         if value.size != 1:
-            raise ShapeError(f"r: got shape {value.shape}, expected one value of the switch")
-        weights = self.model.class_weights(value.reshape(1))
-        return weights[0] if self._takes_weights else float(value.reshape(()))
+            weights = f", class weights ({self.model.n_classes},) or a class" if self._takes_weights else ""
+            raise ShapeError(f"r: got shape {value.shape}, expected one value of the switch{weights}")
+        shares = self.model.class_weights(value.reshape(1))
+        return shares[0] if self._takes_weights else float(value.reshape(()))
 
     def filter(  # type: ignore[override]
         self,
@@ -311,7 +314,7 @@ class KnownSwitchFilter(SwitchingFilter):
         zs: ManySeriesLike,
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
         *,
-        r: ManySeriesLike | str = None,
+        r: ManySeriesLike | str | Sequence[str] = None,
         by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
@@ -322,7 +325,10 @@ class KnownSwitchFilter(SwitchingFilter):
         zs, keep, by
             As in `SwitchingFilter.filter_many`.
         r : array_like, shape (series, n), DataFrame, list, tuple or mapping
-            Values of the switch, of the same series and rows; with ``by`` the name of their column.
+            Values of the switch, of the same series and rows; with ``by`` the name of their column.  Of a
+            fuzzy switch between more than two classes, numbers of classes, or class weights
+            (series, n, K), which several components of an observation could be; with ``by`` the names
+            of their columns.
         resume : bool
             As in `filter`.
 
@@ -338,19 +344,27 @@ class KnownSwitchFilter(SwitchingFilter):
             paths = switches[rows][:, : series.shape[1]]
             return stacked(self._filter_each(series, [{"r": path, **given} for path in paths]), names)
 
-        return many.filtered(several)
+        return many.filtered(several, self._no_nodes())
 
     def _read_many_and_switches(self, zs: Any, r: Any, by: Any) -> tuple[ManySeries, FloatArray]:
-        """Return many series, and their switches (series, n)."""
+        """Return many series, and their switches (series, n), or (series, n, K) where these are weights."""
+        K = self.model.n_classes
         if by is None or not hasattr(zs, "columns"):
             many = self._read_many(zs, by)
             if r is None:
                 raise ShapeError(f"r: got nothing, expected the switches, shape {many.values.shape[:2]}")
-            return many, many.beside("r", r)
-        if not isinstance(r, str) or r not in zs.columns or r == by:
-            raise ParameterError(f"r: got {brief(r)}, expected a column of zs, as 'by' is given")
-        switches = zs[[name for name in zs.columns if name in (by, r)]]
-        return self._read_many(zs.drop(columns=r), by), read_many(switches, 1, by).values[..., 0]
+            if self._takes_weights and _axes_of_many(r) == 3:
+                return many, many.beside("r", r, K)
+            return many, many.beside("r", r)[..., 0]
+        names = list(r) if self._takes_weights and isinstance(r, list | tuple) else [r]
+        wanted = (1, K) if self._takes_weights else (1,)
+        known = all(isinstance(name, str) and name in zs.columns and name != by for name in names)
+        if not known or len(names) not in wanted or len(set(names)) < len(names):
+            columns = f"a column of zs, or {K} of class weights" if self._takes_weights else "a column of zs"
+            raise ParameterError(f"r: got {brief(r)}, expected {columns}, as 'by' is given")
+        switches = zs[[*([by] if by in zs.columns else []), *names]]  # as named, whatever their order there
+        values = read_many(switches, len(names), by).values
+        return self._read_many(zs.drop(columns=names), by), values if len(names) > 1 else values[..., 0]
 
     def forecast(self, steps: int) -> FilterResult:
         """Refuse: a forecast needs the switches of the future.
@@ -369,7 +383,12 @@ class KnownSwitchFilter(SwitchingFilter):
         """Return a result with what was told of the switch."""
         weights = self.model.class_weights(r)
         mean = None if self._takes_weights else r
-        return replace(result, nodes=None, switch=r, switch_mean=mean, class_weights=weights)
+        nodes = self._no_nodes()
+        return replace(result, nodes=nodes, switch=r, switch_mean=mean, class_weights=weights)
+
+    def _no_nodes(self) -> FloatArray | None:
+        """Return what results have for nodes: none that stays, but class weights (1, K) show their shape."""
+        return np.full((1, self.model.n_classes), np.nan) if self._takes_weights else None
 
     def _read(self, zs: ManyNumbers, r: ArrayLike, resume: bool = False) -> tuple[FloatArray, KnownPath]:
         """Return observations and path of the switch, which begins where the filter is if it resumes."""
@@ -453,6 +472,18 @@ class KnownSwitchFilter(SwitchingFilter):
 def _may_be(value: Any, given: Any) -> bool:
     """Whether a value of the switch is the one that was given before, if any was."""
     return given is None or bool(np.array_equal(value, given))
+
+
+def _axes_of_many(r: Any) -> int:
+    """Return how many axes the switches of many series have, in any of the forms that series come in."""
+    if hasattr(r, "columns"):
+        return 2 + (getattr(r.columns, "nlevels", 1) > 1)
+    if hasattr(r, "ndim"):
+        return int(r.ndim)
+    members = list(r.values()) if isinstance(r, Mapping) else r
+    if not isinstance(members, list | tuple):
+        return 0
+    return 1 + (_axes_of_many(members[0]) if members else 0)
 
 
 def _as_switches(r: ArrayLike) -> FloatArray:
