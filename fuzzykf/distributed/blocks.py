@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from fuzzykf.distributed.outputs import DIMS
+from fuzzykf.distributed.outputs import dims_of
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping, Sequence
@@ -162,14 +162,15 @@ def apply(
         resume,
     )
     positions = [xr.DataArray(da.arange(series.sizes[d], chunks=(chunks[d],)), dims=d) for d in loops]
-    sizes = {d: n for name, shape in shapes.items() for d, n in zip(DIMS[name], shape, strict=True)}
+    dims = {name: dims_of(name, shape) for name, shape in shapes.items()}
+    sizes = {d: n for name, shape in shapes.items() for d, n in zip(dims[name], shape, strict=True)}
     fields = xr.apply_ufunc(
         block,
         series,
         *inputs,
         *positions,
         input_core_dims=[list(core), *own, *([] for _ in positions)],
-        output_core_dims=[[core[0], *DIMS[name]] for name in shapes],
+        output_core_dims=[[core[0], *dims[name]] for name in shapes],
         dask="parallelized",
         output_dtypes=[np.float64] * len(shapes),
         dask_gufunc_kwargs={"output_sizes": sizes},

@@ -112,9 +112,10 @@ def filter_dataset(
     xarray.Dataset
         One variable for each field, of dimensions (series..., ``dim``, ...): ``state`` for ``x``,
         ``state`` and ``state_column`` for ``P``, ``node`` for ``mu``, whose coordinate holds the
-        values of the switch.  Coordinates of the observations are kept.  Attributes are those of
-        ``ds``, and the filter, its model (as `CGOFMSModel.save` writes it) and the version.  Lazy;
-        with ``store``, opened from there.
+        values of the switch, ``class`` for ``class_weights``.  Of a fuzzy switch between more than two
+        classes ``switch`` has the dimension ``class``, too, and ``class_weights_of_node`` holds the values.
+        Coordinates of the observations are kept.  Attributes are those of ``ds``, and the filter, its model
+        (as `CGOFMSModel.save` writes it) and the version.  Lazy; with ``store``, opened from there.
 
     Raises
     ------
@@ -169,8 +170,15 @@ def filter_dataset(
     others = {key: find_input(ds, key, name, series, dim, component) for key, name in names.items()}
     if missing_chunks == "raise":
         check_chunks(ds, [series.name, *names.values()])
-    found = probe(filter_, None if keep is None else check_keep(keep, tuple(DIMS)), others, dim)
+    wanted = None if keep is None else check_keep(keep, tuple(DIMS))
+    found = probe(filter_, wanted, others, dim)
     shapes = {name: getattr(found, name).shape[2:] for name in DIMS if getattr(found, name) is not None}
+    for name in wanted or ():
+        if name not in shapes:
+            raise ParameterError(
+                f"keep: got {name!r}, which {type(filter_).__name__} does not find for this model, expected "
+                f"names among {', '.join(shapes) or 'those that it finds'}"
+            )
     if not shapes:
         raise ParameterError("keep: got no name, expected at least one field")
     check_names(series, shapes, states, filter_.dim_x)

@@ -183,6 +183,8 @@ def probe(
     for key, value in others.items():
         last = value.dims[value.dims.index(dim) + 1 :]
         options[key] = np.zeros((1, 1, *(value.sizes[d] for d in last)))
+        if last:
+            options[key][..., 0] = 1.0  # class weights sum to one
     try:
         return filter_.filter_many(np.full((1, 1, filter_.dim_z), np.nan), **options)
     except TypeError as error:

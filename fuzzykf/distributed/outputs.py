@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.base import Filter, FilterResult
 
-__all__ = ["DIMS", "check_names", "describe"]
+__all__ = ["DIMS", "check_names", "describe", "dims_of"]
 
 _STATE, _SQUARE = ("state",), ("state", "state_column")
 
@@ -27,11 +27,20 @@ _STATE, _SQUARE = ("state",), ("state", "state_column")
 DIMS = {name: known.axes[1:] for name, known in FIELDS.items() if known.streamed}
 
 
+def dims_of(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Return the dimensions of a field whose shape at one step is known.
+
+    A value of the switch between more than two classes has one more: it is class weights.
+    """
+    dims = DIMS[name]
+    return dims if len(shape) == len(dims) else (*dims, "class")
+
+
 def check_names(
     series: xr.DataArray, shapes: Mapping[str, tuple[int, ...]], states: Sequence[str] | None, dim_x: int
 ) -> None:
     """Refuse names that two things would have."""
-    for name in (*shapes, *(d for field in shapes for d in DIMS[field])):
+    for name in (*shapes, *(d for field, shape in shapes.items() for d in dims_of(field, shape))):
         if name in series.dims or name in series.coords:
             raise ParameterError(
                 f"ds: its dimension or coordinate {name!r} has the name of a result; "
@@ -58,8 +67,12 @@ def describe(
         variable.attrs = {"long_name": FIELDS[str(name)].description}
         if units is not None and dims in (_STATE, _SQUARE):
             variable.attrs["units"] = units if dims == _STATE else f"({units})^2"
-    if "node" in result.dims and np.ndim(probe.nodes) == 1 and np.isfinite(probe.nodes).all():
-        result = result.assign_coords(node=("node", probe.nodes, {"long_name": "value of the switch"}))
+    if "node" in result.dims and probe.nodes is not None and np.isfinite(probe.nodes).all():
+        if probe.nodes.ndim == 1:
+            result = result.assign_coords(node=("node", probe.nodes, {"long_name": "value of the switch"}))
+        else:
+            about = {"long_name": FIELDS["nodes"].description}
+            result = result.assign_coords(class_weights_of_node=(("node", "class"), probe.nodes, about))
     if states is not None:
         result = result.assign_coords({d: list(states) for d in _SQUARE if d in result.dims})
     kept = {key: value for key, value in ds.attrs.items() if key != MARK}  # what it says is of the old store

@@ -20,6 +20,7 @@ from fuzzykf import (
     CGOFMSModel,
     CGOMSMFilter,
     CGOMSModel,
+    FadeLaw,
     FilterResult,
     FuzzyMarkovLaw,
     FuzzyRelationEstimator,
@@ -173,6 +174,45 @@ def test_known_switches_and_controls_come_from_further_variables(ds, fuzzy_model
         with_controls = more.assign(heating=variable)
         found = filter_dataset(with_controls, kf, "reading", inputs={"us": "heating"})
         assert_same(found.x.values, expected.x)
+
+
+@pytest.fixture(scope="module")
+def ring():
+    """A fuzzy model of three classes."""
+    law = FadeLaw(3, {(0, 1): (0.1, 6), (1, 2): (0.1, 5), (2, 0): (0.2, 4)})
+    pair = np.kron([[1.0, 0.8], [0.8, 1.0]], [[1.0, 0.5], [0.5, 1.0]])
+    return CGOFMSModel(law, np.outer([0.0, 2.0, -1.0], [1.0, 1.0]), np.broadcast_to(pair, (3, 3, 4, 4)), 1)
+
+
+@pytest.mark.parametrize("keep", [("class_weights", "switch"), ("mu", "x"), ("switch",)])
+def test_switches_between_several_classes_are_weights(keep, ds, ring, tmp_path) -> None:
+    readings = ds[["reading"]].drop_vars(list(ds.coords))
+    found = filter_dataset(readings, ring, "reading", n_nodes=3, keep=keep)
+    expected = OFSRFilter(ring, 3).filter_many(ds.reading.values, keep=keep)
+    assert found.sizes.get("class", 3) == 3
+    for name in keep:
+        assert_same(found[name].values, getattr(expected, name))
+    for name in {"class_weights", "switch"} & set(keep):
+        assert found[name].dims == ("meter", "time", "class")
+    if "mu" in keep:
+        np.testing.assert_array_equal(found.class_weights_of_node.values, OFSRFilter(ring, 3).nodes)
+    stored = filter_dataset(readings, ring, "reading", n_nodes=3, keep=keep, store=tmp_path / "found.zarr")
+    assert_same(stored[keep[0]].values, found[keep[0]].values)
+    with pytest.raises(ParameterError, match="keep: got 'switch_mean', which OFSRFilter does not find"):
+        filter_dataset(readings, ring, "reading", n_nodes=3, keep=["x", "switch_mean"])
+
+
+def test_known_class_weights_come_from_a_variable(ds, ring) -> None:
+    weights = np.random.default_rng(3).dirichlet(np.ones(3), (11, 30))
+    more = ds[["reading"]].assign(season=(("meter", "time", "kind"), weights))
+    f = KnownSwitchFilter(ring)
+    found = filter_dataset(more, f, "reading", inputs={"r": "season"}, keep=["x", "switch", "class_weights"])
+    assert_same(found.x.values, f.filter_many(ds.reading.values, r=weights).x)
+    assert found.switch.dims == found.class_weights.dims == ("meter", "time", "class")
+    np.testing.assert_array_equal(found.switch.values, weights)
+    labels = more.assign(season=(("meter", "time"), weights.argmax(axis=2)))
+    found = filter_dataset(labels, f, "reading", inputs={"r": "season"}, keep=["x"])
+    assert_same(found.x.values, f.filter_many(ds.reading.values, r=weights.argmax(axis=2)).x)
 
 
 def test_series_may_have_any_number_of_dimensions_in_any_order(fuzzy_model) -> None:
