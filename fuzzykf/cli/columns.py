@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.times import Times
 
-__all__ = ["Rows", "as_csv", "components", "read_rows"]
+__all__ = ["Rows", "as_csv", "components", "read_rows", "switch_columns"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +125,16 @@ def components(name: str, values: FloatArray, suffix: str = "") -> dict[str, Flo
     """Name the columns of an array (n, k): ``x``, or ``x0``, ``x1``, ..."""
     k = values.shape[1]
     return {f"{name}{'' if k == 1 else j}{suffix}": values[:, j] for j in range(k)}
+
+
+def switch_columns(name: str, values: FloatArray) -> dict[str, FloatArray]:
+    """Name the column of values of the switch: numbers (n,), or of class weights (n, K) the class.
+
+    Between classes it is empty.
+    """
+    if values.ndim == 1:
+        return {name: values}
+    return {name: np.where(values.max(axis=1) == 1.0, values.argmax(axis=1), np.nan)}
 
 
 def as_csv(

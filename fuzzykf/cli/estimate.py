@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from fuzzykf.cli.columns import Rows, as_csv, components, read_rows
+from fuzzykf.cli.columns import Rows, as_csv, components, read_rows, switch_columns
 from fuzzykf.cli.output import (
     UsageError,
     check_file,
@@ -229,13 +229,15 @@ def _columns(result: FilterResult, zs: FloatArray, level: float, fuzzy: bool) ->
     std = np.sqrt(np.diagonal(result.P, axis1=-2, axis2=-1))
     columns = components("x", result.x) | components("x", std, "_std")
     columns |= components("x", lower, "_lower") | components("x", upper, "_upper")
-    columns["switch"] = np.asarray(result.switch)
-    if fuzzy:
+    columns |= switch_columns("switch", np.asarray(result.switch))
+    if fuzzy and result.switch_mean is None:  # between more than two classes
+        columns |= {f"class_{k}": u for k, u in enumerate(result.class_weights.T)}
+    elif fuzzy:
         columns["switch_mean"] = np.asarray(result.switch_mean)
     else:
         columns |= {f"regime_{k}": p for k, p in enumerate(result.mu.T)}
     if result.switch_path is not None:
-        columns["switch_path"] = np.asarray(result.switch_path)
+        columns |= switch_columns("switch_path", np.asarray(result.switch_path))
     nothing = np.isnan(zs).all(axis=1)
     columns["log_likelihood"] = np.where(nothing, np.nan, result.log_likelihood)
     return columns

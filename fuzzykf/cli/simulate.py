@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from fuzzykf.cli.columns import as_csv, components
+from fuzzykf.cli.columns import as_csv, components, switch_columns
 from fuzzykf.cli.output import (
     check_file,
     console_beside,
@@ -90,7 +90,10 @@ def _columns(series: Simulation, labels: Labels) -> tuple[str, dict[str, FloatAr
 
     states = {free(name, "state"): x for name, x in _named("x", series.x, labels.states).items()}
     switch, index = free("switch", "drawn"), free("row", "drawn")
-    return index, {switch: series.r, **states, **observations}
+    told = switch_columns(switch, series.r)
+    if series.r.ndim == 2:
+        told |= {free(f"class_{k}", "drawn"): weights for k, weights in enumerate(series.r.T)}
+    return index, {**told, **states, **observations}
 
 
 def _named(letter: str, values: FloatArray, names: tuple[str, ...] | None) -> dict[str, FloatArray]:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fuzzykf import CGLSSM, CGOFMSModel, CGOMSMFilter, CGOMSModel, OFSRFilter
+from fuzzykf import CGLSSM, CGOFMSModel, CGOMSMFilter, CGOMSModel, FadeLaw, OFSRFilter
 from fuzzykf.cli.app import app
 from fuzzykf.switching.laws.cells import CellLaw
 
@@ -119,6 +119,42 @@ def test_a_hard_model_has_a_probability_for_each_regime_and_several_components(h
     np.testing.assert_allclose(numbers(found["x1"]), expected.x[:, 1], rtol=1e-12, atol=1e-14)
     for k in range(3):
         np.testing.assert_allclose(numbers(found[f"regime_{k}"]), expected.mu[:, k], rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("verb", ["filter", "smooth"])
+def test_a_fuzzy_switch_between_classes_has_a_share_for_each(verb, tmp_path) -> None:
+    law = FadeLaw(3, {(0, 1): (0.1, 6), (1, 2): (0.1, 5), (2, 0): (0.2, 5)})
+    pair = np.kron([[1.0, 0.8], [0.8, 1.0]], [[1.0, 0.9], [0.9, 1.0]])
+    shape = (3, 3, 4, 4)
+    model = CGOFMSModel(law, np.outer([0.0, 9.0, -9.0], [1.0, 1.0]), np.broadcast_to(pair, shape), 1)
+    model.save(tmp_path / "model.json")
+    zs = model.simulate(60, np.random.default_rng(0)).y
+    (tmp_path / "new.csv").write_text("y\n" + "\n".join(map(repr, zs[:, 0].tolist())) + "\n")
+    out = tmp_path / "out.csv"
+    result = run(verb, tmp_path / "model.json", tmp_path / "new.csv", "--obs", "y", "-o", out)
+    assert result.exit_code == 0, result.output
+    found, expected = table(out), getattr(OFSRFilter(model), verb)(zs, keep_nodes=True)
+    path = ["switch_path"] if verb == "smooth" else []
+    names = ["switch", "class_0", "class_1", "class_2", *path, "log_likelihood"]
+    assert list(found)[5:] == names
+    for k in range(3):
+        np.testing.assert_array_equal(numbers(found[f"class_{k}"]), expected.class_weights[:, k])
+    for name in ("switch", *path):
+        value = getattr(expected, name)
+        classes = numbers(found[name])
+        hard = (value == 1.0).any(axis=1)
+        assert hard.any()
+        assert not hard.all()
+        assert [cell == "" for cell in found[name]] == (~hard).tolist()
+        np.testing.assert_array_equal(np.eye(3)[classes[hard].astype(int)], value[hard])
+    drawn = run("simulate", tmp_path / "model.json", "-n", 50, "--seed", 3, "-o", out)
+    assert drawn.exit_code == 0, drawn.output
+    found, expected = table(out), model.simulate(50, np.random.default_rng(3))
+    assert list(found) == ["row", "switch", "class_0", "class_1", "class_2", "x", "y"]
+    np.testing.assert_array_equal(np.stack([numbers(found[f"class_{k}"]) for k in range(3)], 1), expected.r)
+    assert ["" if np.isnan(k) else k for k in numbers(found["switch"])] == [
+        u.argmax() if u.max() == 1.0 else "" for u in expected.r
+    ]
 
 
 def test_a_free_law_is_filtered_on_the_nodes_that_it_was_learned_on(
