@@ -264,7 +264,7 @@ class FilterResult:
         return self.x - half, self.x + half
 
     def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
-        """Draw the state with its band, and the switch as a shaded strip.
+        """Draw the state with its band, and the switch as a shaded strip, or as areas of class weights.
 
         Parameters
         ----------

@@ -8,7 +8,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers, brief, is_whole
-from fuzzykf.plotting.style import BLUE, ORANGE, STRIP, SURFACE, axes_or_new
+from fuzzykf.plotting.style import BLUE, ORANGE, SURFACE, axes_or_new, shades_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -196,11 +196,8 @@ def plot_path(r: ArrayLike, ax: Axes | None = None) -> Axes:
         axes.plot(time, path, color=BLUE, linewidth=1.0)
         axes.set(ylabel="switch", ylim=(-0.05, 1.05))
     else:
-        from matplotlib import colormaps
-
         K = path.shape[1]
-        shades = colormaps[STRIP](np.linspace(0.15, 0.85, K))
-        axes.stackplot(time, path.T, colors=shades, labels=[f"class {k}" for k in range(K)])
+        axes.stackplot(time, path.T, colors=shades_of(K), labels=[f"class {k}" for k in range(K)])
         axes.set(ylabel="class weights", ylim=(0.0, 1.0))
         axes.legend(fontsize="small", ncols=K, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
     axes.set_xlabel("step")
@@ -218,8 +215,9 @@ def plot_model(
 ) -> Axes:
     """Draw what a switch does: mean and spread of state and observation in every regime.
 
-    For a fuzzy model the horizontal axis is the value of the switch, for a hard one the
-    regime.  Bands are two standard deviations of the stationary (first) law.
+    For a fuzzy model of two classes the horizontal axis is the value of the switch, for others the
+    regime, or class; `plot_graph` draws the ways between classes.  Bands are two standard deviations of the
+    stationary (first) law.
 
     Parameters
     ----------
@@ -254,7 +252,7 @@ def plot_model(
     if not is_whole(component) or not 0 <= component < min(m, q):
         raise ParameterError(f"component: got {brief(component)}, expected 0 to {min(m, q) - 1}")
     axes = axes_or_new(ax, figsize=(6.0, 3.5))
-    fuzzy = model.is_fuzzy
+    fuzzy = model.is_fuzzy and model.n_classes == 2  # between more there is no line of values
     r = np.linspace(0.0, 1.0, 101) if fuzzy else np.arange(model.n_classes, dtype=np.float64)
     mean, covariance = model.form.marginal(model.class_weights(r))
     shown = [f"{label} ({unit})" if unit else label for label, unit in zip(labels, units, strict=True)]
@@ -270,7 +268,10 @@ def plot_model(
             axes.errorbar(
                 r + shift, mean[:, k], half, fmt=marker, color=color, capsize=3, label=name, linestyle="none"
             )
-    axes.set(xlabel="switch" if fuzzy else "regime", ylabel="mean, with two standard deviations")
+    axes.set(
+        xlabel="switch" if fuzzy else "class" if model.is_fuzzy else "regime",
+        ylabel="mean, with two standard deviations",
+    )
     if not fuzzy:
         axes.set_xticks(r)
     axes.legend(fontsize="small")

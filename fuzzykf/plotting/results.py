@@ -1,4 +1,4 @@
-"""The picture of a filtered series."""
+"""The picture of a filtered series, the switch at its foot."""
 
 from __future__ import annotations
 
@@ -9,19 +9,25 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers, brief, is_whole
 from fuzzykf.observations import check_aligned, index_of
-from fuzzykf.plotting.style import BLUE, STRIP, TRUTH, axes_or_new, date_axis
+from fuzzykf.plotting.style import BLUE, STRIP, TRUTH, axes_or_new, date_axis, shades_of
 from fuzzykf.times import has_durations, has_times, read_times, written_times
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from fuzzykf.arrays import Numbers
+    from fuzzykf.arrays import FloatArray, Numbers
     from fuzzykf.results import FilterResult
 
 __all__ = ["plot_result"]
 
 #: Share of the height that the strip of the switch takes, below the axis of time.
 _STRIP_HEIGHT = 0.05
+
+#: The same for the weights of more than two classes, which lie on one another there.
+_AREAS_HEIGHT = 0.22
+
+#: Most classes that the bar beside the picture numbers one by one.
+_MOST_NUMBERED = 12
 
 #: Share of the height that is kept free for the legend, above what is drawn.
 _LEGEND_HEIGHT = 0.16
@@ -38,6 +44,9 @@ def plot_result(
     unit: str = "",
 ) -> Axes:
     """Draw one component of the state with its band, and the switch as a shaded strip.
+
+    Of a fuzzy switch between more than two classes the strip shows the class weights as areas on one
+    another, which fill its height together: from class 0 at its foot to the last one.
 
     Parameters
     ----------
@@ -119,6 +128,8 @@ def plot_result(
     axes.margins(x=0)
     if result.switch_mean is not None:
         _strip(axes, time, result)
+    elif result.class_weights is not None:
+        _areas(axes, time, result.class_weights)
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + _LEGEND_HEIGHT * (high - low))
     axes.legend(loc="upper right", fontsize="small", ncols=3, frameon=False)
@@ -192,6 +203,31 @@ def _strip(axes: Axes, time: Any, result: FilterResult) -> None:
     axes.set_ylim(foot, high)
     bar = axes.figure.colorbar(image, ax=axes, pad=0.01, fraction=0.05)
     bar.set_label("switch (strip)")
+
+
+def _areas(axes: Axes, time: Any, weights: FloatArray) -> None:
+    """Draw class weights (n, K) as stacked areas in a strip at the foot of the axes."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+    K = weights.shape[1]
+    low, high = axes.get_ylim()
+    height = _AREAS_HEIGHT * (high - low)
+    foot = low - 1.1 * height
+    above = np.cumsum(weights, axis=1)
+    above[:, -1] = 1.0  # the sum, whatever rounding has left of it
+    below = np.column_stack([np.zeros(len(weights)), above[:, :-1]])
+    shades = shades_of(K)
+    for k in range(K):
+        axes.fill_between(
+            time, foot + height * below[:, k], foot + height * above[:, k], color=shades[k], linewidth=0
+        )
+    axes.axhline(foot + height, color="black", linewidth=0.6)
+    axes.set_ylim(foot, high)
+    scale = ScalarMappable(BoundaryNorm(np.arange(K + 1) - 0.5, K), ListedColormap(shades))
+    numbers = range(0, K, -(-K // _MOST_NUMBERED))
+    bar = axes.figure.colorbar(scale, ax=axes, pad=0.01, fraction=0.05, ticks=numbers)
+    bar.set_label("class (areas at the foot)")
 
 
 def _ends(axes: Axes, time: Any) -> tuple[float, float]:

@@ -14,7 +14,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["BLUE", "ORANGE", "STRIP", "SURFACE", "TRUTH", "axes_or_new", "date_axis", "figure_class"]
+__all__ = [
+    "BLUE",
+    "ORANGE",
+    "STRIP",
+    "SURFACE",
+    "TRUTH",
+    "axes_or_new",
+    "date_axis",
+    "figure_class",
+    "shades_of",
+]
 
 #: Colours: of the main estimate, of its rival, and of what is true.
 BLUE, ORANGE, TRUTH = "#0072B2", "#D55E00", "#000000"
@@ -35,6 +45,13 @@ def figure_class() -> type[Figure]:
     except ImportError as error:
         raise MissingDependencyError(_NEEDED) from error
     return Figure
+
+
+def shades_of(n_classes: int) -> Any:
+    """Return a shade for each class, (K, 4), from light to dark, which are told apart in a print in grey."""
+    from matplotlib import colormaps
+
+    return colormaps[STRIP]([0.15 + 0.7 * k / max(n_classes - 1, 1) for k in range(n_classes)])
 
 
 def axes_or_new(ax: Axes | None, **options: Any) -> Axes:

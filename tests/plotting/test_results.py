@@ -9,7 +9,15 @@ import pytest
 import xarray as xr
 from matplotlib import pyplot as plt
 
-from fuzzykf import CGOFMSModel, CGOMSModel, FilterResult, FuzzyMarkovLaw, OFSRFilter
+from fuzzykf import (
+    CGOFMSModel,
+    CGOMSModel,
+    FadeLaw,
+    FilterResult,
+    FuzzyMarkovLaw,
+    KnownSwitchFilter,
+    OFSRFilter,
+)
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.plotting import plot_law, plot_model, plot_result
 
@@ -58,6 +66,68 @@ def test_the_strip_lies_below_everything_that_is_drawn(model):
     axes = plot_result(result)
     strip_top = axes.get_images()[0].get_extent()[3]
     assert strip_top < result.interval(0.9)[0].min()
+
+
+def ring(K):
+    """A fuzzy model of K classes, each of which fades into the next."""
+    law = FadeLaw(K, {(k, (k + 1) % K): (0.1, 6) for k in range(K)})
+    z = np.array([[1.0, 0.5], [0.5, 2.0]])
+    pair = np.block([[z, 0.5 * z], [0.5 * z, z]])
+    means = np.outer(np.arange(K), [2.0, 1.0])
+    return CGOFMSModel(law, means, np.broadcast_to(pair, (K, K, 4, 4)), 1)
+
+
+@pytest.mark.parametrize("K", [3, 5, 30])
+@pytest.mark.parametrize("known", [False, True])
+def test_weights_of_several_classes_are_areas_that_fill_a_strip(K, known):
+    model = ring(K)
+    truth = model.simulate(40, np.random.default_rng(0))
+    result = (
+        KnownSwitchFilter(model).filter(truth.y, truth.r) if known else OFSRFilter(model, 2).smooth(truth.y)
+    )
+    axes = plot_result(result)
+    assert not axes.get_images()
+    areas = [area.get_paths()[0].vertices for area in axes.collections[1 : K + 1]]  # after the band
+    foot = axes.get_ylim()[0]
+    top = max(area[:, 1].max() for area in areas)
+    assert top < result.interval(0.9)[0].min()
+    previous = np.zeros(40)
+    for k, area in enumerate(areas):
+        steps, height = area[:, 0], (area[:, 1] - foot) / (top - foot)
+        upper = np.array([height[steps == n].max() for n in range(40)])
+        np.testing.assert_allclose(upper - previous, result.class_weights[:, k], atol=1e-9)
+        previous = upper
+    np.testing.assert_allclose(previous, 1.0)
+    shades = [tuple(area.get_facecolor()[0]) for area in axes.collections[1 : K + 1]]
+    assert len(set(shades)) == K
+    assert [shade[0] for shade in shades] == sorted((shade[0] for shade in shades), reverse=True)
+    bar = axes.figure.axes[1]
+    assert bar.get_ylabel() == "class (areas at the foot)"
+    numbers = [round(tick) for tick in bar.get_yticks() if -0.5 < tick < K - 0.5]
+    assert numbers == list(range(0, K, 1 if K < 13 else 3))
+
+
+def test_areas_are_drawn_against_times():
+    pd = pytest.importorskip("pandas")
+    model = ring(3)
+    index = pd.date_range("2026-01-01", periods=30, freq="h", name="time")
+    series = pd.Series(model.simulate(30, np.random.default_rng(0)).y[:, 0], index=index)
+    axes = OFSRFilter(model, 2).filter(series).plot()
+    assert axes.get_xlabel() == "time"
+    steps = axes.collections[1].get_paths()[0].vertices[:, 0]
+    assert np.ptp(steps) * 24.0 == pytest.approx(29.0)
+
+
+def test_a_model_of_several_classes_is_drawn_class_by_class():
+    axes = plot_model(ring(4))
+    assert axes.get_xlabel() == "class"
+    assert [round(tick) for tick in axes.get_xticks()] == [0, 1, 2, 3]
+    means = [bars.lines[0].get_ydata() for bars in axes.containers]
+    np.testing.assert_array_equal(means, [[0, 2, 4, 6], [0, 1, 2, 3]])
+    for bars, variance in zip(axes.containers, (1.0, 2.0), strict=True):
+        ends = np.array([part[:, 1] for part in bars.lines[2][0].get_segments()])
+        np.testing.assert_allclose(np.ptp(ends, axis=1), 4.0 * np.sqrt(variance))
+    assert plot_model(ring(4).harden()).get_xlabel() == "regime"
 
 
 def test_a_result_is_drawn_into_given_axes_against_its_index(model):
