@@ -209,6 +209,23 @@ def test_tables(model):
     assert many.switch.dims == many.class_weights.dims == ("series", "hour", "class")
 
 
+def test_on_a_cycle_the_direction_of_fades_is_worth_a_quarter_of_the_error():
+    law = FadeLaw(4, {(0, 1): (1 / 26, 8), (1, 2): (1 / 8, 6), (2, 3): (1 / 24, 8), (3, 0): (1 / 10, 6)})
+    z = np.array([[0.5, 0.4], [0.4, 1.0]])
+    pair = np.broadcast_to(np.block([[z, 0.5 * z], [0.5 * z, z]]), (4, 4, 4, 4))
+    cycle = CGOFMSModel(law, [[4.0, 10.0], [8.0, 13.0], [6.0, 20.0], [9.0, 16.0]], pair, 1)
+    days = [cycle.simulate(480, np.random.default_rng(seed)) for seed in range(8)]
+    x, y, r = (np.stack([getattr(one, name) for one in days]) for name in ("x", "y", "r"))
+    errors = []
+    for f in (cycle.filter(), cycle.harden().filter()):
+        found = f.filter_many(y, keep=("x", "class_weights"))
+        errors.append([np.mean((found.x - x) ** 2), np.mean((found.class_weights - r) ** 2)])
+    known = np.mean((KnownSwitchFilter(cycle).filter_many(y, r=r).x - x) ** 2)
+    fuzzy, hard = np.array(errors)
+    assert (fuzzy <= 0.75 * hard).all()
+    assert known < fuzzy[0]
+
+
 # --------------------------------------------------------------------------- the switch known
 
 #: The number of a class, and its weights.
