@@ -430,7 +430,7 @@ class SwitchingFilter(Stepper, Filter):
             series, each as `filter` takes it, of any length.
         keep : sequence of str
             Which fields to store: names among ``x``, ``P``, ``x_prior``, ``P_prior``,
-            ``mu``, ``switch``, ``switch_mean``, ``log_likelihood``.
+            ``mu``, ``class_weights``, ``switch``, ``switch_mean``, ``log_likelihood``.
         by : hashable, optional
             The column (or level of the index) of a frame that says which series a row belongs to, if its rows
             are those of all series.
