@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -80,7 +80,8 @@ class SwitchChain:
     initial: FloatArray
     transition: FloatArray
     class_weights: FloatArray
-    keys: FloatArray  # by which engines name values (M,): these themselves, or numbers of nodes
+    # by which engines name values (M,): these themselves, or numbers of nodes; they follow from the nodes
+    keys: FloatArray = field(repr=False)
 
     def __init__(
         self,
