@@ -10,7 +10,7 @@ from fuzzykf.base import FilterResult, as_observations, check_keep
 from fuzzykf.engine.selected import predict_linear
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_flag, as_numbers, as_real
-from fuzzykf.kalman import linear_series
+from fuzzykf.kalman import linear_series, variants
 from fuzzykf.kalman.arguments import (
     as_covariance,
     as_matrix,
@@ -44,13 +44,6 @@ from fuzzykf.kalman.series import (
 from fuzzykf.kalman.smoothing import LinearMotions, rts_smoother, smooth_result
 from fuzzykf.kalman.stepper import LinearStepper
 from fuzzykf.kalman.updates import condition, condition_linear, log_density, observed, zero_where_missing
-from fuzzykf.kalman.variants import (
-    block_matrices,
-    block_of,
-    update_block,
-    update_with_gain,
-    whole_observation,
-)
 from fuzzykf.many import stacked
 from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
@@ -353,7 +346,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             if value is None:
                 self._skip(x, P, self.dim_z)
                 return
-            x, y, seen = update_with_gain(x, value, H, K)
+            x, y, seen = variants.update_with_gain(x, value, H, K)
             self._set_posterior(x, P.copy())
             self.z, self.y = value, y
             if seen is not None:
@@ -439,10 +432,12 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         with whole_verb(self):
             (x, P), m = self._state(), self.dim_z
-            block = block_of(start, as_numbers("z_i", z_i).size, m)
-            H, R = block_matrices(block, H_i, R_i, self.H, self.R, (m, self.dim_x))
-            whole = whole_observation(self.z, self.y, self.K, (m, 1)[: x.ndim], (self.dim_x, m))
-            x, P, log_likelihood, mahalanobis = update_block(x, P, z_i, H, R, block, whole, self._I, self.inv)
+            block = variants.block_of(start, as_numbers("z_i", z_i).size, m)
+            H, R = variants.block_matrices(block, H_i, R_i, self.H, self.R, (m, self.dim_x))
+            whole = variants.whole_observation(self.z, self.y, self.K, (m, 1)[: x.ndim], (self.dim_x, m))
+            x, P, log_likelihood, mahalanobis = variants.update_block(
+                x, P, z_i, H, R, block, whole, self._I, self.inv
+            )
             self._set_posterior(x, P)
             self.z, self.y, self.K = whole
             self._log_likelihood, self._mahalanobis = log_likelihood, mahalanobis
