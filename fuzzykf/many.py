@@ -105,6 +105,7 @@ class ManySeries:
         Returns
         -------
         ndarray, shape (series, n, size)
+            NaN where something is missing, and beyond the end of a series.
 
         Raises
         ------

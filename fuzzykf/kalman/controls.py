@@ -282,8 +282,8 @@ def _beside(us: Any, many: ManySeries, width: int) -> FloatArray:
     if width and count != width:
         raise ShapeError(f"us: got controls of {count} components, expected {width}")
     if count == 1:
-        return many.beside("us", us)
-    return np.stack([many.beside("us", _component(us, k)) for k in range(count)], axis=-1)
+        return many.beside("us", us)[..., 0]
+    return np.stack([many.beside("us", _component(us, k))[..., 0] for k in range(count)], axis=-1)
 
 
 def _components(us: Any, many: ManySeries, width: int) -> int:
