@@ -128,7 +128,14 @@ def _n_arguments(function: Density) -> int:
 
 def _evaluate(name: str, density: Density, *r: FloatArray) -> FloatArray:
     shape = np.broadcast_shapes(*(a.shape for a in r))
-    value = np.asarray(density(*r), dtype=np.float64)
+    try:
+        value = np.asarray(density(*r), dtype=np.float64)
+    except TypeError as error:  # such as a function of one argument
+        what = "an array" if len(r) == 1 else f"{len(r)} arrays"
+        raise ParameterError(
+            f"{name}: called with {what} of values of the switch, it raised a TypeError ({error}); expected "
+            "a function that returns the density of each"
+        ) from error
     try:
         value = np.broadcast_to(value, shape)
     except ValueError:

@@ -276,6 +276,9 @@ def assert_same_law(law, other):
         ([[0.2, 0.05], [0.05, 0.2]], [0.1, 0.1, 0.1], 0.1, "edges: got 3 parts, expected the two"),
         ([[0.2, 0.05], [0.05, 0.2]], None, 0.1, "edges: "),
         ([[0.2, 0.05], [0.05, 0.2]], 0.1, "x", "interior: expected an array of numbers"),
+        ([[0.2, 0.05], [0.05, 0.2]], 0.1, lambda a: a, "interior: called with 2 arrays of .* a TypeError"),
+        ([[0.2, 0.05], [0.05, 0.2]], 0.1, np.zeros, "interior: called with 2 arrays of .* a TypeError"),
+        ([[0.2, 0.05], [0.05, 0.2]], lambda r: "x" * r, 0.1, "edges: called with an array of .* a TypeError"),
     ],
 )
 def test_inadmissible_densities(corners, edges, interior, message):
