@@ -295,10 +295,6 @@ class Filter(ABC):
         """Read many series, in any of the forms in which they come."""
         return read_many(zs, self.dim_z, by)
 
-    def _named(self, zs: Any, argument: str = "zs") -> Any:
-        """Return the observations of a series, by name where the filter knows any."""
-        return zs
-
     def _follow(self, index: Any) -> None:
         """Remember how the index of a series goes on that the filter has just come to the end of."""
         sequel = sequel_of(index)

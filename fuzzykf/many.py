@@ -14,7 +14,7 @@ from fuzzykf.labels import columns_of
 from fuzzykf.missing import as_floats
 from fuzzykf.observations import as_many, as_observations, check_aligned, index_of
 from fuzzykf.results import FilterResult
-from fuzzykf.sequel import warn_of_steps
+from fuzzykf.sequel import is_timed, warn_of_steps
 from fuzzykf.tables import coords_of
 from fuzzykf.texts import listed
 from fuzzykf.times import has_times
@@ -251,7 +251,7 @@ def _of_columns(frame: Any, dim_z: int, chosen: Chosen) -> ManySeries:
     columns, index = frame.columns, index_of(frame)
     if len(set(columns)) < len(columns):
         raise ParameterError(f"zs: two columns have one name; they are {_named(columns)}")
-    if _in_time(columns) and not _in_time(index):
+    if is_timed(columns) and not is_timed(index):
         raise ParameterError("zs: its columns are times, expected those in the rows: zs.T")
     if dim_z == 1:
         values = _numbers(frame)
@@ -295,23 +295,20 @@ def _numbers(frame: Any) -> FloatArray:
     return values
 
 
-def _in_time(index: Any) -> bool:
-    """Whether an index is made of times, or of durations."""
-    return has_times(index) or getattr(getattr(index, "dtype", None), "kind", "") == "m"
-
-
 def _of_dimensions(array: Any, dim_z: int, chosen: Chosen) -> ManySeries:
     """Read a DataArray (series, n) or (series, n, component)."""
     if array.ndim < 2:
         raise ShapeError(f"zs: got the dimensions {array.dims}, expected those of series and of rows")
     series, rows = array.dims[:2]
     names, index = array.indexes.get(series), array.indexes.get(rows)
-    if (_in_time(names) or str(series).lower() == "time") and not _in_time(index):
+    if (is_timed(names) or str(series).lower() == "time") and not is_timed(index):
         raise ParameterError(
             f"zs: its first dimension, {series!r}, counts times, expected series first: "
             f"zs.transpose({rows!r}, {series!r}, ...)"
         )
     if chosen is _as_it_is:
+        check_aligned(zs=array[0] if len(array) else None)
+        warn_of_steps(index)
         return ManySeries(as_many(array.to_numpy(), dim_z), names, index, coords=coords_of(array, 2))
     many = _of_list([array[k] for k in range(len(array))], dim_z, None, chosen)
     return ManySeries(many.values, names, index, coords=coords_of(array, 2))
@@ -337,12 +334,10 @@ def _of_rows(frame: Any, dim_z: int, by: Any, chosen: Chosen) -> ManySeries:
     times = [name for name in rest.columns if has_times(rest[name])]
     if len(times) == 1 and not has_times(rest.index):  # a column of times is no observation
         rest = rest.set_index(times[0])
-    named = (
-        type(frame.columns)(list(places), name=by)
-        if type(frame.columns).__name__ == "Index"
-        else list(places)
-    )
-    return _of_list([rest.iloc[rows] for rows in places.values()], dim_z, named, chosen)
+    import pandas as pd
+
+    names = pd.Index(list(places), name=by, tupleize_cols=False)
+    return _of_list([rest.iloc[rows] for rows in places.values()], dim_z, names, chosen)
 
 
 def _without_level(part: Any, level: Any) -> Any:

@@ -10,12 +10,12 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, StepsWarning
 from fuzzykf.steps import find_steps, step_note
-from fuzzykf.times import as_spans, has_times, read_times
+from fuzzykf.times import as_spans, has_durations, has_times, read_times
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Sequel", "is_of_working_days", "sequel_of", "warn_of_steps"]
+__all__ = ["Sequel", "is_of_working_days", "is_timed", "sequel_of", "warn_of_steps"]
 
 #: Digits that the steps of an index of floats may be off by, in units of the last place of its largest.
 _ROUNDING = 4
@@ -79,7 +79,7 @@ class Sequel:
         ParameterError
             Names both stamps.
         """
-        if not (_is_timed(index) and _is_timed(self.end)) or not len(index):
+        if not (is_timed(index) and is_timed(self.end)) or not len(index):
             return
         first, expected = index[0], self.ahead(1, skip)
         try:
@@ -96,8 +96,9 @@ class Sequel:
             )
 
 
-def _is_timed(index: Any) -> bool:
-    return has_times(index) or getattr(getattr(index, "dtype", None), "kind", "") == "m"
+def is_timed(index: Any) -> bool:
+    """Whether an index is made of times, or of durations."""
+    return has_times(index) or has_durations(index)
 
 
 def sequel_of(index: Any) -> Sequel | None:
@@ -152,7 +153,9 @@ def warn_of_steps(index: Any, argument: str = "zs") -> None:
     argument : str
         What it is called, for the message.
     """
-    if not _is_timed(index) or len(index) < 3 or getattr(index, "freq", None) is not None:
+    if not is_timed(index) or len(index) < 3:
+        return
+    if getattr(index, "freq", None) is not None and index.dtype.kind in "mM":  # periods may have holes
         return
     numbers = getattr(index, "asi8", None)
     if numbers is not None and (np.diff(numbers) == numbers[1] - numbers[0]).all():

@@ -19,7 +19,7 @@ from fuzzykf import (
     OFSRFilter,
 )
 from fuzzykf.base import as_observation
-from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
+from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError, StepsWarning
 from fuzzykf.many import read_many
 
 HOURS = pd.date_range("2026-03-01", periods=5, freq="h", name="hour")
@@ -455,3 +455,19 @@ def test_names_that_results_have_are_refused_by_xarray():
     with pytest.raises(ParameterError, match="to_xarray: the index or a coordinate is called 'x'"):
         linear().filter_many(frame).to_xarray()
     assert linear().filter_many(WIDE.rename_axis(columns="meter")).to_xarray().x.dims[0] == "meter"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_times_of_an_array_of_xarray_are_looked_at(filters, name):
+    array = xr.DataArray([A, B], dims=["meter", "hour"], coords={"hour": HOURS})
+    with pytest.raises(ParameterError, match="the index of row 1 is"):
+        filters[name].filter_many(array[:, ::-1])
+    with pytest.warns(StepsWarning, match="2 rows are missing"):
+        filters[name].filter_many(array[:, [0, 1, 4]])
+
+
+def test_keys_name_the_series_of_a_frame_whose_columns_are_numbered():
+    numbered = LONG.reset_index("meter").set_axis([0, 1], axis=1)
+    found = linear().filter_many(numbered, by=0)
+    assert list(found.names) == ["a", "b"]
+    np.testing.assert_allclose(found.x[1], linear().filter(B).x, rtol=1e-12)

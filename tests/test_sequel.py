@@ -176,6 +176,8 @@ def test_a_smoother_ends_at_the_end_too(make, request):
     f = (request.getfixturevalue(make) if isinstance(make, str) else make)()
     assert f.smooth(LOAD).index.equals(HOURS)
     assert f.forecast(3).index.equals(AHEAD)
+    with pytest.warns(StepsWarning, match="2 rows are missing"):
+        f.smooth(GAPPY)
 
 
 def test_parts_of_a_series_end_at_the_last(fuzzy):
@@ -220,6 +222,13 @@ def test_a_part_that_does_not_follow_is_refused(f, kind):
     f.filter(LOAD.reset_index(drop=True), resume=True)  # parts are numbered anew
 
 
+def test_periods_that_are_missing_are_told():
+    months = pd.period_range("2026-01", periods=6, freq="M")
+    linear().filter(pd.Series(0.1, months))  # a warning is an error here
+    with pytest.warns(StepsWarning, match="1 row is missing"):
+        linear().filter(pd.Series(0.1, months.delete(3)))
+
+
 def test_the_index_of_unequal_steps_still_has_to_go_on():
     f = linear()
     uneven = pd.Series([1.0, 2.0, 3.0], HOURS[[0, 1, 4]] + pd.to_timedelta([0, 3, 5], unit="min"))
@@ -232,10 +241,8 @@ def test_the_index_of_unequal_steps_still_has_to_go_on():
 GAPPY = LOAD.drop(HOURS[[2, 3]])
 
 
-@pytest.mark.parametrize("verb", ["filter", "smooth", "filter_many"])
+@pytest.mark.parametrize("verb", ["filter", "filter_many"])
 def test_rows_that_an_index_lacks_are_told(f, verb):
-    if not hasattr(f, verb):
-        pytest.skip("has no smoother")
     zs = {"a": LOAD, "b": GAPPY} if verb == "filter_many" else GAPPY
     name = "series 'b'" if verb == "filter_many" else "zs"
     with pytest.warns(

@@ -129,7 +129,10 @@ def test_crossings_are_integrals() -> None:
 
     def area(k, j, w):
         """Of the pairs (u, v) of the k-th and j-th cells from the vertex with u + v <= w."""
-        bound = lambda u: max(min((j + 1) * h, w - u), j * h)  # noqa: E731
+
+        def bound(u):
+            return max(min((j + 1) * h, w - u), j * h)
+
         return dblquad(lambda v, u: 1.0, k * h, (k + 1) * h, j * h, bound, epsabs=1e-10)[0]
 
     for k in range(3):
