@@ -61,6 +61,7 @@ MODULES = {
     "fuzzykf.switching.hard_model": "fuzzykf.switching.models.hard",
     "fuzzykf.switching.law_cells": "fuzzykf.switching.laws.cells",
     "fuzzykf.switching.law_families": "fuzzykf.switching.laws",
+    "fuzzykf.switching.learning.chains": "fuzzykf.switching.laws.learners",
     "fuzzykf.switching.learning.result": "fuzzykf.results",
     "fuzzykf.switching.many": "fuzzykf.switching.inference.series",
     "fuzzykf.switching.missing": "fuzzykf.switching.inference.exact",

@@ -523,7 +523,10 @@ class FitResult(Generic[M]):
         What the data cannot support.
     switch_mean : ndarray or pandas Series, shape (n,)
         Posterior mean of the switch along the training data (the switch itself, if it was
-        given); NaN where x or y is missing.  Several series follow one another.
+        given); NaN where x or y is missing.  Several series follow one another.  None for a fuzzy switch
+        between more than two classes.
+    class_weights : ndarray or pandas DataFrame, shape (n, K)
+        Posterior shares of the regimes, likewise.
     bic_of_forms : dict
         BIC of each form of the Gaussian part that was learned; with ``form="auto"`` the
         model has the one of the least.
@@ -552,6 +555,7 @@ class FitResult(Generic[M]):
     converged: bool
     warnings: tuple[str, ...] = ()
     switch_mean: Any = field(default=None, repr=False)
+    class_weights: Any = field(default=None, repr=False)
     bic_of_forms: dict[str, float] = field(default_factory=dict)
     refit: Callable[[Simulation], FitResult[M]] | None = field(default=None, repr=False)
     occupancy: FloatArray | None = field(default=None, repr=False)

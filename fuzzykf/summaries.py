@@ -134,7 +134,7 @@ def _about_model(fit: Any) -> list[tuple[str, str]]:
 
 
 def _about_data(fit: Any) -> list[tuple[str, str]]:
-    given = fit.n_observations if fit.switch_mean is None else len(fit.switch_mean)
+    given = fit.n_observations if fit.class_weights is None else len(fit.class_weights)
     left_out = given - fit.n_observations
     return [
         ("rows used", f"{fit.n_observations:,}"),

@@ -7,15 +7,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from fuzzykf.errors import ParameterError
 from fuzzykf.immutable import Immutable
+from fuzzykf.switching.laws.learners import LawChain
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from matplotlib.axes import Axes
 
     from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.switching.laws.chain import SwitchChain
+    from fuzzykf.switching.laws.learners import ChainFamily
 
 __all__ = ["NODES", "Law", "ParametricLaw", "Reach"]
 
@@ -40,7 +43,7 @@ class Law(Immutable, ABC):
 
     #: Name of the family: in `LAWS`, in files, and where a law to be learned is named.
     kind: ClassVar[str]
-    #: Whether laws of the family can be learned.
+    #: Whether a search for a law of two classes can begin that is told the family alone.
     learned: ClassVar[bool] = False
     #: Number of nodes on which alone the law can be discretised; None where any will do.
     own_nodes: int | None = None
@@ -63,6 +66,10 @@ class Law(Immutable, ABC):
     @abstractmethod
     def p_hard(self) -> float:
         """Probability that the switch is in a hard regime."""
+
+    def size(self, n_nodes: int) -> int:
+        """Return the number of nodes of the chain on so many between two classes."""
+        return self.n_classes + n_nodes
 
     def nodes_up_to(self, most: int) -> int:
         """Return the largest number of nodes, but not above ``most``, that the law can be put on."""
@@ -123,6 +130,57 @@ class Law(Immutable, ABC):
         there = chain.initial > 0.0
         return Reach(chain.class_weights, there[:, None] & (chain.transition != 0.0), there)
 
+    # ------------------------------------------------------------------ learning
+
+    @classmethod
+    def by_name(cls, n_nodes: int) -> Self:
+        """Return the law of two classes from which a search on so many nodes begins, told the family alone.
+
+        Raises
+        ------
+        ParameterError
+            If the family has none.
+        """
+        raise ParameterError(
+            f"law: got {cls.kind!r}, a family that is not learned by name; expected a law of it, from which "
+            "the search begins"
+        )
+
+    def learner(self, n_nodes: int) -> ChainFamily:
+        """Return the chain on so many nodes whose free numbers learning moves, from this law on.
+
+        Raises
+        ------
+        ParameterError
+            If the family cannot be learned.
+        """
+        raise ParameterError(f"law: got one of the kind {self.kind!r}, which cannot be learned")
+
+    def likeliest(self, paths: Sequence[FloatArray], n_nodes: int) -> Self:
+        """Return the law of the same structure that is likeliest for paths of a switch that is known.
+
+        Unless a family knows better: the one whose chain on ``n_nodes`` nodes is, where each value of
+        the switch is taken for its cell.
+
+        Parameters
+        ----------
+        paths : sequence of ndarray, shape (n, K)
+            Class weights.
+        n_nodes : int
+
+        Raises
+        ------
+        ParameterError
+            If the paths cannot come from the law.
+        """
+        from fuzzykf.switching.laws.known_paths import count_nodes
+
+        learner = self.learner(n_nodes)
+        pairs, first = count_nodes(paths, self.discretize(n_nodes))
+        learner.settle(pairs, first)
+        found: Self = learner.law()
+        return found
+
     @abstractmethod
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the law."""
@@ -156,6 +214,11 @@ class ParametricLaw(Law):
     @abstractmethod
     def start(cls) -> Self:
         """Return the law from which a search begins."""
+
+    @classmethod
+    def by_name(cls, n_nodes: int) -> Self:
+        """Return the law from which a search begins."""
+        return cls.start()
 
     @abstractmethod
     def logits(self) -> FloatArray:
@@ -209,3 +272,16 @@ class ParametricLaw(Law):
             If the transitions cannot come from the family.
         """
         return cls.from_logits, cls.n_free
+
+    def learner(self, n_nodes: int) -> ChainFamily:
+        """Return the chain on so many nodes whose logits learning moves."""
+        return LawChain(self, n_nodes)
+
+    def likeliest(self, paths: Sequence[FloatArray], n_nodes: int) -> Self:
+        """Return the law of largest likelihood, whatever the number of nodes: the density is known."""
+        from fuzzykf.switching.laws.known_paths import maximise_density
+
+        before = np.concatenate([path[:-1, 1] for path in paths])
+        after = np.concatenate([path[1:, 1] for path in paths])
+        make, n_free = self.given(before, after)
+        return maximise_density(make, n_free, before, after) if n_free else make(np.empty(0))

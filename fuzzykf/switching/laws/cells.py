@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -10,8 +10,10 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array, brief, is_whole
 from fuzzykf.reprs import shown
 from fuzzykf.switching.laws.chain import SwitchChain, hardened
+from fuzzykf.switching.laws.fmc1 import FMC1
 from fuzzykf.switching.laws.integration import Lines
 from fuzzykf.switching.laws.law import FuzzyMarkovLaw, checked_pair
+from fuzzykf.switching.laws.learners import FreeChain
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -67,6 +69,15 @@ class CellLaw(FuzzyMarkovLaw):
     def lines(self) -> Lines:
         """Where the density is not smooth: at the bounds of the cells."""
         return Lines(kinks=np.empty(0), breaks=np.linspace(0.0, 1.0, max(self._n_cells, 1) + 1), order=2)
+
+    @classmethod
+    def by_name(cls, n_nodes: int) -> Self:
+        """Return the law of two classes from which a search begins: that of FMC1."""
+        return cls(FMC1.on_cells(n_nodes)(FMC1.start().logits()))
+
+    def learner(self, n_nodes: int) -> FreeChain:
+        """Return a chain whose probabilities are all free."""
+        return FreeChain(self.discretize(n_nodes).class_weights, self.masses, CellLaw)
 
     def _cell(self, r: FloatArray) -> np.ndarray:
         inner = np.minimum((r * self._n_cells).astype(int), max(self._n_cells - 1, 0)) + 1

@@ -35,9 +35,12 @@ from fuzzykf.switching.laws.edges import (
     class_weights,
     entries,
 )
+from fuzzykf.switching.laws.fade_events import FadeEvents, count_events
+from fuzzykf.switching.laws.fade_learner import FadeChain
+from fuzzykf.texts import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from fuzzykf.arrays import FloatArray
 
@@ -99,6 +102,7 @@ class FadeLaw(GraphicLaw):
     """
 
     kind = "fade"
+    learned = True
 
     def __init__(
         self,
@@ -243,6 +247,10 @@ class FadeLaw(GraphicLaw):
 
     # ------------------------------------------------------------------ the chain
 
+    def size(self, n_nodes: int) -> int:
+        """Return the number of nodes of the chain with so many cells in each fade."""
+        return self.n_classes + n_nodes * len(self._fades)
+
     def nodes_up_to(self, most: int) -> int:
         """Return the largest number of cells, but not above ``most``, that every fade has room for."""
         return min([most, *(self._room(length) for _, (_, length) in self._fades)])
@@ -354,6 +362,75 @@ class FadeLaw(GraphicLaw):
             if turning:
                 moves[cells, (1 - part) * F + np.arange(F)[::-1]] = -self.turn_back
         return moves
+
+    # ------------------------------------------------------------------ learning
+
+    @classmethod
+    def by_name(cls, n_nodes: int) -> Self:
+        """Return the law of two classes from which a search begins: most departures fade, some jump."""
+        return cls.between(40.0, max(10.0, 2.0 * n_nodes), jump=0.005, turn_back=0.02)
+
+    def with_numbers(
+        self, rates: FloatArray, lengths: FloatArray, jumps: FloatArray, turn_back: float
+    ) -> Self:
+        """Return the law of the same fades and jumps with other numbers, in their order."""
+        fades = {
+            pair: (float(rate), float(length))
+            for (pair, _), rate, length in zip(self._fades, rates, lengths, strict=True)
+        }
+        made = {pair: float(p) for (pair, _), p in zip(self._jumps, jumps, strict=True)}
+        return type(self)(self.n_classes, fades, jumps=made, turn_back=turn_back)
+
+    def learner(self, n_nodes: int) -> FadeChain:
+        """Return the chain with so many cells in each fade, as learning moves it."""
+        return FadeChain(self, n_nodes)
+
+    def likeliest(self, paths: Sequence[FloatArray], n_nodes: int) -> Self:
+        """Return the law in which events are as frequent as along paths of a switch that is known.
+
+        It is the same for all numbers of cells: a fade lasts as many steps as it took on average.
+
+        Parameters
+        ----------
+        paths : sequence of ndarray, shape (n, K)
+            Class weights.
+        n_nodes : int
+
+        Raises
+        ------
+        ParameterError
+            If something happens that the law has no fade, no jump or no turning for.
+        """
+        events = count_events(paths, self.n_classes)
+        self._check_events(events)
+        rates, lengths = [], []
+        for pair, (rate, length) in self._fades:
+            visits = events.visits[pair[0]]
+            rates.append(events.begun.get(pair, 0) / visits if visits else rate)
+            way = events.way.get(pair, 0.0)
+            lengths.append(max(events.steps[pair] / way, 1.0) if way else length)
+        jumps = [events.jumped.get(pair, 0) / (events.visits[pair[0]] or 1.0) for pair, _ in self._jumps]
+        steps = sum(events.steps.values())
+        turned = events.turned / steps if steps else self.turn_back
+        return self.with_numbers(np.array(rates), np.array(lengths), np.array(jumps), turned)
+
+    def _check_events(self, events: FadeEvents) -> None:
+        for name, seen, there in (
+            ("fade", [*events.begun, *events.way], dict(self._fades)),
+            ("jump", [*events.jumped], dict(self._jumps)),
+        ):
+            for pair in seen:
+                if pair not in there:
+                    listed = ", ".join(map(str, there)) or "none"
+                    raise ParameterError(
+                        f"r: {name}s from class {pair[0]} to {pair[1]}, expected the {name}s of the law "
+                        f"alone: {listed}"
+                    )
+        if events.turned and not self.turn_back:
+            raise ParameterError(
+                f"r: turns back in a fade {counted(events.turned, 'time')}, which turn_back = 0 says is "
+                "impossible; expected a law with a positive turn_back"
+            )
 
     # ------------------------------------------------------------------ what follows from it
 

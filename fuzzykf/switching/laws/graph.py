@@ -9,6 +9,7 @@ edges with a common class.  For K = 2 these are FMC1 and FMC2, with corners that
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -22,12 +23,20 @@ from fuzzykf.switching.laws.crossings import as_crossings
 from fuzzykf.switching.laws.edge_families import FAMILIES, EdgeFamily
 from fuzzykf.switching.laws.edges import MOST_CLASSES, GraphicLaw, Link, as_edges, check_cells, class_weights
 from fuzzykf.switching.laws.graph_masses import masses_of
+from fuzzykf.switching.laws.graph_numbers import (
+    law_numbers,
+    logits_of_law,
+    other_widths,
+    width_logit,
+    widths_of,
+)
 from fuzzykf.switching.laws.graph_walk import GraphWalk
+from fuzzykf.switching.laws.learners import LawChain
 from fuzzykf.switching.laws.quadrature import chain_of_joint
-from fuzzykf.switching.laws.shares import ROUNDING
+from fuzzykf.switching.laws.shares import ROUNDING, softmax
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -36,6 +45,12 @@ if TYPE_CHECKING:
     Edge = tuple[int, int]
 
 __all__ = ["GraphLaw"]
+
+#: For parts of which no mass depends on a width.
+DEFAULT_WIDTH = 0.25
+
+#: Quasi-Newton steps of each maximisation: there are many numbers, and the next one goes on.
+STEPS = 5
 
 #: By how much the total mass may miss one.
 MASS_TOLERANCE = 1e-9
@@ -89,6 +104,7 @@ class GraphLaw(GraphicLaw):
     """
 
     kind = "graph"
+    learned = True
 
     def __init__(
         self,
@@ -234,6 +250,10 @@ class GraphLaw(GraphicLaw):
         """Probability that the switch is at a class; at least 3/8 for linear densities, 1/3 for bands."""
         return float(self.class_masses.sum())
 
+    def size(self, n_nodes: int) -> int:
+        """Return the number of nodes of the chain on so many cells of each edge."""
+        return self.n_classes + n_nodes * len(self.edges)
+
     def discretize(self, n_nodes: int, rule: str = "cell") -> SwitchChain:
         """Approximate the law by a chain on the classes and on equal cells of the edges.
 
@@ -336,6 +356,64 @@ class GraphLaw(GraphicLaw):
         masses = np.concatenate([self.class_masses, self.edge_masses])
         return GraphWalk(masses, self.corners, self.edges, self._densities, self._crossings)
 
+    # ------------------------------------------------------------------ learning
+
+    @classmethod
+    def by_name(cls, n_nodes: int) -> Self:
+        """Return the law of two classes from which a search begins."""
+        return cls.from_masses([0.3, 0.3], {(0, 1): 0.4}, jumps={(0, 1): 0.02})
+
+    @property
+    def _ways(self) -> FloatArray:
+        return np.array([(c.kappa, c.width) for c in self._crossings]).reshape(-1, 2)
+
+    def logits(self) -> FloatArray:
+        """Return the free numbers of the law, see `fuzzykf.switching.laws.graph_numbers`."""
+        return logits_of_law(self.corners, self._pairs, self.family, self._ways)
+
+    def from_logits(self, logits: FloatArray) -> Self:
+        """Return the law with the same edges, jumps and crossings that has these free numbers."""
+        sizes = (len(self.edges), self.family, len(self._crossings))
+        found = law_numbers(logits, self.corners, *sizes)
+        ways = dict(zip(self.crossings, map(tuple, found.pop("ways").tolist()), strict=True))
+        return type(self)(self.n_classes, self.edges, **found, family=self.family, crossings=ways)
+
+    def on_cells(self, n_nodes: int) -> Callable[[FloatArray], FloatArray]:
+        """Return the map from free numbers to joint probabilities of two consecutive nodes, (M, M).
+
+        Masses are linear in the shares of the parts; those of parts with widths are kept for the last ones.
+        """
+        n_widths = self._n_widths
+        parts = self.logits().size + 1 - n_widths
+
+        @lru_cache(maxsize=4 * parts)
+        def unit(part: int, width: float) -> FloatArray:
+            """Return the masses of a law that has all of its mass in one part."""
+            alone = np.where(np.arange(parts) == part, 0.0, -np.inf)
+            of_widths = np.full(n_widths, width_logit(width))
+            law = self.from_logits(np.concatenate([_as_logits(alone), of_widths]))
+            return law._cell_masses(n_nodes)
+
+        def joint(logits: FloatArray) -> FloatArray:
+            shares, widths = softmax(logits[: parts - 1]), widths_of(logits[parts - 1 :])
+            own = [DEFAULT_WIDTH] * (parts - n_widths) + widths.tolist()
+            units = np.array([unit(part, width) for part, width in enumerate(own)])
+            return _normalised(np.tensordot(shares, units, axes=1))
+
+        return joint
+
+    @property
+    def _n_widths(self) -> int:
+        return len(self._crossings) + (len(self.edges) if self.family == "band" else 0)
+
+    def elsewhere(self, logits: FloatArray, n_nodes: int) -> list[FloatArray]:
+        """Return free numbers of other widths, which a search on the nodes cannot reach."""
+        return other_widths(logits, self._n_widths, n_nodes)
+
+    def learner(self, n_nodes: int) -> LawChain:
+        """Return the chain on so many cells of each edge, as learning moves it."""
+        return LawChain(self, n_nodes, STEPS)
+
     # ------------------------------------------------------------------ pictures
 
     def links(self) -> list[Link]:
@@ -354,6 +432,17 @@ class GraphLaw(GraphicLaw):
         parameters = f"parameters={value_text(self.parameters['parameters'])}"
         crossings = f", crossings of {len(self._crossings)} pairs" if self._crossings else ""
         return f"GraphLaw({self.n_classes}, [{listed}], family={self.family!r}, {parameters}{crossings})"
+
+
+def _normalised(masses: FloatArray) -> FloatArray:
+    joint: FloatArray = masses / masses.sum()
+    return joint
+
+
+def _as_logits(log_shares: FloatArray) -> FloatArray:
+    """Return free numbers of which these are the logarithms but for a constant; 1000 is infinity."""
+    finite: FloatArray = np.where(np.isfinite(log_shares), log_shares, -1000.0)
+    return finite[1:] - finite[:1]
 
 
 def _listed(name: str, edges: Any) -> list[Any]:

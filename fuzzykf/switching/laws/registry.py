@@ -18,10 +18,11 @@ LAWS = Registry(
         "from_density": "fuzzykf.switching.laws.density:DensityLaw",
         "fade": "fuzzykf.switching.laws.fades:FadeLaw",
         "graph": "fuzzykf.switching.laws.graph:GraphLaw",
+        "chain": "fuzzykf.switching.laws.chains:ChainLaw",
     }
 )
 
 
 def learned_laws() -> tuple[str, ...]:
-    """Return the kinds of laws that can be learned."""
+    """Return the kinds of laws that can be learned by name, between two classes."""
     return tuple(kind for kind, law in LAWS.items() if law.learned)

@@ -20,13 +20,12 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_choice, as_count, as_flag, check_generator
 from fuzzykf.labels import NO_LABELS, Labels
 from fuzzykf.progress import progress_bar
-from fuzzykf.registry import either
 from fuzzykf.results import FitResult, bic
-from fuzzykf.switching.laws.registry import learned_laws
+from fuzzykf.switching.laws.chains import as_law
 from fuzzykf.switching.learning.choice import forms_to_try, learn_forms
 from fuzzykf.switching.learning.data import gather, irregular
 from fuzzykf.switching.learning.fit import Fitted, Options, fit_fuzzy, fit_hard
-from fuzzykf.switching.learning.law import known_switch_laws
+from fuzzykf.switching.learning.law import law_to_learn
 from fuzzykf.switching.learning.memory import check_memory, memory_of_fuzzy, memory_of_hard
 from fuzzykf.switching.learning.notes import one_name
 from fuzzykf.switching.models.base import given_regimes
@@ -45,19 +44,24 @@ T = TypeVar("T")
 
 
 def fit_fuzzy_model(
-    x: Any, y: Any, r: Any, *, law: str, n_nodes: int, progress: bool | None, **options: Any
+    x: Any, y: Any, r: Any, *, law: Any, n_nodes: int, progress: bool | None, **options: Any
 ) -> FitResult[CGOFMSModel]:
     """See `CGOFMSModel.fit`."""
-    if law not in learned_laws():
-        raise ParameterError(f"law: got {law!r}, expected {either(learned_laws())}")
-    if r is not None and law not in known_switch_laws():
-        known = either(known_switch_laws())
-        raise ParameterError(f"law: got {law!r}, expected {known} (a free chain is learned without r)")
     n_nodes = as_count("n_nodes", n_nodes, 0)
-    data = _prepared(x, y, r, options)
-    for form in forms_to_try(options["form"], data):
-        check_memory("n_nodes", n_nodes, 0, partial(memory_of_fuzzy, data=data, form=form))
-    return _learn(partial(fit_fuzzy, law=law, n_nodes=n_nodes), data, x, y, progress, options)
+    K = 2 if isinstance(law, str) else as_law(law).n_classes
+    data = _prepared(x, y, r, options, K)
+
+    def check_size(size: Callable[[int], int]) -> None:
+        for form in forms_to_try(options["form"], data, K):
+            check_memory(
+                "n_nodes",
+                n_nodes,
+                0,
+                lambda n: memory_of_fuzzy(size(n), K, data, form),  # noqa: B023
+            )
+
+    start = law_to_learn(law, n_nodes, check_size)
+    return _learn(partial(fit_fuzzy, law=start, n_nodes=n_nodes), data, x, y, progress, options, K)
 
 
 def fit_hard_model(
@@ -85,8 +89,9 @@ def _learn(
     y: Any,
     progress: bool | None,
     options: dict[str, Any],
+    n_fuzzy: int = 2,
 ) -> FitResult[Any]:
-    forms = forms_to_try(options.pop("form"), data)
+    forms = forms_to_try(options.pop("form"), data, n_fuzzy)
 
     def learn(tick: Callable[[], None] | None) -> tuple[Fitted, dict[str, float]]:
         return learn_forms(
@@ -94,7 +99,7 @@ def _learn(
         )
 
     fitted, values = _with_progress(progress, learn)
-    refit = Refit(fit, {**options, "form": fitted.model.form.kind}, data.r is not None, data.labels)
+    refit = Refit(fit, {**options, "form": fitted.model.form.kind}, data.r is not None, data.labels, n_fuzzy)
     found = _present(fitted, values, data, x, refit)
     return replace(found, warnings=(*irregular(x, y), *one_name(data.labels), *found.warnings))
 
@@ -112,16 +117,19 @@ class Refit:
         Whether the switch was known, and is known again.
     labels : Labels
         Of the data that are simulated.
+    n_fuzzy : int
+        Number of classes between which a fuzzy switch moves.
     """
 
     fit: Callable[..., Fitted]
     options: dict[str, Any]
     knows_switch: bool
     labels: Labels = NO_LABELS
+    n_fuzzy: int = 2
 
     def __call__(self, sample: Simulation) -> FitResult[Any]:
         """Learn from a simulation."""
-        data = gather(sample.x, sample.y, sample.r if self.knows_switch else None)
+        data = gather(sample.x, sample.y, sample.r if self.knows_switch else None, self.n_fuzzy)
         guess = None if self.knows_switch else sample.r
         found = self.fit(data, options=Options(guess=guess, **self.options))
         value = bic(found.n_parameters, len(data.z), found.log_likelihood)
@@ -129,7 +137,7 @@ class Refit:
         return _present(found, {found.model.form.kind: value}, named, sample.x, self)
 
 
-def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any]) -> TrainingData:
+def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any], n_fuzzy: int = 2) -> TrainingData:
     for name in ("n_starts", "max_iter"):
         options[name] = as_count(name, options[name], 1)
     tolerance, rng = options["tolerance"], options["rng"]
@@ -140,7 +148,7 @@ def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any]) -> TrainingData:
     if options["n_starts"] > 4 and rng is None:
         raise ParameterError("rng: missing; more than 4 starts are drawn at random and need a Generator")
     as_choice("form", options["form"], ("auto", "regression", "covariance"))
-    return gather(x, y, r)
+    return gather(x, y, r, n_fuzzy)
 
 
 def _with_progress(progress: bool | None, learn: Callable[[Callable[[], None] | None], T]) -> T:
@@ -154,12 +162,18 @@ def _with_progress(progress: bool | None, learn: Callable[[Callable[[], None] | 
 def _present(
     fitted: Fitted, bic_of_forms: dict[str, float], data: TrainingData, x: Any, refit: Refit
 ) -> FitResult[Any]:
-    switch: Any = np.full(data.n_rows, np.nan)
-    switch[data.kept] = fitted.switch_mean
+    weights: Any = np.full((data.n_rows, fitted.class_weights.shape[1]), np.nan)
+    weights[data.kept] = fitted.class_weights
+    switch: Any = None
+    if fitted.switch_mean is not None:
+        switch = np.full(data.n_rows, np.nan)
+        switch[data.kept] = fitted.switch_mean
     if hasattr(x, "to_numpy") and hasattr(x, "index"):
         import pandas as pd
 
-        switch = pd.Series(switch, index=x.index, name="switch_mean")
+        weights = pd.DataFrame(weights, x.index, [f"class_{k}" for k in range(weights.shape[1])])
+        if switch is not None:
+            switch = pd.Series(switch, index=x.index, name="switch_mean")
 
     return FitResult(
         model=fitted.model._with_labels(data.labels),
@@ -170,7 +184,8 @@ def _present(
         converged=fitted.converged,
         warnings=tuple(fitted.warnings),
         switch_mean=switch,
+        class_weights=weights,
         bic_of_forms=bic_of_forms,
         refit=refit,
-        occupancy=fitted.occupancy,
+        occupancy=fitted.class_weights.mean(axis=0),
     )

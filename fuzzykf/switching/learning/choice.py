@@ -18,11 +18,20 @@ if TYPE_CHECKING:
 __all__ = ["forms_to_try", "learn_forms"]
 
 
-def forms_to_try(form: str, data: TrainingData) -> tuple[str, ...]:
-    """Return the forms that a name stands for; "auto" is both, where both can be learned."""
+def forms_to_try(form: str, data: TrainingData, n_fuzzy: int = 2) -> tuple[str, ...]:
+    """Return the forms that a name stands for; "auto" is both, where both can be learned.
+
+    Parameters
+    ----------
+    form : {"auto", "regression", "covariance"}
+    data : TrainingData
+    n_fuzzy : int
+        Number of classes between which a fuzzy switch moves; between more than two the covariance form
+        is not learned.
+    """
     if form != "auto":
         return (form,)
-    return ("regression", "covariance") if data.z.shape[1] == 2 else ("regression",)
+    return ("regression", "covariance") if data.z.shape[1] == 2 and n_fuzzy == 2 else ("regression",)
 
 
 def learn_forms(

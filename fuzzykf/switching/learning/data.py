@@ -63,7 +63,7 @@ class TrainingData:
         Rows of `z` that follow one another.
     starts : ndarray of int
         Rows of `z` at which a stretch without gaps begins.
-    r : ndarray, shape (N,), or None
+    r : ndarray, shape (N,) or (N, K), or None
         The switch, where it is known.
     scale : Scale
     dim_x : int
@@ -87,7 +87,7 @@ class TrainingData:
     labels: Labels = NO_LABELS
 
 
-def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
+def gather(x: Any, y: Any, r: Any = None, n_fuzzy: int = 2) -> TrainingData:
     """Bring one series or several to a common form.
 
     Parameters
@@ -97,6 +97,9 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
         series are given as lists of arrays, or of tables whose columns have the same names.
     r : array_like, or sequence, optional
         The switch, shape (n,).
+    n_fuzzy : int
+        Number K of classes between which a fuzzy switch moves: between more than two, ``r`` may be class
+        weights (n, K).
 
     Raises
     ------
@@ -128,11 +131,12 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
                 + ("" if c is None else f" and {len(c):,} switch{'' if len(c) == 1 else 'es'}")
             )
         z = np.concatenate([a, b], axis=1)
-        if c is not None and c.shape[1] != 1:
-            raise ShapeError(f"r: series {k} has {c.shape[1]} columns, expected one")
+        if c is not None and c.shape[1] != 1 and (n_fuzzy == 2 or c.shape[1] != n_fuzzy):
+            ways = "one" if n_fuzzy == 2 else f"one of regimes, or the weights of {n_fuzzy} classes"
+            raise ShapeError(f"r: series {k} has {c.shape[1]} columns, expected {ways}")
         complete = np.isfinite(z).all(axis=1)
         if c is not None:
-            complete &= np.isfinite(c[:, 0])
+            complete &= np.isfinite(c).all(axis=1)
         kept = np.flatnonzero(complete)
         follows = np.diff(kept) == 1
         at = n_rows + np.arange(kept.size)
@@ -143,9 +147,9 @@ def gather(x: Any, y: Any, r: Any = None) -> TrainingData:
         n_given += len(z)
         rows.append(z[kept])
         if c is not None:
-            switches.append(c[kept, 0])
+            switches.append(c[kept, 0] if c.shape[1] == 1 else c[kept])
         n_rows += kept.size
-    for name, series in (("x", xs), ("y", ys)):
+    for name, series in (("x", xs), ("y", ys), *([] if r is None else [("r", rs)])):
         widths = sorted({block.shape[1] for block in series})
         if len(widths) != 1:
             raise ShapeError(f"{name}: got series of {widths} components, expected as many in each")

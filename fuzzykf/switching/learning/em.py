@@ -21,8 +21,8 @@ from fuzzykf.switching.learning.regression import Cells
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.learning.chains import ChainFamily
+    from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.switching.laws.learners import ChainFamily
     from fuzzykf.switching.learning.data import TrainingData
     from fuzzykf.switching.learning.gaussians import GaussianEstimate
 
@@ -86,7 +86,9 @@ def expectation(estimate: Estimate, shares: FloatArray, data: TrainingData, v: F
     m = data.dim_x
     q = data.z.shape[1] - m
     M, f = len(shares), v.shape[1]
-    W, constant = estimate.gaussian.rows(pair_shares(shares))
+    transition = estimate.chain.transition
+    possible = np.flatnonzero(transition.reshape(-1))  # no others are looked at
+    W, constant = estimate.gaussian.rows(pair_shares(shares)[possible])
     W = np.moveaxis(W, 1, 0).reshape(-1, f)
     gamma = np.empty((len(data.z), M))
     pairs, first = np.zeros((M, M)), np.zeros(M)
@@ -98,27 +100,40 @@ def expectation(estimate: Estimate, shares: FloatArray, data: TrainingData, v: F
         T = int(stop - start) - 1
         part = v[done : done + T]
         done += T
-        white = (part @ W.T).reshape(T, q + m, M * M)
+        white = (part @ W.T).reshape(T, q + m, possible.size)
         log_emission = constant - 0.5 * (white * white).sum(axis=1)
         posterior, xi, log_likelihood = forward_backward(
-            estimate.chain.initial, estimate.chain.transition, log_emission.reshape(T, M, M)
+            estimate.chain.initial, transition, _spread_out(log_emission, possible, M)
         )
         gamma[start:stop] = posterior
         first += posterior[0]
         if T:
             flat = xi.reshape(T, M * M)
             pairs += flat.sum(axis=0).reshape(M, M)
-            moment += flat.T @ (part[:, :, None] * part[:, None, :]).reshape(T, f * f)
+            if possible.size < M * M:
+                flat = flat[:, possible]
+            moment[possible] += flat.T @ (part[:, :, None] * part[:, None, :]).reshape(T, f * f)
         total += float(log_likelihood.sum())
     return Posterior(gamma, pairs, moment.reshape(M, M, f, f), first, total)
 
 
+def _spread_out(log_emission: FloatArray, possible: IntArray, M: int) -> FloatArray:
+    """Bring what possible pairs have, (T, P), to all of them, (T, M, M)."""
+    T = len(log_emission)
+    if possible.size == M * M:
+        return log_emission.reshape(T, M, M)
+    full = np.repeat(log_emission[:, :1], M * M, axis=1)  # of a size that takes no digits from the others
+    full[:, possible] = log_emission
+    return full.reshape(T, M, M)
+
+
 def cells_of(posterior: Posterior, shares: FloatArray) -> Cells:
-    """Bring the statistics of the pairs of nodes to the form of a regression."""
+    """Bring the statistics of the pairs of nodes to the form of a regression; impossible pairs have none."""
     weight = posterior.pairs.reshape(-1)
     f = posterior.moment.shape[-1]
-    mean = posterior.moment.reshape(-1, f, f) / np.where(weight > 0.0, weight, 1.0)[:, None, None]
-    return Cells(pair_shares(shares), weight, mean)
+    seen = weight > 0.0
+    mean = posterior.moment.reshape(-1, f, f)[seen] / weight[seen][:, None, None]
+    return Cells(pair_shares(shares)[seen], weight[seen], mean)
 
 
 def run_em(

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.laws.chain import stationary_distribution
-from fuzzykf.switching.laws.registry import LAWS
-from fuzzykf.switching.learning.chains import ChainFamily, FreeChain, family_of
+from fuzzykf.switching.laws.chain import shares_of, stationary_distribution
+from fuzzykf.switching.laws.learners import ChainFamily, FreeChain
 from fuzzykf.switching.learning.em import Estimate, Posterior, pair_shares, run_em
 from fuzzykf.switching.learning.gaussians import (
     GaussianEstimate,
@@ -19,9 +18,10 @@ from fuzzykf.switching.learning.gaussians import (
     single_cells,
     transition_vectors,
 )
-from fuzzykf.switching.learning.law import count_transitions, fit_law
+from fuzzykf.switching.learning.law import count_transitions
 from fuzzykf.switching.learning.likelihood import log_likelihood
 from fuzzykf.switching.learning.notes import (
+    LEAST_HARD,
     active_constraint,
     hidden_scarcity,
     instability,
@@ -33,7 +33,7 @@ from fuzzykf.switching.learning.notes import (
     unfinished,
 )
 from fuzzykf.switching.learning.regression import Cells, merged
-from fuzzykf.switching.learning.starts import classes, guesses, soften, spread
+from fuzzykf.switching.learning.starts import classes, guesses, named_guesses, soften, spread
 from fuzzykf.switching.learning.vine import VineEstimate
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 from fuzzykf.switching.models.hard import CGOMSModel
@@ -42,9 +42,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.laws.base import Law
     from fuzzykf.switching.learning.data import TrainingData
 
 __all__ = ["Fitted", "Options", "fit_fuzzy", "fit_hard"]
+
+#: An estimate, its posterior, the trace, and whether it converged; see `run_em`.
+Found = tuple[Estimate, Posterior, list[float], bool]
 
 #: Iterations that every start gets before the best ones go on.
 TRIAL = 12
@@ -97,14 +101,19 @@ class Fitted:
     trace: list[float]
     converged: bool
     warnings: list[str]
-    switch_mean: FloatArray  # at the rows of the data
-    occupancy: FloatArray  # (K,): share of the rows in each regime
+    switch_mean: FloatArray | None  # (N,): at the rows of the data, where regimes have numbers
+    class_weights: FloatArray  # (N, K)
     bounded: bool = False  # whether positive definiteness bounds the parameters
 
 
-def _estimator(form: str, data: TrainingData) -> type[GaussianEstimate]:
+def _estimator(form: str, data: TrainingData, n_fuzzy: int = 2) -> type[GaussianEstimate]:
     if form == "regression":
         return RegressionEstimate
+    if n_fuzzy > 2:
+        raise ParameterError(
+            "form: 'covariance' can be learned for a fuzzy switch between two classes only, got "
+            f"{n_fuzzy}; use 'regression'"
+        )
     if data.z.shape[1] != 2:
         raise ParameterError(
             "form: 'covariance' can be learned for one state and one observation only, got "
@@ -116,7 +125,7 @@ def _estimator(form: str, data: TrainingData) -> type[GaussianEstimate]:
 def _proof(K: int, *, fuzzy: bool) -> FloatArray:
     """Return the shares of the regimes in those pairs."""
     r = proof_values(K, fuzzy=fuzzy)
-    return pair_shares(np.stack([1.0 - r, r], axis=1) if fuzzy else np.eye(K))
+    return pair_shares(np.stack([1.0 - r, r], axis=1) if fuzzy and K == 2 else np.eye(K))
 
 
 def _from_shares(
@@ -134,32 +143,40 @@ def _from_shares(
 # --------------------------------------------------------------------------- the switch is known
 
 
-def fit_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Options) -> Fitted:
-    """Learn a fuzzy model."""
+def fit_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Options) -> Fitted:
+    """Learn a fuzzy model, with a law of the structure of ``law``, at which a hidden switch begins."""
     if data.r is None:
         return _fit_hidden_fuzzy(data, law, n_nodes, options)
-    if not ((data.r >= 0.0) & (data.r <= 1.0)).all():
-        raise ParameterError(f"r: got values from {data.r.min()} to {data.r.max()}, expected [0, 1]")
-    shares = np.stack([1.0 - data.r, data.r], axis=1)
-    fitted = fit_law(law, data.r[data.before], data.r[data.after])
-    estimate = _from_shares(_estimator(options.form, data), shares, data, fuzzy=True)
+    K = law.n_classes
+    shares = _shares(data.r, K)
+    fitted = law.likeliest(np.split(shares, data.starts[1:]), n_nodes)
+    estimate = _from_shares(_estimator(options.form, data, K), shares, data, fuzzy=True)
     w = np.concatenate([np.ones((len(data.z), 1)), data.z], axis=1)
     single = Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :])
     model = CGOFMSModel._from_form(fitted, estimate.form(single, data.scale))
-    bounds = active_constraint(estimate, 2)
+    bounds = active_constraint(estimate, K)
     notes = known_scarcity(shares, data) + bounds
-    hard = float(np.isin(data.r, (0.0, 1.0)).mean())
-    if law == "fmc1" and hard < 0.375:
+    hard = float((shares.max(axis=1) == 1.0).mean())
+    if law.kind == "fmc1" and hard < LEAST_HARD:
         notes.append(
             f"the switch is hard in {hard:.3g} of the data, but FMC1 cannot go below 3/8; consider 'fmc2'"
         )
     system = model.placed(n_nodes)
     value = log_likelihood(system, data)
-    n_parameters = estimate.n_parameters + LAWS[law].n_free
-    at_nodes = (data.r[:, None] == system.chain.nodes).astype(np.float64)
+    n_parameters = estimate.n_parameters + fitted.learner(n_nodes).n_parameters
+    at_nodes = (shares[:, None] == system.chain.class_weights).all(axis=-1).astype(np.float64)
     notes += instability(system) + stuck(at_nodes, system, data) + scant_data(n_parameters, data)
-    occupancy = shares.mean(axis=0)
-    return Fitted(model, value, n_parameters, [value], True, notes, data.r, occupancy, bool(bounds))
+    switch_mean = shares[:, 1] if K == 2 else None
+    return Fitted(model, value, n_parameters, [value], True, notes, switch_mean, shares, bool(bounds))
+
+
+def _shares(r: FloatArray, K: int) -> FloatArray:
+    """Return the class weights (N, K) of a fuzzy switch that is known."""
+    if K > 2:
+        return shares_of(r, K)
+    if not ((r >= 0.0) & (r <= 1.0)).all():
+        raise ParameterError(f"r: got values from {r.min()} to {r.max()}, expected [0, 1]")
+    return np.stack([1.0 - r, r], axis=1)
 
 
 def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
@@ -188,42 +205,33 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     bounds = active_constraint(estimate, K)
     n_parameters = estimate.n_parameters + K * (K - 1)
     notes += bounds + instability(system) + stuck(shares, system, data) + scant_data(n_parameters, data)
-    occupancy = shares.mean(axis=0)
-    return Fitted(model, value, n_parameters, [value], True, notes, data.r, occupancy, bool(bounds))
+    return Fitted(model, value, n_parameters, [value], True, notes, data.r, shares, bool(bounds))
 
 
 # --------------------------------------------------------------------------- the switch is hidden
 
 
-def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Options) -> Fitted:
-    kind = _estimator(options.form, data)
-    base = family_of(law, n_nodes)
-    shares = np.stack([1.0 - base.nodes, base.nodes], axis=1)
-
-    if options.guess is not None:
-        guessed = [options.guess]
-    else:
-        guessed = [spread(rank) for rank in guesses(data, options.n_starts, options.rng)]
-        # the posterior of two hard regimes is one more guess
-        _, posterior, *_ = _best(_hard_starts(kind, data, 2, options), np.eye(2), data, options, final=False)
-        guessed.append(posterior.gamma[:, 1])
-    starts = []
-    for guess in guessed:
-        r = np.round(guess * GUESS_STEPS) / GUESS_STEPS if options.form == "covariance" else guess
-        gaussian = _from_shares(kind, np.stack([1.0 - r, r], axis=1), data, fuzzy=True)
-        starts.append(Estimate(family_of(law, n_nodes), gaussian))
-    estimate, posterior, trace, converged = _best(starts, shares, data, options, final=True)
+def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Options) -> Fitted:
+    K = law.n_classes
+    kind = _estimator(options.form, data, K)
+    shares = law.learner(n_nodes).class_weights
+    starts = [
+        Estimate(law.learner(n_nodes), _from_shares(kind, guess, data, fuzzy=True))
+        for guess in _fuzzy_guesses(kind, data, law, options)
+    ]
+    estimate, posterior, trace, converged = _best(starts, shares, data, options)
     single = single_cells(posterior.gamma, shares, data.z)
     form = estimate.gaussian.form(single, data.scale)
     model = CGOFMSModel._from_form(estimate.chain.law(), form)
     system = model.placed(n_nodes)
-    bounds = active_constraint(estimate.gaussian, 2)
+    bounds = active_constraint(estimate.gaussian, K)
     n_parameters = estimate.gaussian.n_parameters + estimate.chain.n_parameters
     notes = hidden_scarcity(posterior, shares) + bounds + instability(system)
     notes += stuck(posterior.gamma, system, data) + scant_data(n_parameters, data)
     notes += unfinished(converged, options.max_iter)
-    if law == "fmc1":
+    if law.kind == "fmc1":
         notes += too_gradual(estimate, shares, data)
+    weights = posterior.gamma @ shares
     return Fitted(
         model,
         log_likelihood(system, data),
@@ -231,10 +239,28 @@ def _fit_hidden_fuzzy(data: TrainingData, law: str, n_nodes: int, options: Optio
         trace,
         converged,
         notes,
-        posterior.gamma @ base.nodes,
-        (posterior.gamma @ shares).mean(axis=0),
+        posterior.gamma @ shares[:, 1] if K == 2 else None,
+        weights,
         bool(bounds),
     )
+
+
+def _fuzzy_guesses(
+    kind: type[GaussianEstimate], data: TrainingData, law: Law, options: Options
+) -> list[FloatArray]:
+    """Return guesses (N, K) of the shares of the classes along the data."""
+    K = law.n_classes
+    if options.guess is not None:
+        found = [_shares(options.guess, K)]
+    else:
+        ranks = guesses(data, options.n_starts, options.rng) if K == 2 else []
+        found = [_shares(spread(rank), K) for rank in ranks]
+        # posteriors of as many hard regimes are guesses too
+        hard = _trials(_hard_starts(kind, data, K, options), np.eye(K), data, options)
+        found += named_guesses([posterior for _, posterior, *_ in hard], law, data)
+    if options.form != "covariance":
+        return found
+    return [_shares(np.round(one[:, 1] * GUESS_STEPS) / GUESS_STEPS, K) for one in found]
 
 
 def _hard_starts(
@@ -247,7 +273,7 @@ def _hard_starts(
         guessed = [classes(rank, K) for rank in guesses(data, options.n_starts if K > 1 else 1, options.rng)]
     for shares in guessed:
         joint = (0.8 * np.eye(K) + 0.2 / K) / K
-        chain: ChainFamily = FreeChain(np.arange(K, dtype=np.float64), joint)
+        chain: ChainFamily = FreeChain(np.eye(K), joint)
         starts.append(Estimate(chain, _from_shares(kind, shares, data, fuzzy=False)))
     return starts
 
@@ -255,9 +281,8 @@ def _hard_starts(
 def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     kind = _estimator(options.form, data)
     shares = np.eye(K)
-    estimate, posterior, trace, converged = _best(
-        _hard_starts(kind, data, K, options), shares, data, options, final=True
-    )
+    starts = _hard_starts(kind, data, K, options)
+    estimate, posterior, trace, converged = _best(starts, shares, data, options)
     form = estimate.gaussian.form(single_cells(posterior.gamma, shares, data.z), data.scale)
     transition = estimate.chain.transition
     try:
@@ -278,42 +303,53 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         trace,
         converged,
         notes,
-        posterior.gamma @ estimate.chain.nodes,
-        posterior.gamma.mean(axis=0),
+        posterior.gamma @ np.arange(K, dtype=np.float64),
+        posterior.gamma,
         bool(bounds),
     )
 
 
-def _best(
-    starts: list[Estimate], shares: FloatArray, data: TrainingData, options: Options, *, final: bool
-) -> tuple[Estimate, Posterior, list[float], bool]:
+def _best(starts: list[Estimate], shares: FloatArray, data: TrainingData, options: Options) -> Found:
     """Give every start a few iterations, and the best ones all they need."""
-
-    def run(
-        start: Estimate, max_iter: int, *, accelerate: bool = False
-    ) -> tuple[Estimate, Posterior, list[float], bool]:
-        return run_em(
-            start,
-            shares,
-            data,
-            max_iter=max_iter,
-            tolerance=options.tolerance,
-            accelerate=accelerate,
-            tick=options.tick,
-        )
-
-    trial = min(TRIAL, options.max_iter)
-    trials = [run(start, trial) for start in starts]
-    leader = max(trials, key=lambda t: t[2][-1])[0]
-    trials += [run(Estimate(chain, leader.gaussian), trial) for chain in leader.chain.variants()]
-    trials.sort(key=lambda t: -t[2][-1])
-    if not final:
-        return trials[0]
+    trials = _trials(starts, shares, data, options)
     finished = []
     for estimate, posterior, trace, converged in trials[:FINALISTS]:
-        if not converged and options.max_iter > trial:
+        if not converged and options.max_iter > TRIAL:
             far = options.tolerance < CREEP
-            estimate, posterior, more, converged = run(estimate, options.max_iter - trial, accelerate=far)
+            rest = options.max_iter - TRIAL
+            estimate, posterior, more, converged = _run(estimate, shares, data, options, rest, accelerate=far)
             trace = trace + more[1:]
         finished.append((estimate, posterior, trace, converged))
     return max(finished, key=lambda t: t[2][-1])
+
+
+def _trials(starts: list[Estimate], shares: FloatArray, data: TrainingData, options: Options) -> list[Found]:
+    """Give every start, and the chains that the best one may have missed, a few iterations; best first."""
+    trial = min(TRIAL, options.max_iter)
+    trials = [_run(start, shares, data, options, trial) for start in starts]
+    leader = max(trials, key=lambda t: t[2][-1])[0]
+    trials += [
+        _run(Estimate(chain, leader.gaussian), shares, data, options, trial)
+        for chain in leader.chain.variants()
+    ]
+    return sorted(trials, key=lambda t: -t[2][-1])
+
+
+def _run(
+    start: Estimate,
+    shares: FloatArray,
+    data: TrainingData,
+    options: Options,
+    max_iter: int,
+    *,
+    accelerate: bool = False,
+) -> Found:
+    return run_em(
+        start,
+        shares,
+        data,
+        max_iter=max_iter,
+        tolerance=options.tolerance,
+        accelerate=accelerate,
+        tick=options.tick,
+    )

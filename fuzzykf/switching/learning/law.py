@@ -8,70 +8,48 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.registry import either
-from fuzzykf.switching.laws.base import ParametricLaw
-from fuzzykf.switching.laws.registry import LAWS
+from fuzzykf.switching.laws.chains import as_law
+from fuzzykf.switching.laws.registry import LAWS, learned_laws
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.laws.base import Law
 
-__all__ = ["count_transitions", "fit_law", "known_switch_laws"]
+__all__ = ["count_transitions", "law_to_learn"]
+
+#: The size of a law by name is known from that on so few nodes, which always fits.
+FEW = 5
 
 
-def fit_law(kind: str, before: FloatArray, after: FloatArray) -> Any:
-    """Estimate a law from transitions of a switch that is known, by maximum likelihood.
-
-    All transitions are used, hard and fuzzy: the product of p(r_n+1 | r_n).
+def law_to_learn(law: Any, n_nodes: int, check_size: Callable[[Callable[[int], int]], None]) -> Law:
+    """Return the law at which a search begins, and whose structure it keeps.
 
     Parameters
     ----------
-    kind : str
-        A family of laws with a few parameters, see `known_switch_laws`.
-    before, after : ndarray, shape (n,)
-        The switch before and after each transition.
+    law : str, Law or SwitchChain
+    n_nodes : int
+    check_size : callable
+        Told how many nodes the chain of the law has on so many between two classes, before there is one.
 
     Raises
     ------
     ParameterError
-        If the transitions cannot come from the law.
+        If it is no law, or none that can be learned.
     """
-    if kind not in known_switch_laws():
-        raise ParameterError(f"law: got {kind!r}, expected {either(known_switch_laws())}")
-    make, n_free = LAWS[kind].given(before, after)
-    return _maximise(make, n_free, before, after) if n_free else make(np.empty(0))
-
-
-def known_switch_laws() -> list[str]:
-    """Return the kinds of laws that can be learned from a switch that is known."""
-    return [kind for kind, law in LAWS.items() if issubclass(law, ParametricLaw)]
-
-
-def _maximise(make: Callable[[FloatArray], Any], n_free: int, before: FloatArray, after: FloatArray) -> Any:
-    from scipy.optimize import minimize
-
-    pairs, counts = np.unique(np.stack([before, after]), axis=1, return_counts=True)
-
-    def loss(logits: FloatArray) -> float:
-        law = make(np.clip(logits, -40.0, 40.0))
-        joint, marginal = law.joint_density(pairs[0], pairs[1]), law.marginal_density(pairs[0])
-        with np.errstate(divide="ignore"):
-            log_p = np.log(np.maximum(joint, 1e-300)) - np.log(marginal)
-        return -float(counts @ log_p) / float(counts.sum())
-
-    x, best = np.zeros(n_free), np.inf
-    for _ in range(_SIMPLICES):  # a simplex may collapse on a slope; one that starts anew goes on from there
-        found = minimize(loss, x, method="Nelder-Mead", options=_SEARCH)
-        gained, x, best = best - found.fun, found.x, float(found.fun)
-        if gained <= _LITTLE:
-            break
-    return make(np.clip(x, -40.0, 40.0))
-
-
-_SEARCH = {"xatol": 1e-7, "fatol": 1e-11, "maxiter": 4000, "maxfev": 4000}
-
-#: At most so many simplices, until one gains no more than this in the mean log-likelihood.
-_SIMPLICES, _LITTLE = 20, 1e-9
+    if isinstance(law, str):
+        if law not in learned_laws():
+            raise ParameterError(
+                f"law: got {law!r}, expected {either(learned_laws())}, or a law to begin with"
+            )
+        check_size(LAWS[law].by_name(min(n_nodes, FEW)).size)
+        start: Law = LAWS[law].by_name(n_nodes)
+    else:
+        start = as_law(law)
+        check_size(start.size)
+    start.learner(n_nodes)  # what is wrong with it for learning is said before any work
+    return start
 
 
 def count_transitions(before: FloatArray, after: FloatArray, K: int) -> FloatArray:

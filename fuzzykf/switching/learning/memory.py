@@ -30,12 +30,11 @@ def memory_of_hard(K: int, data: TrainingData, form: str) -> int:
     return _regression(pairs, cells, data, form) + (_pass(K, data) if data.r is None else 8 * rows * pairs)
 
 
-def memory_of_fuzzy(n_nodes: int, data: TrainingData, form: str) -> int:
-    """Return about how many bytes it takes to learn a fuzzy switch with so many nodes between 0 and 1."""
+def memory_of_fuzzy(M: int, K: int, data: TrainingData, form: str) -> int:
+    """Return about how many bytes it takes to learn a fuzzy switch of K classes on M nodes."""
     if data.r is not None:
         return 0  # in proportion to the data
-    M = n_nodes + 2
-    return _regression(4, 4 + M * M, data, form) + _pass(M, data)
+    return _regression(K * K, K * K + M * M, data, form) + _pass(M, data)
 
 
 def _regression(pairs: int, cells: int, data: TrainingData, form: str) -> int:

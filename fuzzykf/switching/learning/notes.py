@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.switching.learning.chains import FreeChain
+from fuzzykf.switching.laws.learners import FreeChain
 from fuzzykf.switching.learning.data import component
 from fuzzykf.switching.learning.em import Estimate, Posterior, run_em
 from fuzzykf.switching.learning.vine import VineEstimate
@@ -273,7 +273,7 @@ def too_gradual(estimate: Estimate, shares: FloatArray, data: TrainingData) -> l
     """
     from scipy.special import gammainccinv
 
-    law, nodes = estimate.chain.law(), estimate.chain.nodes
+    law = estimate.chain.law()
     if law.p_hard < LEAST_HARD + 0.02:
         return [
             f"p_hard is {law.p_hard:.3g}, at the bound 3/8 of FMC1: the switch seems to be more gradual than "
@@ -281,7 +281,9 @@ def too_gradual(estimate: Estimate, shares: FloatArray, data: TrainingData) -> l
         ]
     if law.p_hard >= SUSPECT:
         return []
-    start = Estimate(FreeChain(nodes, estimate.chain.joint), estimate.gaussian)
+    start = Estimate(
+        FreeChain(shares, estimate.chain.initial[:, None] * estimate.chain.transition), estimate.gaussian
+    )
     found, posterior, trace, _ = run_em(start, shares, data, max_iter=PROBE, tolerance=1e-5, accelerate=True)
     hard = float(posterior.gamma[:, [0, -1]].sum() / posterior.gamma.sum())
     more = found.chain.n_parameters - estimate.chain.n_parameters

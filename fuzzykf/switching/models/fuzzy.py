@@ -21,8 +21,8 @@ from fuzzykf.switching.dynamics.forms import (
     TransitionForm,
 )
 from fuzzykf.switching.dynamics.registry import FORMS
-from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.chain import shares_of, value_of
+from fuzzykf.switching.laws.chains import as_law
 from fuzzykf.switching.laws.registry import LAWS
 from fuzzykf.switching.models.base import NODES, SwitchingModel
 from fuzzykf.switching.models.hard import CGOMSModel
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.results import FitResult
     from fuzzykf.switching.dynamics.placed import StationarySystem
+    from fuzzykf.switching.laws.base import Law
+    from fuzzykf.switching.laws.chain import SwitchChain
 
 __all__ = ["CGOFMSModel"]
 
@@ -161,8 +163,7 @@ class CGOFMSModel(SwitchingModel):
         return model
 
     def _build(self, law: Law, form: GaussianForm) -> None:
-        if not isinstance(law, Law):
-            raise ParameterError(f"law: got {type(law).__name__}, expected a FuzzyMarkovLaw or another law")
+        law = as_law(law)
         if law.n_classes != form.n_classes:
             raise ParameterError(
                 f"means: got those of {form.n_classes} regimes, expected {law.n_classes}, "
@@ -178,7 +179,7 @@ class CGOFMSModel(SwitchingModel):
         y: ArrayLike | Sequence[ArrayLike],
         r: ArrayLike | Sequence[ArrayLike] | None = None,
         *,
-        law: str = "fmc1",
+        law: str | Law | SwitchChain = "fmc1",
         form: Literal["auto", "regression", "covariance"] = "auto",
         n_nodes: int = 5,
         n_starts: int = 4,
@@ -195,11 +196,14 @@ class CGOFMSModel(SwitchingModel):
             States (n, m) and observations (n, q), or (n,); NaN where missing.  Several
             series are given as lists.  The model remembers the names of tables of pandas, and how far
             their rows are apart (`labels`).
-        r : array_like, shape (n,), or list of these, optional
-            Values of the switch in [0, 1].  If it is hidden, it is learned too.
-        law : {"fmc1", "fmc2", "free"}
-            Family of the law of the switch; "free" is any Markov chain on the nodes
-            (with a hidden switch only).
+        r : array_like, shape (n,) or (n, K), or list of these, optional
+            Values of the switch in [0, 1]; between more than two classes their weights, or numbers of
+            classes (n,).  If it is hidden, it is learned too.
+        law : {"fmc1", "fmc2", "free", "fade", "graph"}, or a law
+            Family of the law of a switch between two classes; "free" is any Markov chain on the nodes.
+            Or a law of any number of classes, whose structure is kept (which fades, jumps or edges there
+            are, and whether fades turn back) and whose numbers are where a search for a hidden switch
+            begins; a `SwitchChain`, any chain with the same arrows.
         form : {"auto", "regression", "covariance"}
             Form of the Gaussian part.  "regression" assumes nothing stationary;
             "covariance" is that of the paper, with fewer parameters, for one state and one

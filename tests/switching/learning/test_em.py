@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.learning.chains import FreeChain, family_of
+from fuzzykf.switching.laws.learners import FreeChain
+from fuzzykf.switching.laws.registry import LAWS
 from fuzzykf.switching.learning.choice import forms_to_try, learn_forms
 from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.em import Estimate, extrapolated, pair_shares, run_em
@@ -56,10 +57,13 @@ def test_extrapolation_has_limits():
     assert extrapolated(*path(np.array([9.0, 2.0, -1.0]), 0.9, limit=8.0), 1e6)[0] is None
 
 
+WEIGHTS = np.stack([1.0 - np.linspace(0, 1, 5), np.linspace(0, 1, 5)], axis=1)
+
+
 def chains():
     joint = np.random.default_rng(0).uniform(0.1, 1.0, (5, 5))
     joint[1, 2] = 0.0
-    return [family_of("fmc1", 3), family_of("fmc2", 3), FreeChain(np.linspace(0, 1, 5), joint)]
+    return [*(LAWS[kind].by_name(3).learner(3) for kind in ("fmc1", "fmc2")), FreeChain(WEIGHTS, joint)]
 
 
 @pytest.mark.parametrize("chain", chains(), ids=["fmc1", "fmc2", "free"])
@@ -111,12 +115,12 @@ def test_a_gaussian_part_is_its_vector(kind, data):
 
 @pytest.mark.parametrize("kind", [RegressionEstimate, VineEstimate])
 def test_acceleration_is_monotone_and_arrives_earlier(kind, data):
-    chain = family_of("fmc1", 3)
-    shares = np.stack([1.0 - chain.nodes, chain.nodes], axis=1)
+    chain = LAWS["fmc1"].by_name(3).learner(3)
+    shares = chain.class_weights
     gaussian = estimate(kind, data)
     found = {}
     for accelerate in (False, True):
-        start = Estimate(family_of("fmc1", 3), gaussian)
+        start = Estimate(LAWS["fmc1"].by_name(3).learner(3), gaussian)
         *_, trace, converged = run_em(
             start, shares, data, max_iter=400, tolerance=1e-5, accelerate=accelerate
         )
@@ -128,9 +132,9 @@ def test_acceleration_is_monotone_and_arrives_earlier(kind, data):
 
 
 def test_a_search_leaves_its_start_as_it_was(data):
-    chain = family_of("fmc1", 3)
+    chain = LAWS["fmc1"].by_name(3).learner(3)
     before = chain.logits.copy()
-    shares = np.stack([1.0 - chain.nodes, chain.nodes], axis=1)
+    shares = chain.class_weights
     run_em(Estimate(chain, estimate(RegressionEstimate, data)), shares, data, max_iter=2, tolerance=1e-6)
     np.testing.assert_array_equal(chain.logits, before)
 
@@ -199,8 +203,8 @@ def test_the_forms_that_a_name_stands_for(data):
 @pytest.mark.parametrize("offset", [20.0, -20.0])
 def test_a_search_ends_where_it_gains_little_and_not_before(offset, data, monkeypatch):
     # whatever the sign of the density: the gain counts
-    chain = family_of("fmc1", 2)
-    shares = np.stack([1.0 - chain.nodes, chain.nodes], axis=1)
+    chain = LAWS["fmc1"].by_name(2).learner(2)
+    shares = chain.class_weights
     start = Estimate(chain, estimate(RegressionEstimate, data))
     usual = RegressionEstimate.log_prior.fget
     moved = property(lambda self: usual(self) + offset * len(data.z))

@@ -71,7 +71,9 @@ def test_what_is_told_is_about_what_it_takes(kind) -> None:
         tracemalloc.stop()
     data = gather(x, y, r)
     told = (
-        memory_of_fuzzy(8, data, "regression") if kind == "fuzzy" else memory_of_hard(8, data, "regression")
+        memory_of_fuzzy(10, 2, data, "regression")
+        if kind == "fuzzy"
+        else memory_of_hard(8, data, "regression")
     )
     assert 0.4 * peak < told < 2.0 * peak
 

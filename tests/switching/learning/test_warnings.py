@@ -10,7 +10,6 @@ import pytest
 
 from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.learning.chains import family_of
 from fuzzykf.switching.learning.em import Estimate
 from fuzzykf.switching.learning.notes import stability_radius, too_gradual
 from fuzzykf.switching.learning.vine import vine_moments
@@ -118,7 +117,7 @@ def test_a_hidden_switch_that_is_too_gradual_for_fmc1():
 
 def test_fmc1_at_its_bound():
     # what the notes say of an estimate whose law is at the bound; no data are needed
-    chain = family_of("fmc1", 5, FuzzyMarkovLaw.fmc1(0.0005, 0.001, 0.996 * 3 / 8))
+    chain = FuzzyMarkovLaw.fmc1(0.0005, 0.001, 0.996 * 3 / 8).learner(5)
     (note,) = too_gradual(Estimate(chain, None), None, None)
     assert note.startswith(f"p_hard is {chain.law().p_hard:.3g}, at the bound 3/8 of FMC1")
 
@@ -212,7 +211,7 @@ def test_the_observations_alone_do_not_do(sim):
 
 
 BAD = [
-    ({"law": "fmc3"}, "law: got 'fmc3', expected 'fmc1', 'fmc2' or 'free'"),
+    ({"law": "fmc3"}, "law: got 'fmc3', expected 'fmc1', 'fmc2', 'free', 'fade' or 'graph'"),
     ({"law": None}, "law: got None"),
     ({"form": "gamma"}, "form: got 'gamma', expected 'auto', 'regression' or 'covariance'"),
     ({"n_nodes": -1}, "n_nodes: got -1, expected a whole number of at least 0"),
@@ -255,8 +254,6 @@ def test_switches_that_are_refused(sim):
         CGOFMSModel.fit(sim.x, sim.y, 2.0 * sim.r)
     with pytest.raises(ParameterError, match=r"r: expected regimes 0 to 1"):
         CGOMSModel.fit(sim.x, sim.y, sim.r)
-    with pytest.raises(ParameterError, match="a free chain is learned without r"):
-        CGOFMSModel.fit(sim.x, sim.y, sim.r, law="free")
     far = np.where(np.arange(400) % 2 == 0, 0.1, 0.9)
     with pytest.raises(ParameterError, match=r"FMC2 allows gradual steps of less than 0\.5"):
         CGOFMSModel.fit(sim.x, sim.y, far, law="fmc2")

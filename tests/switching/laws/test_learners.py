@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from fuzzykf import FuzzyMarkovLaw
-from fuzzykf.errors import ParameterError
 from fuzzykf.switching.laws.cells import CellLaw
-from fuzzykf.switching.learning.chains import FreeChain, _objective, family_of
-from fuzzykf.switching.learning.law import count_transitions, fit_law
+from fuzzykf.switching.laws.learners import FreeChain, _objective
+from fuzzykf.switching.laws.registry import LAWS
 
+WEIGHTS = np.stack([1.0 - np.array([0.0, 0.25, 0.75, 1.0]), [0.0, 0.25, 0.75, 1.0]], axis=1)
 FMC1 = [(0.07, 0.05, 0.16), (0.2, 0.1, 0.1), (0.001, 0.0, 0.37), (0.49, 0.001, 0.002)]
 FMC2 = [(0.12, 0.5, 0.17), (0.1, 0.46, 0.3), (0.05, 0.2, 0.45), (0.15, 0.55, 0.06)]
 
@@ -24,7 +24,7 @@ def joint_of(law, n_nodes):
 @pytest.mark.parametrize("parameters", FMC1)
 def test_fmc1_has_the_masses_of_its_law(n_nodes, parameters):
     law = FuzzyMarkovLaw.fmc1(*parameters)
-    chain = family_of("fmc1", n_nodes, law)
+    chain = law.learner(n_nodes)
     np.testing.assert_allclose(
         chain.joint, joint_of(law, n_nodes), rtol=1e-4, atol=2e-4
     )  # floor of the start
@@ -36,7 +36,7 @@ def test_fmc1_has_the_masses_of_its_law(n_nodes, parameters):
 @pytest.mark.parametrize("parameters", FMC2)
 def test_fmc2_has_the_masses_of_its_law(n_nodes, parameters):
     law = FuzzyMarkovLaw.fmc2(*parameters)
-    chain = family_of("fmc2", n_nodes, law)
+    chain = law.learner(n_nodes)
     np.testing.assert_allclose(chain.joint, joint_of(law, n_nodes), rtol=1e-10, atol=1e-13)
     np.testing.assert_allclose(chain.joint, joint_of(chain.law(), n_nodes), rtol=1e-10, atol=1e-13)
     assert chain.law().parameters["delta"] == pytest.approx(parameters[2], rel=1e-9)
@@ -57,7 +57,7 @@ def test_maximisation_cannot_be_improved_upon(kind, law):
     make = FuzzyMarkovLaw.fmc1 if kind == "fmc1" else FuzzyMarkovLaw.fmc2
     pairs = 2000.0 * joint_of(make(*law), 5) * rng.uniform(0.8, 1.2, (7, 7))
     first = np.full(7, 0.2)
-    chain = family_of(kind, 5, make(*law))
+    chain = make(*law).learner(5)
     for _ in range(10):
         chain.maximise(pairs, first)
     best = expected(chain.joint, pairs, first)
@@ -71,7 +71,7 @@ def test_maximisation_recovers_the_chain_that_was_counted(kind):
     law = FuzzyMarkovLaw.fmc2(*FMC2[1]) if kind == "fmc2" else FuzzyMarkovLaw.fmc1(*FMC1[0])
     joint = joint_of(law, 5)
     start = FuzzyMarkovLaw.fmc2(0.25, 0.3, 0.25) if kind == "fmc2" else None
-    chain = family_of(kind, 5, start)
+    chain = (LAWS[kind].by_name(5) if start is None else start).learner(5)
     before = -np.inf
     for _ in range(40):
         chain.maximise(1e4 * joint, joint.sum(axis=1))
@@ -85,7 +85,7 @@ def test_maximisation_recovers_the_chain_that_was_counted(kind):
 def test_a_free_chain_takes_the_expected_frequencies():
     rng = np.random.default_rng(1)
     pairs, first = rng.uniform(1, 9, (4, 4)), rng.uniform(0, 1, 4)
-    chain = FreeChain(np.array([0.0, 0.25, 0.75, 1.0]), np.full((4, 4), 1.0))
+    chain = FreeChain(WEIGHTS, np.full((4, 4), 1.0), CellLaw)
     chain.maximise(pairs, first)
     np.testing.assert_allclose(chain.transition, pairs / pairs.sum(axis=1, keepdims=True), rtol=1e-14)
     np.testing.assert_allclose(chain.initial, first / first.sum(), rtol=1e-14)
@@ -100,7 +100,7 @@ def test_the_law_of_a_free_chain_is_stationary():
     # where one series began says next to nothing of the law, and must not wipe out its transitions
     rng = np.random.default_rng(2)
     pairs = rng.uniform(1, 9, (4, 4))
-    chain = FreeChain(np.array([0.0, 0.25, 0.75, 1.0]), np.full((4, 4), 1.0))
+    chain = FreeChain(WEIGHTS, np.full((4, 4), 1.0), CellLaw)
     chain.maximise(pairs, np.array([1.0, 0.0, 0.0, 0.0]))
     law = chain.law()
     assert isinstance(law, CellLaw)
@@ -113,7 +113,7 @@ def test_the_law_of_a_free_chain_is_stationary():
 def test_a_free_chain_in_two_parts():
     # no unique stationary law: what was seen decides
     pairs = np.kron(np.diag([3.0, 1.0]), np.full((2, 2), 1.0))
-    chain = FreeChain(np.array([0.0, 0.25, 0.75, 1.0]), np.full((4, 4), 1.0))
+    chain = FreeChain(WEIGHTS, np.full((4, 4), 1.0), CellLaw)
     chain.maximise(pairs, np.array([1.0, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(chain.law().discretize(2).initial, [0.375, 0.375, 0.125, 0.125])
     np.testing.assert_allclose(chain.law().discretize(2).transition, chain.transition)
@@ -121,103 +121,18 @@ def test_a_free_chain_in_two_parts():
 
 def test_other_widths_of_a_band():
     # one for each interval between multiples of the width of a cell, but that of the chain itself
-    chain = family_of("fmc2", 5, FuzzyMarkovLaw.fmc2(0.12, 0.3, 0.25))
+    chain = FuzzyMarkovLaw.fmc2(0.12, 0.3, 0.25).learner(5)
     widths = [variant.law().parameters["delta"] for variant in chain.variants()]
     np.testing.assert_allclose(widths, [0.1, 0.45], rtol=1e-9)
     for variant in chain.variants():
         np.testing.assert_allclose(variant.joint, joint_of(variant.law(), 5), rtol=1e-9, atol=1e-13)
         assert variant.law().p_hard == pytest.approx(chain.law().p_hard, abs=0.1)
     assert chain.law().parameters["delta"] == pytest.approx(0.25)
-    assert family_of("fmc1", 5).variants() == []
-
-
-def test_families_by_name():
-    with pytest.raises(ParameterError, match="law: got 'fmc3'"):
-        family_of("fmc3", 5)
-
-
-# --------------------------------------------------------------------------- the switch is known
-
-
-def complete_likelihood(law, r):
-    before, after = r[:-1], r[1:]
-    return float(np.log(law.transition_density(before, after)).sum())
-
-
-@pytest.mark.parametrize(
-    "truth",
-    [
-        FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
-        FuzzyMarkovLaw.fmc1(0.2, 0.01, 0.05),
-        FuzzyMarkovLaw.fmc2(0.12, 0.5, 0.17),
-    ],
-)
-def test_laws_of_a_known_switch(truth):
-    r = truth.sample(4000, np.random.default_rng(3))
-    found = fit_law(truth.kind, r[:-1], r[1:])
-    best = complete_likelihood(found, r)
-    assert best >= complete_likelihood(truth, r) - 1e-6
-    for name, value in truth.parameters.items():
-        assert found.parameters[name] == pytest.approx(value, abs=0.03), name
-    # gradient-free: no small change of the parameters raises the likelihood
-    make = FuzzyMarkovLaw.fmc1 if truth.kind == "fmc1" else FuzzyMarkovLaw.fmc2
-    rng = np.random.default_rng(4)
-    for _ in range(60):
-        moved = {
-            k: v * (1 + 10.0 ** rng.uniform(-4, -2) * rng.choice([-1, 1]))
-            for k, v in found.parameters.items()
-        }
-        with np.errstate(divide="ignore"):
-            try:
-                value = complete_likelihood(make(**moved), r)
-            except ParameterError:
-                continue
-        assert not value > best + 1e-4, moved
-
-
-def test_the_search_for_a_law_does_not_end_on_the_way():
-    # transitions on which a simplex of Nelder and Mead collapses before the maximum, by .02
-    rng = np.random.default_rng(478038)
-    r = np.clip(np.repeat(rng.uniform(-0.7, 1.7, 51), 3)[:150], 0.0, 1.0)
-    one, mirrored = (fit_law("fmc1", s[:-1], s[1:]) for s in (r, 1.0 - r))
-    assert complete_likelihood(mirrored, r) == pytest.approx(complete_likelihood(one, r), abs=1e-6)
-    for name, value in one.parameters.items():
-        assert mirrored.parameters[name] == pytest.approx(value, rel=1e-4), name
-
-
-def test_all_transitions_are_used():
-    # the fuzzy ones tell of eta and delta: without them the hard frequencies are the same
-    truth = FuzzyMarkovLaw.fmc1(0.07, 0.0, 0.25)
-    r = truth.sample(3000, np.random.default_rng(5))
-    hard = np.isin(r, (0.0, 1.0))
-    shuffled = r.copy()
-    shuffled[~hard] = np.random.default_rng(6).random((~hard).sum())  # distances mean nothing any more
-    a, b = fit_law("fmc1", r[:-1], r[1:]), fit_law("fmc1", shuffled[:-1], shuffled[1:])
-    assert a.parameters["delta"] < 0.02
-    assert b.parameters["delta"] > 0.05
-
-
-def test_a_switch_that_is_always_hard():
-    r = np.random.default_rng(7).integers(0, 2, 500).astype(float)
-    for kind in ("fmc1", "fmc2"):
-        law = fit_law(kind, r[:-1], r[1:])
-        assert law.p_hard == pytest.approx(1.0, abs=1e-6)
-        stay = np.mean(r[:-1] == r[1:])
-        assert law.corners[0, 0] * 2 == pytest.approx(stay, abs=1e-4)
-
-
-def test_steps_that_fmc2_does_not_allow():
-    with pytest.raises(ParameterError, match=r"from 0.2 to 0.9 in one step"):
-        fit_law("fmc2", np.array([0.0, 0.2]), np.array([0.2, 0.9]))
-
-
-def test_counting():
-    counts = count_transitions(np.array([0.0, 0.0, 2.0, 0.0]), np.array([1.0, 1.0, 0.0, 2.0]), 3)
-    np.testing.assert_array_equal(counts, [[0, 2, 1], [0, 0, 0], [1, 0, 0]])
+    assert LAWS["fmc1"].by_name(5).learner(5).variants() == []
 
 
 def test_numbers_beyond_the_bounds_of_the_search_are_no_chain():
-    chain = family_of("fmc1", 3)
+    chain = LAWS["fmc1"].by_name(3).learner(3)
     inside = np.full(chain.vector.size, 1.0)
     assert chain.at(inside) is not None
     for k in range(inside.size):
@@ -237,26 +152,8 @@ def test_nodes_that_were_never_seen_add_nothing_to_the_objective():
     assert _objective(joint, pairs, np.zeros(3)) == pytest.approx(value - 2.0 * np.log(0.5), rel=1e-14)
 
 
-def test_transitions_need_not_follow_one_another():
-    # each counts by p(after | before): what is divided by is the density of where it began
-    rng = np.random.default_rng(3)
-    before = np.repeat([0.0, 0.35, 1.0], [120, 30, 50])
-    after = np.concatenate([np.repeat([0.0, 1.0], [70, 20]), rng.uniform(0.1, 0.9, 30)])
-    after = np.concatenate([after, rng.uniform(0.0, 1.0, 30), np.repeat([1.0, 0.0], [35, 15])])
-    law = fit_law("fmc1", before, after)
-
-    def total(parameters):
-        trial = FuzzyMarkovLaw.fmc1(*parameters)
-        return float(np.log(trial.transition_density(before, after)).sum())
-
-    best = np.array([law.alpha, law.delta, law.eta])
-    for step in np.vstack([np.eye(3), -np.eye(3)]) * 2e-3:
-        if (best + step >= 0.0).all():
-            assert total(best + step) <= total(best) + 1e-9
-
-
 def test_a_node_without_mass_goes_where_the_chain_begins():
-    chain = family_of("fmc1", 1)
+    chain = LAWS["fmc1"].by_name(1).learner(1)
     chain.joint = np.array([[0.3, 0.0, 0.2], [0.0, 0.0, 0.0], [0.1, 0.0, 0.4]])
     np.testing.assert_allclose(chain.initial, [0.5, 0.0, 0.5])
     np.testing.assert_allclose(chain.transition, [[0.6, 0.0, 0.4], [0.5, 0.0, 0.5], [0.2, 0.0, 0.8]])

@@ -1,58 +1,73 @@
-"""Chains on nodes with free parameters: what the maximisation step of a law moves."""
+"""Chains on nodes with free parameters: what the maximisation step of a law moves.
+
+A law that can be learned hands out such a chain (`Law.learner`), and the chain the law that it stands for.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from copy import copy
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.registry import either
-from fuzzykf.switching.laws.base import ParametricLaw
-from fuzzykf.switching.laws.cells import CellLaw
 from fuzzykf.switching.laws.chain import stationary_distribution
-from fuzzykf.switching.laws.registry import LAWS, learned_laws
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray
+    from collections.abc import Callable
 
-__all__ = ["ChainFamily", "FreeChain", "LawChain", "family_of"]
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.laws.chain import SwitchChain
+
+__all__ = ["ChainFamily", "FreeChain", "LawChain", "SearchedLaw"]
 
 
 #: Where a search may go, in logits.
 _LOGIT = 15.0
 
 
+class SearchedLaw(Protocol):
+    """A law that a search moves by free numbers, see `fuzzykf.switching.laws.base.ParametricLaw`."""
+
+    def logits(self) -> FloatArray:
+        """Return the free numbers of the law."""
+
+    def from_logits(self, logits: FloatArray) -> Any:
+        """Return the law of the same structure with these."""
+
+    def on_cells(self, n_nodes: int) -> Callable[[FloatArray], FloatArray]:
+        """Return the map from free numbers to joint probabilities of two consecutive nodes."""
+
+    def elsewhere(self, logits: FloatArray, n_nodes: int) -> list[FloatArray]:
+        """Return free numbers that a search cannot reach from these."""
+
+    def discretize(self, n_nodes: int) -> SwitchChain:
+        """Return the chain on so many nodes."""
+
+
 class ChainFamily(ABC):
-    """A chain on nodes whose joint masses depend on a few free numbers.
+    """A chain on nodes whose probabilities depend on a few free numbers.
 
     Attributes
     ----------
-    nodes : ndarray, shape (M,)
-    joint : ndarray, shape (M, M)
-        Current joint probabilities of two consecutive nodes.
+    class_weights : ndarray, shape (M, K)
+        Shares of the regimes in the nodes.
     n_parameters : int
     """
 
-    nodes: FloatArray
-    joint: FloatArray
+    class_weights: FloatArray
     n_parameters: int
 
     @property
+    @abstractmethod
     def initial(self) -> FloatArray:
-        """Probabilities of the first node."""
-        p: FloatArray = self.joint.sum(axis=1)
-        return p
+        """Probabilities of the first node, (M,)."""
 
     @property
+    @abstractmethod
     def transition(self) -> FloatArray:
-        """Transition matrix; a node without mass goes where the chain begins."""
-        p = self.initial
-        rows = np.where(p[:, None] > 0.0, self.joint, p)
-        stochastic: FloatArray = rows / rows.sum(axis=1, keepdims=True)
-        return stochastic
+        """Transition matrix, (M, M)."""
 
     @abstractmethod
     def maximise(self, pairs: FloatArray, first: FloatArray) -> None:
@@ -65,6 +80,10 @@ class ChainFamily(ABC):
         first : ndarray, shape (M,)
             Expected numbers of stretches that begin in each node.
         """
+
+    def settle(self, pairs: FloatArray, first: FloatArray) -> None:
+        """Find the maximum of the same, where one `maximise` may end on the way."""
+        self.maximise(pairs, first)
 
     @property
     @abstractmethod
@@ -97,22 +116,44 @@ class LawChain(ChainFamily):
 
     Parameters
     ----------
-    family : type of ParametricLaw
+    law : SearchedLaw
+        Where to begin.
     n_nodes : int
-    start : ParametricLaw, optional
-        Where to begin; by default where the family does.
+    n_steps : int
+        At most so many steps each time.
     """
 
-    def __init__(self, family: type[ParametricLaw], n_nodes: int, start: ParametricLaw | None = None) -> None:
-        law = family.start() if start is None else start
-        self.family, self.n_parameters = family, family.n_free
-        self.nodes = law.discretize(n_nodes).nodes
-        self._n_nodes, self._joint = n_nodes, family.on_cells(n_nodes)
+    def __init__(self, law: SearchedLaw, n_nodes: int, n_steps: int = 25) -> None:
+        self._law, self._n_nodes, self._joint = law, n_nodes, law.on_cells(n_nodes)
+        self._n_steps = n_steps
+        self.class_weights = law.discretize(n_nodes).class_weights
         self.logits = np.clip(law.logits(), -_LOGIT, _LOGIT)
+        self.n_parameters = self.logits.size
         self.joint = self._joint(self.logits)
+
+    @property
+    def initial(self) -> FloatArray:
+        """Probabilities of the first node."""
+        p: FloatArray = self.joint.sum(axis=1)
+        return p
+
+    @property
+    def transition(self) -> FloatArray:
+        """Transition matrix; a node without mass goes where the chain begins."""
+        p = self.initial
+        rows = np.where(p[:, None] > 0.0, self.joint, p)
+        stochastic: FloatArray = rows / rows.sum(axis=1, keepdims=True)
+        return stochastic
 
     def maximise(self, pairs: FloatArray, first: FloatArray) -> None:
         """Raise the expected log-likelihood; see `ChainFamily.maximise`."""
+        self._minimise(pairs, first, "L-BFGS-B", {"maxiter": self._n_steps})
+
+    def settle(self, pairs: FloatArray, first: FloatArray) -> None:
+        """Find the maximum without derivatives: at the widths of cells the masses of a band have kinks."""
+        self._minimise(pairs, first, "Powell", {"xtol": 1e-7, "ftol": 1e-12})
+
+    def _minimise(self, pairs: FloatArray, first: FloatArray, method: str, options: dict[str, float]) -> None:
         from scipy.optimize import minimize
 
         scale = 1.0 / max(float(pairs.sum()), 1.0)
@@ -122,7 +163,7 @@ class LawChain(ChainFamily):
             return -value * scale
 
         bounds = [(-_LOGIT, _LOGIT)] * self.logits.size
-        found = minimize(loss, self.logits, method="L-BFGS-B", bounds=bounds, options={"maxiter": 25})
+        found = minimize(loss, self.logits, method=method, bounds=bounds, options=options)
         if found.fun < loss(self.logits):
             self.logits = found.x
             self.joint = self._joint(found.x)
@@ -143,21 +184,33 @@ class LawChain(ChainFamily):
 
     def variants(self) -> list[Self]:
         """Return chains that the maximisation cannot reach from this one, but may be better."""
-        others = map(self.at, self.family.elsewhere(self.logits, self._n_nodes))
+        others = map(self.at, self._law.elsewhere(self.logits, self._n_nodes))
         return [other for other in others if other is not None]
 
-    def law(self) -> ParametricLaw:
+    def law(self) -> Any:
         """Return the law of the current numbers."""
-        return self.family.from_logits(self.logits)
+        return self._law.from_logits(self.logits)
 
 
 class FreeChain(ChainFamily):
-    """Any chain on the nodes: expected frequencies are the maximum."""
+    """Any chain on the nodes: expected frequencies are the maximum.
 
-    def __init__(self, nodes: FloatArray, joint: FloatArray) -> None:
-        self.nodes, self.joint = nodes, joint / joint.sum()
-        M = nodes.size
-        self.n_parameters = M * (M - 1)
+    What is impossible to begin with stays so.
+
+    Parameters
+    ----------
+    class_weights : ndarray, shape (M, K)
+    joint : ndarray, shape (M, M)
+        Of two consecutive nodes, where to begin.
+    make : callable, optional
+        From joint probabilities to a law.
+    """
+
+    def __init__(
+        self, class_weights: FloatArray, joint: FloatArray, make: Callable[[FloatArray], Any] | None = None
+    ) -> None:
+        self.class_weights, self.joint, self._make = class_weights, joint / joint.sum(), make
+        self.n_parameters = int(np.count_nonzero(joint)) - len(joint)
         self._rows = self.joint / np.maximum(self.joint.sum(axis=1, keepdims=True), 1e-300)
         self._first = self.joint.sum(axis=1)
 
@@ -190,7 +243,7 @@ class FreeChain(ChainFamily):
     def at(self, vector: FloatArray) -> Self | None:
         """Return the chain with these square roots, rows brought to the sum one."""
         squares = vector * vector
-        M = self.nodes.size
+        M = len(self.class_weights)
         rows, first = squares[: M * M].reshape(M, M), squares[M * M :]
         if not (rows.sum(axis=1) > 0.0).all() or not first.sum() > 0.0:
             return None
@@ -200,25 +253,15 @@ class FreeChain(ChainFamily):
         moved.joint = self.joint.sum(axis=1)[:, None] * moved._rows
         return moved
 
-    def law(self) -> CellLaw:
-        """Return the law that is constant on the cells of the nodes.
+    def law(self) -> Any:
+        """Return the law that stands for the chain.
 
         A law stands for a stationary chain; where this one began says little about it.
         """
+        if self._make is None:
+            raise ParameterError("law: a chain of hard regimes has no law of its own")
         try:
             stationary = stationary_distribution(self.transition)
         except ParameterError:  # parts that are never left: how often they were seen is all there is to say
             stationary = self.joint.sum(axis=1)
-        return CellLaw(stationary[:, None] * self.transition)
-
-
-def family_of(kind: str, n_nodes: int, start: ParametricLaw | None = None) -> ChainFamily:
-    """Return the chain of a law by name, at a starting law; a free chain begins at FMC1."""
-    if kind not in learned_laws():
-        raise ParameterError(f"law: got {kind!r}, expected {either(learned_laws())}")
-    if issubclass(LAWS[kind], ParametricLaw):
-        return LawChain(LAWS[kind], n_nodes, start)
-    if LAWS[kind] is not CellLaw:
-        raise ParameterError(f"law: the family {kind!r} says that it can be learned, but is no ParametricLaw")
-    base = LawChain(LAWS["fmc1"], n_nodes, start)
-    return FreeChain(base.nodes, base.joint)
+        return self._make(stationary[:, None] * self.transition)
