@@ -1,7 +1,6 @@
 """What the studies share: the models of the paper, and tables for the documentation.
 
-Run them by ``nox -s studies``; each writes its table to docs/_tables, which the page on
-learning includes.
+Run them by ``nox -s studies``; each writes its tables to docs/_tables, which pages include.
 """
 
 from __future__ import annotations
