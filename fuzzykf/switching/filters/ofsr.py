@@ -38,7 +38,7 @@ class OFSRFilter(SavedFilter):
     >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])
     >>> pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
     >>> model = CGOFMSModel(
-    ...     FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
+    ...     FuzzyMarkovLaw.fmc2(0.15, 0.6, 0.2),
     ...     [[0.0, 3.0], [0.0, 0.0]],
     ...     np.broadcast_to(pair, (2, 2, 4, 4)),
     ...     dim_x=1,

@@ -84,11 +84,11 @@ class CGOFMSModel(SwitchingModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from fuzzykf import CGOFMSModel, FuzzyMarkovLaw
+    >>> from fuzzykf import CGOFMSModel, FadeLaw
     >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])  # covariance of (X, Y), in both regimes
     >>> pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
     >>> model = CGOFMSModel(
-    ...     FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
+    ...     FadeLaw.between(dwell=40, length=10),
     ...     means=[[0.0, 3.0], [0.0, 0.0]],
     ...     covariances=np.broadcast_to(pair, (2, 2, 4, 4)),
     ...     dim_x=1,
