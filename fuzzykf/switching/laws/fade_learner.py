@@ -50,7 +50,8 @@ class FadeChain(ChainFamily):
         fades, jumps = law.fades, law.jumps
         self._arrows = np.array([*fades, *jumps], dtype=np.intp).reshape(-1, 2)
         self.leave = np.array([*(rate for rate, _ in fades.values()), *jumps.values()])
-        self.stay: FloatArray = 1.0 - np.bincount(self._arrows[:, 0], self.leave, minlength=law.n_classes)
+        left = np.bincount(self._arrows[:, 0], self.leave, minlength=law.n_classes)
+        self.stay = 1.0 - left.astype(np.float64)
         self.turn_back = law.turn_back
         lengths = np.array([length for _, length in fades.values()])
         self.advance = n_nodes / lengths / (1.0 - self.turn_back)
