@@ -3,7 +3,7 @@
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, doubles
 from fuzzykf.engine.compiled.processor cimport level
-from fuzzykf.engine.compiled.tables cimport fk_engine, fk_forward_backward_logs, versions
+from fuzzykf.engine.compiled.tables cimport FK_SPARSE, fk_arrows, fk_engine, fk_forward_backward_logs, versions
 
 cimport numpy as cnp
 
@@ -21,7 +21,14 @@ def forward_backward(first, transition, log_emission):
         raise ValueError(f"log_emission: got shape {np.shape(e)}, expected (T, M, M)")
     cdef cnp.ndarray f_ = doubles(first, "first", (M,)), t_ = doubles(transition, "transition", (M, M))
     cdef cnp.ndarray gamma = np.empty((T + 1, M)), xi = np.empty((T, M, M)), log_likelihood = np.empty(T)
-    cdef Buffer scratch = Buffer(T + 3 * M)
+    cdef cnp.ndarray places = np.array(np.nonzero(t_), dtype=np.intc)
+    cdef size_t count = places.shape[1]
+    cdef Buffer scratch = Buffer(T + 3 * M + count)
+    cdef fk_arrows arrows
+    arrows.n, arrows.sources, arrows.to = <size_t> M * M, NULL, NULL
+    if count <= FK_SPARSE * arrows.n:
+        arrows.n, arrows.sources = count, <const int *> cnp.PyArray_DATA(places)
+        arrows.to = arrows.sources + count
     cdef const double *start_ = at(f_)
     cdef const double *move = at(t_)
     cdef const double *emission = at(e)
@@ -29,6 +36,6 @@ def forward_backward(first, transition, log_emission):
     cdef double *to_xi = at(xi)
     cdef double *to_values = at(log_likelihood)
     with nogil:
-        if not versions[level].forward_backward(T, M, start_, move, emission, to_gamma, to_xi, to_values, scratch.data):
+        if not versions[level].forward_backward(T, M, &arrows, start_, move, emission, to_gamma, to_xi, to_values, scratch.data):
             fk_forward_backward_logs(T, M, start_, move, emission, to_gamma, to_xi, to_values, scratch.data)
     return gamma, xi, log_likelihood

@@ -95,7 +95,7 @@ def filter_series(
         raise ValueError("sign: the tables have no negative weights")
     cdef fk_output o = outputs(out, s, n, m, M)
     cdef Workspace work = Workspace(kernel)
-    cdef size_t ahead = fk_chunk_tables(M) if k.is_scalar else 0, pairs = fk_chunk_weights(M) if k.is_scalar else 0
+    cdef size_t ahead = fk_chunk_tables(k) if k.is_scalar else 0, pairs = fk_chunk_weights(k) if k.is_scalar else 0
     cdef Buffer more = Buffer(ahead + pairs + 1 + k.w + q + q * (3 + m))
     cdef double *root = more.data + ahead + pairs + 1 + k.w + q
     cdef fk_room room

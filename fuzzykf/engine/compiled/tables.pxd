@@ -8,9 +8,11 @@ cimport numpy as cnp
 
 cdef extern from "src/series.h" nogil:
     ctypedef struct fk_kernel:
-        int M1, M2, m, q, w, blocks, stride, is_signed, is_scalar
+        int M1, M2, m, q, w, blocks, stride, is_signed, is_scalar, is_sparse
         double *cells
         double *mask
+        const int *first
+        const int *source
     ctypedef struct fk_summary:
         int stride, n_atoms, n_edges, is_plain, M
         const double *cells
@@ -21,6 +23,7 @@ cdef extern from "src/series.h" nogil:
         const double *weights
         const int *order
         const int *ends
+        const int *widest
     ctypedef struct fk_room:
         double *p
         double *x
@@ -44,6 +47,10 @@ cdef extern from "src/series.h" nogil:
         double *log_likelihood
         double *table
         double *sign
+    ctypedef struct fk_arrows:
+        size_t n
+        const int *sources "from"
+        const int *to
     ctypedef struct fk_engine:
         const char *instructions
         void (*log_pairs)(const fk_kernel *, const double *, double *) noexcept nogil
@@ -55,12 +62,20 @@ cdef extern from "src/series.h" nogil:
         ) noexcept nogil
         void (*posterior)(int, int, const double *, const double *, double *, double *) noexcept nogil
         int (*forward_backward)(
-            int, int, const double *, const double *, const double *, double *, double *, double *, double *
+            int, int, const fk_arrows *, const double *, const double *, const double *, double *, double *, double *, double *
         ) noexcept nogil
+    const double FK_SPARSE
     int fk_padded(int) noexcept
     size_t fk_table_size(int, int) noexcept
     size_t fk_scratch_size(int, int) noexcept
     int fk_cell_size(int, int, int) noexcept
+    size_t fk_slot(const fk_kernel *, int, int, int) noexcept
+    int fk_slot_of(const fk_kernel *, int, int) noexcept
+    int fk_slots(const fk_kernel *) noexcept
+    int fk_deepest(const fk_kernel *) noexcept
+    int fk_lay_out(int, int, int, const double *, int *) noexcept
+    void fk_fill_sources(const fk_kernel *, const double *, int *) noexcept
+    void fk_fill_rest(fk_kernel *, const double *) noexcept
     void fk_fill(
         fk_kernel *, int, int, double, const double *, const double *, const double *, const double *,
         const double *, const double *, const double *, const double *
@@ -78,8 +93,8 @@ cdef extern from "src/series.h" nogil:
     int fk_in_range(const fk_state *, int, int) noexcept
     void fk_advance(const fk_engine *, const fk_kernel *, fk_state *, fk_state *, const double *, double *) noexcept
     void fk_fill_ahead(int, int, int, const double *, double *, double *) noexcept
-    size_t fk_chunk_tables(int) noexcept
-    size_t fk_chunk_weights(int) noexcept
+    size_t fk_chunk_tables(const fk_kernel *) noexcept
+    size_t fk_chunk_weights(const fk_kernel *) noexcept
     void fk_summarise(
         const fk_engine *, const fk_summary *, const fk_state *, int, int, size_t, const fk_output *,
         const fk_room *
@@ -96,7 +111,7 @@ cdef class Kernel:
     """Tables of one step in the layout of the compiled core; see `fuzzykf.engine.numpy.tables.Kernel`."""
 
     cdef fk_kernel k
-    cdef Buffer memory
+    cdef Buffer memory, places
 
 
 cdef class Summary:
@@ -104,7 +119,7 @@ cdef class Summary:
 
     cdef fk_summary s
     cdef Buffer memory
-    cdef cnp.ndarray ranking
+    cdef cnp.ndarray ranking, widest
 
 
 cdef class Workspace:

@@ -1,6 +1,7 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
 """The tables of the switching recursion in the layout of the compiled core."""
 
+from libc.math cimport INFINITY
 from libc.string cimport memcpy
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, doubles
@@ -40,6 +41,11 @@ cdef class Kernel:
         """M1, M2, m, q."""
         return self.k.M1, self.k.M2, self.k.m, self.k.q
 
+    @property
+    def depth(self):
+        """Number of slots of the column that has the most: of pairs that lead to it, or of all nodes."""
+        return fk_deepest(&self.k)
+
     def __copy__(self):
         return self
 
@@ -51,7 +57,8 @@ cdef class Kernel:
 
 
 def pack(transition, factor, Axx, H, G, c, C, Ayy, Ny):
-    cdef int M1, M2, m, q, w, i, j, size, blocks, r
+    cdef int M1, M2, m, q, w, i, j, blocks
+    cdef size_t cells, r
     if np.ndim(transition) != 2 or np.ndim(H) != 4 or np.ndim(G) != 4:
         raise ValueError("transition, H, G: expected arrays of 2, 4 and 4 axes")
     M1, M2 = np.shape(transition)
@@ -65,30 +72,43 @@ def pack(transition, factor, Axx, H, G, c, C, Ayy, Ny):
     cdef cnp.ndarray Y_ = doubles(Ayy, "Ayy", (M1, M2, q, w)), N_ = doubles(Ny, "Ny", (M1, M2, q))
     cdef Kernel kernel = Kernel.__new__(Kernel)
     cdef fk_kernel *k = &kernel.k
-    blocks, size = fk_padded(M2) // 8, fk_cell_size(m, q, w)
-    kernel.memory = Buffer((<size_t> M1 * blocks * size + blocks) * 8)
-    k.M1, k.M2, k.m, k.q, k.w, k.blocks, k.stride = M1, M2, m, q, w, blocks, size
+    blocks = fk_padded(M2) // 8
+    k.M1, k.M2, k.m, k.q, k.w, k.blocks, k.stride = M1, M2, m, q, w, blocks, fk_cell_size(m, q, w)
     k.is_signed = bool((np.asarray(t) < 0.0).any())
     k.is_scalar = m == 1 and q == 1 and w == 1 and not k.is_signed
+    cdef Buffer first = Buffer(blocks + 1)  # whole numbers, in room for doubles
+    k.is_sparse = fk_lay_out(M1, M2, k.is_signed, at(t), <int *> first.data)
+    k.first = <int *> first.data
+    cells = <size_t> fk_slots(k) * k.stride * 8
+    kernel.memory = Buffer(cells + blocks * 8)
+    kernel.places = Buffer(<size_t> fk_slots(k) * 8 + blocks + 1)
+    memcpy(<int *> kernel.places.data, k.first, (blocks + 1) * sizeof(int))
+    cdef int *source = <int *> kernel.places.data + blocks + 1
+    k.first, k.source = <int *> kernel.places.data, source
+    fk_fill_sources(k, at(t), source)
     k.cells = kernel.memory.data
-    cdef double *mask = kernel.memory.data + <size_t> M1 * blocks * size * 8
+    cdef double *mask = kernel.memory.data + cells
     k.mask = mask
     for j in range(M2):
         mask[j] = 1.0
     for i in range(M1):
         for j in range(M2):
-            r = i * M2 + j
+            r = <size_t> i * M2 + j
+            if k.is_sparse and at(t)[r] == 0.0:
+                continue
             fk_fill(
-                k, i, j, at(t)[r], at(f_) + r * q * q, at(A_) + r * m * m, at(H_) + r * m * w,
+                k, fk_slot_of(k, i, j), j, at(t)[r], at(f_) + r * q * q, at(A_) + r * m * m, at(H_) + r * m * w,
                 at(G_) + r * m * q, at(c_) + r * m, at(C_) + r * m * m, at(Y_) + r * q * w, at(N_) + r * q
             )
+    fk_fill_rest(k, at(t))
     return kernel
 
 
 cdef class Summary:
     def __cinit__(self, Kernel kernel, transition, offset, twice, noise, nodes, weights, atoms, ranking):
         cdef fk_kernel *k = &kernel.k
-        cdef int M1 = k.M1, M2 = k.M2, m = k.m, w = k.w, size = 1 + m * (1 + w), i, j, r, t
+        cdef int M1 = k.M1, M2 = k.M2, m = k.m, w = k.w, size = 1 + m * (1 + w), i, j, n, r, t, slot
+        cdef double most
         cdef cnp.ndarray T = doubles(transition, "transition", (M1, M2))
         cdef cnp.ndarray b = doubles(offset, "offset", (1 + w, M1 * M2 * m))
         cdef cnp.ndarray twice_ = doubles(twice, "twice", (M1 * m * m, m * m))
@@ -107,8 +127,8 @@ cdef class Summary:
             and (n_atoms in (0, M2) or ends[M2 - n_atoms - 1] == 2)
         ):
             raise ValueError("ranking: expected all nodes, the atoms last, with the ends of values and strata")
-        cdef size_t cells = <size_t> M1 * k.blocks * size * 8, ld = fk_padded(M1), to = fk_padded(M2)
-        self.memory = Buffer(cells + (m * m + m * m * m * m + 9) * ld + 2 * to + 3 * <size_t> M2)
+        cdef size_t cells = <size_t> fk_slots(k) * size * 8, ld = fk_padded(M1), to = fk_padded(M2)
+        self.memory = Buffer(cells + (m * m + m * m * m * m + 9) * ld + 2 * to + 4 * <size_t> M2)
         cdef double *cell
         cdef double *to_noise = self.memory.data + cells
         cdef double *to_twice = to_noise + m * m * ld
@@ -120,19 +140,30 @@ cdef class Summary:
                 to_noise[r * ld + i] = at(noise_)[i * m * m + r]
                 for t in range(m * m):
                     to_twice[(t * m * m + r) * ld + i] = at(twice_)[(i * m * m + t) * m * m + r]
+        self.widest = np.zeros((M1, 2), dtype=np.intc)
+        cdef int *to_widest = <int *> cnp.PyArray_DATA(self.widest)
+        cdef double *moves = pairs + 3 * <size_t> M2
         for i in range(M1):
+            n, most = 0, -INFINITY
             for j in range(M2):
-                cell = self.memory.data + (<size_t> i * k.blocks + j // 8) * size * 8 + j % 8
+                slot = fk_slot_of(k, i, j)
+                if slot < 0:
+                    if at(T)[i * M2 + j] != 0.0:
+                        raise ValueError(f"transition: got one from {i} to {j} that the tables of the step do not have")
+                    continue
+                if at(T)[i * M2 + j] > most:
+                    most, to_widest[2 * i], to_widest[2 * i + 1] = at(T)[i * M2 + j], j, slot
+                cell = self.memory.data + fk_slot(k, slot, j, size)
                 cell[0] = at(T)[i * M2 + j]
                 for r in range(m):
                     for t in range(1 + w):
                         cell[8 * (1 + r * (1 + w) + t)] = at(b)[<size_t> t * M1 * M2 * m + (i * M2 + j) * m + r]
-        if k.is_scalar:
-            for i in range(M1):
-                for j in range(M2):
-                    pairs[3 * j], pairs[3 * j + 1] = at(b)[i * M2 + j], at(b)[M1 * M2 + i * M2 + j]
-                    pairs[3 * j + 2] = k.cells[((<size_t> i * k.blocks + j // 8) * k.stride + 8) * 8 + j % 8]
-                fk_fill_ahead(i, M2, <int> ld, at(T) + i * M2, pairs, ahead)
+                if k.is_scalar:
+                    moves[n], pairs[3 * n], pairs[3 * n + 1] = cell[0], cell[8], cell[16]
+                    pairs[3 * n + 2] = k.cells[fk_slot(k, slot, j, k.stride) + 64]
+                    n += 1
+            if k.is_scalar:
+                fk_fill_ahead(i, n, <int> ld, moves, pairs, ahead)
         memcpy(to_nodes, at(nodes_), M2 * sizeof(double))
         memcpy(to_nodes + to, at(weights_), M2 * sizeof(double))
         self.s.stride, self.s.n_atoms, self.s.M, self.s.cells = size, n_atoms, M2, self.memory.data
@@ -141,7 +172,7 @@ cdef class Summary:
         self.s.twice, self.s.noise, self.s.ahead = to_twice, to_noise, ahead
         self.s.nodes, self.s.weights = to_nodes, to_nodes + to
         self.s.order = <const int *> cnp.PyArray_DATA(self.ranking)
-        self.s.ends = self.s.order + M2
+        self.s.ends, self.s.widest = self.s.order + M2, to_widest
 
 
 cdef class Workspace:

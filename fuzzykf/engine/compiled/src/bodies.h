@@ -12,7 +12,10 @@
 #undef FK_V
 #undef FK_B
 #undef FK_AS_VECTORS
+#undef FK_BLOCK_OF
 #undef FK_CELL
+#undef FK_DEPTH
+#undef FK_SOURCES
 #undef FK_ROW
 #undef FK_AT
 #undef FK_READ

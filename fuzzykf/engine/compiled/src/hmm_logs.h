@@ -4,6 +4,12 @@
 
 #include "lanes.h"
 
+/* Pairs of states of positive probability, row by row; `from` is NULL for all M M of them. */
+typedef struct {
+  size_t n;
+  const int *from, *to;
+} fk_arrows;
+
 /* log of the sum of n exponentials; minus infinity stands for zero */
 FK_STATIC double fk_log_sum(const double *a, int n) {
   double top = -INFINITY, sum = 0.0;
@@ -11,6 +17,11 @@ FK_STATIC double fk_log_sum(const double *a, int n) {
   if (!(top > -INFINITY)) return top;
   for (int k = 0; k < n; k++) sum += exp(a[k] - top);
   return log(sum) + top;
+}
+
+/* log e_ij + log P_ij; minus infinity where P_ij is zero, whatever e is. */
+FK_INLINE double fk_log_move(double transition, double log_e) {
+  return transition == 0.0 ? -INFINITY : log_e + log(transition);
 }
 
 /* As fk_forward_backward; `log_likelihood` holds the totals, gamma the forward messages on the
@@ -25,7 +36,7 @@ FK_STATIC void fk_forward_backward_logs(int T, int M, const double *first, const
     const double *log_e = log_emission + n * pairs, *alpha = gamma + (size_t)n * M;
     double *next = gamma + (size_t)(n + 1) * M;
     for (int j = 0; j < M; j++) {
-      for (int i = 0; i < M; i++) terms[i] = alpha[i] + log_e[i * M + j] + log(transition[i * M + j]);
+      for (int i = 0; i < M; i++) terms[i] = alpha[i] + fk_log_move(transition[i * M + j], log_e[i * M + j]);
       next[j] = fk_log_sum(terms, M);
     }
     const double total = fk_log_sum(next, M);
@@ -37,7 +48,7 @@ FK_STATIC void fk_forward_backward_logs(int T, int M, const double *first, const
     double *after = gamma + (size_t)(n + 1) * M;
     for (int i = 0; i < M; i++) {
       for (int j = 0; j < M; j++) {
-        const double move = log_e[i * M + j] + log(transition[i * M + j]);
+        const double move = fk_log_move(transition[i * M + j], log_e[i * M + j]);
         terms[j] = move + beta[j];
         xi[n * pairs + i * M + j] = exp(alpha[i] + move + (beta[j] - log_likelihood[n]));
       }

@@ -78,10 +78,29 @@ FK_INLINE_HERE FK_V FK_NAME(fk_exp)(FK_V x) {
 #endif
 
 #define FK_AS_VECTORS(M) (((M) + FK_WIDTH - 1) / FK_WIDTH)
-/* The cell of row i and vector b of columns, and its entry r. */
-#define FK_CELL(cells, stride, i, b)                                                                      \
-  ((cells) + ((size_t)(i) * k->blocks + (b) / (FK_LANES / FK_WIDTH)) * (stride) * FK_LANES +                \
-   (b) % (FK_LANES / FK_WIDTH) * FK_WIDTH)
+/* Vector b of columns is a part of this block. */
+#define FK_BLOCK_OF(b) ((b) / (FK_LANES / FK_WIDTH))
+/* The cell of slot s and vector b of columns, and its entry r. */
+#define FK_CELL(cells, stride, s, b)                                                                      \
+  ((cells) + ((size_t)k->first[FK_BLOCK_OF(b)] + (s)) * (stride) * FK_LANES + (b) % (FK_LANES / FK_WIDTH) * FK_WIDTH)
+/* How many slots vector b of columns has, and their sources, FK_LANES numbers a slot. */
+#define FK_DEPTH(b) (k->first[FK_BLOCK_OF(b) + 1] - k->first[FK_BLOCK_OF(b)])
+#define FK_SOURCES(b) (k->source + (size_t)k->first[FK_BLOCK_OF(b)] * FK_LANES + (b) % (FK_LANES / FK_WIDTH) * FK_WIDTH)
 #define FK_ROW(cell, r) (*(const FK_V *)((cell) + (size_t)(r) * FK_LANES))
 #define FK_AT(pointer, b) (*(FK_V *)((pointer) + (size_t)(b) * FK_WIDTH))
 #define FK_READ(pointer, b) (*(const FK_V *)((pointer) + (size_t)(b) * FK_WIDTH))
+
+/* What the nodes before hold, as the lanes of slot s see it: every node is slot s of all of them, unless
+ * only those that lead to a column have slots in it. */
+FK_INLINE_HERE FK_V FK_NAME(fk_held)(const int is_sparse, const double *row, const int *sources, int s) {
+  if (!is_sparse) return FK_NAME(fk_all)(row[s]);
+  const int *from = sources + (size_t)s * FK_LANES;
+#if FK_WIDTH == 8
+  return (FK_V){row[from[0]], row[from[1]], row[from[2]], row[from[3]],
+                row[from[4]], row[from[5]], row[from[6]], row[from[7]]};
+#elif FK_WIDTH == 4
+  return (FK_V){row[from[0]], row[from[1]], row[from[2]], row[from[3]]};
+#else
+  return (FK_V){row[from[0]], row[from[1]]};
+#endif
+}

@@ -70,14 +70,16 @@ typedef struct {
   double *p, *x, *u, *scratch, *tables, *weights;
 } fk_room;
 
-/* How many steps to take at once: their pair weights, padded M x M each, stay in the cache. */
+/* How many steps to take at once: the weights of their pairs stay in the cache. */
 #define FK_CHUNK 32
-FK_INLINE int fk_chunk(int M) {
-  const int steps = 2048 / (fk_padded(M) * M);
+FK_INLINE int fk_chunk(const fk_kernel *k) {
+  const int steps = 2048 / (fk_slots(k) * FK_LANES);
   return steps > FK_CHUNK ? FK_CHUNK : (steps < 2 ? 2 : steps);
 }
-FK_INLINE size_t fk_chunk_tables(int M) { return 3 * (size_t)(fk_chunk(M) + 1) * fk_padded(M); }
-FK_INLINE size_t fk_chunk_weights(int M) { return (size_t)FK_LANES * M + (size_t)fk_chunk(M) * fk_padded(M) * M; }
+FK_INLINE size_t fk_chunk_tables(const fk_kernel *k) { return 3 * (size_t)(fk_chunk(k) + 1) * fk_padded(k->M2); }
+FK_INLINE size_t fk_chunk_weights(const fk_kernel *k) {
+  return (size_t)FK_LANES * k->M1 + (size_t)fk_chunk(k) * fk_slots(k) * FK_LANES;
+}
 
 /* Keep the state after observation n. */
 FK_STATIC void fk_keep(const fk_state *state, int M, int m, size_t n, const fk_output *out) {
@@ -156,7 +158,7 @@ FK_STATIC int fk_filter_chunk(const fk_engine *e, const fk_kernel *k, const fk_s
  * places; returns 1 if the last one is in `other`. */
 FK_STATIC int fk_filter(const fk_engine *e, const fk_kernel *k, const fk_summary *s, fk_state *now, fk_state *other,
                         const double *y, size_t n, const fk_output *out, size_t first, const fk_room *room) {
-  const size_t chunk = fk_chunk(k->M1);
+  const size_t chunk = fk_chunk(k);
   fk_state *one = now, *two = other;
   for (size_t t = 0; t < n;) {
     if (k->is_scalar && one->linear) {

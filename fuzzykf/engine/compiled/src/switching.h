@@ -16,21 +16,24 @@
 #define FK_TINY 1e-250
 #define FK_HUGE 1e250
 
-/* Tables of one step.  Columns j stand side by side in lanes, `blocks` vectors of them; the
- * lanes beyond M2 hold a harmless system (no noise, no motion).
+/* Tables of one step.  Columns j stand side by side in lanes, `blocks` vectors of them; the pairs of a
+ * column stand one below the other in slots, as many in all columns of a block; see slots.h.
  *
- * A cell (i, block) is `stride` vectors: log_scale, sign, white (q rows), offset (m rows),
+ * A cell, a slot of a block, is `stride` vectors: log_scale, sign, white (q rows), offset (m rows),
  * Axx (m x m), C (m x m), each FK_LANES numbers; a row has the 1 + w + q coefficients of u = (1, w, y').
  */
 typedef struct {
-  int M1, M2, m, q, w, blocks, stride, is_signed, is_scalar;
+  int M1, M2, m, q, w, blocks, stride, is_signed, is_scalar, is_sparse;
   double *cells;
-  double *mask; /* 1 in the lanes of real columns, 0 elsewhere */
+  double *mask;        /* 1 in the lanes of real columns, 0 elsewhere */
+  const int *first;    /* blocks + 1: where the slots of each block begin */
+  const int *source;   /* FK_LANES numbers a slot: the node i of each pair */
 } fk_kernel;
 
 /* Tables of the moments of X' before Y' is seen, and of the estimate of the switch.
  *
- * A cell (i, block) is 1 + m (1 + w) rows: transition, offset of the mean.  `noise` (m m, padded
+ * A cell, a slot of a block, is 1 + m (1 + w) rows: transition, offset of the mean.  The likeliest way from
+ * node i leads to column widest[2 i], in slot widest[2 i + 1].  `noise` (m m, padded
  * M1) and `twice` (m m, m m, padded M1) carry p_i and p_i P_i to the covariance.  `ahead` (9, padded
  * M1), for scalar systems, sums up the cells; see fk_fill_ahead.  The numbers of the nodes stand in
  * `order` as the estimate of the switch looks through them, the atoms last; `ends` is not 0 at the last
@@ -41,7 +44,7 @@ typedef struct {
   const double *cells;
   const double *twice, *noise, *ahead;
   const double *nodes, *weights; /* padded M */
-  const int *order, *ends;
+  const int *order, *ends, *widest;
 } fk_summary;
 
 /* Where the summaries of a series go; any of them may be NULL. */
@@ -61,13 +64,15 @@ FK_INLINE size_t fk_scratch_size(int M, int m) {
 /* Where, in the scratch of a step, the numbers of the references of the columns stand. */
 FK_INLINE size_t fk_scratch_references(int M, int m) { return fk_scratch_size(M, m) - 2 * (size_t)fk_padded(M); }
 
-/* Fill cell column j of row i from the coefficients of its pair; factor is the lower Cholesky
+#include "slots.h"
+
+/* Fill slot s of column j from the coefficients of its pair; factor is the lower Cholesky
  * factor of Qyy.  The white rows solve L z = (y' - Ayy w - Ny), divided by sqrt(2). */
-FK_STATIC void fk_fill(fk_kernel *k, int i, int j, double transition, const double *factor, const double *Axx,
+FK_STATIC void fk_fill(fk_kernel *k, int slot, int j, double transition, const double *factor, const double *Axx,
                     const double *H, const double *G, const double *c, const double *C, const double *Ayy,
                     const double *Ny) {
   const int m = k->m, q = k->q, w = k->w, n = 1 + w + q;
-  double *cell = k->cells + ((size_t)i * k->blocks + j / FK_LANES) * k->stride * FK_LANES + j % FK_LANES;
+  double *cell = k->cells + fk_slot(k, slot, j, k->stride);
 #define FK_ENTRY(index) cell[(size_t)(index)*FK_LANES]
   double log_scale = transition == 0.0 ? FK_LOG_ZERO : log(fabs(transition));
   for (int r = 0; r < q; r++) log_scale -= log(factor[r * q + r]) + 0.91893853320467274178;
@@ -93,8 +98,8 @@ FK_STATIC void fk_fill(fk_kernel *k, int i, int j, double transition, const doub
 }
 
 /* The cell of a pair; its entries are FK_LANES numbers apart. */
-FK_INLINE const double *fk_pair(const fk_kernel *k, int i, int j) {
-  return k->cells + ((size_t)i * k->blocks + j / FK_LANES) * k->stride * FK_LANES + j % FK_LANES;
+FK_INLINE const double *fk_pair(const fk_kernel *k, int slot, int j) {
+  return k->cells + fk_slot(k, slot, j, k->stride);
 }
 
 /* -|z|^2 of a pair: its log-density, but for constants. */
@@ -126,40 +131,42 @@ FK_STATIC double fk_density_less(const fk_kernel *k, const double *a, const doub
   return l;
 }
 
-/* log p_i + log |P_ij| + log N(y'; Ayy w + Ny, Qyy). */
-FK_STATIC double fk_log_weight(const fk_kernel *k, const double *log_p, int i, int j, const double *u) {
-  const double *cell = fk_pair(k, i, j);
-  return log_p[i] + cell[0] + fk_density(k, cell, u);
+/* log p_i + log |P_ij| + log N(y'; Ayy w + Ny, Qyy) of slot s of column j. */
+FK_STATIC double fk_log_weight(const fk_kernel *k, const double *log_p, int s, int j, const double *u) {
+  const double *cell = fk_pair(k, s, j);
+  return log_p[fk_source(k, s, j)] + cell[0] + fk_density(k, cell, u);
 }
 
-/* The same less that of the pair (i', j'), with its digits kept; FK_LOG_ZERO if (i, j) is not possible. */
-FK_STATIC double fk_log_weight_less(const fk_kernel *k, const double *log_p, int i, int j, int other_i, int other_j,
+/* The same less that of slot s' of column j', with its digits kept; FK_LOG_ZERO if the pair is not possible. */
+FK_STATIC double fk_log_weight_less(const fk_kernel *k, const double *log_p, int s, int j, int other_s, int other_j,
                                     const double *u) {
-  const double *a = fk_pair(k, i, j), *b = fk_pair(k, other_i, other_j);
-  if (!(log_p[i] + a[0] > FK_DEAD)) return FK_LOG_ZERO;
-  return (log_p[i] + a[0]) - (log_p[other_i] + b[0]) + fk_density_less(k, a, b, u);
+  const double *a = fk_pair(k, s, j), *b = fk_pair(k, other_s, other_j);
+  const double small = log_p[fk_source(k, s, j)] + a[0];
+  if (!(small > FK_DEAD)) return FK_LOG_ZERO;
+  return small - (log_p[fk_source(k, other_s, other_j)] + b[0]) + fk_density_less(k, a, b, u);
 }
 
-/* Log-weights of the pairs of column j relative to the best possible one, `reference`, whose number is
+/* Log-weights of the pairs of column j relative to the best possible one, in slot `reference`, which is
  * negative if no pair is possible.  Entries of `log_w` are `stride` apart.  Returns the largest. */
 FK_STATIC double fk_far_column(const fk_kernel *k, const double *log_p, const double *u, int j, double *log_w,
                                int stride, double *reference) {
+  const int depth = fk_depth(k, j);
   int best = -1;
   double top = FK_LOG_ZERO, closest = 0.0;
-  for (int i = 0; i < k->M1; i++) {
-    const double l = fk_log_weight(k, log_p, i, j, u);
-    if (log_p[i] + fk_pair(k, i, j)[0] > FK_DEAD && (best < 0 || l > closest)) best = i, closest = l;
+  for (int s = 0; s < depth; s++) {
+    const double l = fk_log_weight(k, log_p, s, j, u);
+    if (log_p[fk_source(k, s, j)] + fk_pair(k, s, j)[0] > FK_DEAD && (best < 0 || l > closest)) best = s, closest = l;
   }
   *reference = best;
-  for (int i = 0; best < 0 && i < k->M1; i++) log_w[(size_t)i * stride] = FK_LOG_ZERO;
+  for (int s = 0; best < 0 && s < depth; s++) log_w[(size_t)s * stride] = FK_LOG_ZERO;
   /* the best by its digits is found among those that seemed to be */
   for (int round = 0; best >= 0 && round < FK_ROUNDS; round++) {
     int better = best;
     top = FK_LOG_ZERO;
-    for (int i = 0; i < k->M1; i++) {
-      double *to = log_w + (size_t)i * stride;
-      *to = fk_log_weight_less(k, log_p, i, j, best, j, u);
-      if (*to > top) top = *to, better = i;
+    for (int s = 0; s < depth; s++) {
+      double *to = log_w + (size_t)s * stride;
+      *to = fk_log_weight_less(k, log_p, s, j, best, j, u);
+      if (*to > top) top = *to, better = s;
     }
     *reference = best;
     if (!(top > 0.0)) break;
@@ -168,7 +175,7 @@ FK_STATIC double fk_far_column(const fk_kernel *k, const double *log_p, const do
   return top;
 }
 
-/* Add to each column what its reference, a number of `references`, is above the best of them, whose
+/* Add to each column what its reference, a slot in `references`, is above the best of them, whose
  * log-weight is returned; none for columns without one.  log_p are the nodes that the pairs begin in. */
 FK_STATIC double fk_far_references(const fk_kernel *k, const double *log_p, const double *u,
                                    const double *references, double *column) {
@@ -296,27 +303,27 @@ FK_STATIC double fk_first(int M, int m, int q, const double *log_initial, const 
   return log_total + best;
 }
 
-/* Sum up the pairs of row i of a scalar system: with the mean of X' linear in v = (1, w, x_i), the
- * average over j of its coefficients, and the triangle R of |R v|^2 = its variance over j.  a (M2, 3)
+/* Sum up the n pairs of row i of a scalar system: with the mean of X' linear in v = (1, w, x_i), the
+ * average over j of its coefficients, and the triangle R of |R v|^2 = its variance over j.  a (n, 3)
  * holds the coefficients and is overwritten; rows of `ahead`: average (3), R00 R01 R02 R11 R12 R22. */
-FK_STATIC void fk_fill_ahead(int i, int M2, int ld, const double *transition, double *a, double *ahead) {
+FK_STATIC void fk_fill_ahead(int i, int n, int ld, const double *transition, double *a, double *ahead) {
   double R[3][3] = {{0}};
   for (int c = 0; c < 3; c++) {
     const double first = a[c]; /* what all have in common cancels to the last bit */
     double mean = 0.0;
-    for (int j = 0; j < M2; j++) mean += transition[j] * (a[3 * j + c] -= first);
-    for (int j = 0; j < M2; j++) a[3 * j + c] = sqrt(transition[j]) * (a[3 * j + c] - mean);
+    for (int j = 0; j < n; j++) mean += transition[j] * (a[3 * j + c] -= first);
+    for (int j = 0; j < n; j++) a[3 * j + c] = sqrt(transition[j]) * (a[3 * j + c] - mean);
     ahead[(size_t)c * ld + i] = first + mean;
   }
   for (int c = 0; c < 3; c++) { /* orthogonalise the columns */
     double norm = 0.0;
-    for (int j = 0; j < M2; j++) norm += a[3 * j + c] * a[3 * j + c];
+    for (int j = 0; j < n; j++) norm += a[3 * j + c] * a[3 * j + c];
     R[c][c] = sqrt(norm);
     if (norm == 0.0) continue;
-    for (int j = 0; j < M2; j++) a[3 * j + c] /= R[c][c];
+    for (int j = 0; j < n; j++) a[3 * j + c] /= R[c][c];
     for (int e = c + 1; e < 3; e++) {
-      for (int j = 0; j < M2; j++) R[c][e] += a[3 * j + c] * a[3 * j + e];
-      for (int j = 0; j < M2; j++) a[3 * j + e] -= R[c][e] * a[3 * j + c];
+      for (int j = 0; j < n; j++) R[c][e] += a[3 * j + c] * a[3 * j + e];
+      for (int j = 0; j < n; j++) a[3 * j + e] -= R[c][e] * a[3 * j + c];
     }
   }
   const double upper[] = {R[0][0], R[0][1], R[0][2], R[1][1], R[1][2], R[2][2]};
@@ -327,17 +334,6 @@ FK_STATIC void fk_fill_ahead(int i, int M2, int ld, const double *transition, do
 FK_INLINE int fk_largest(int M, const double *p) {
   int top = 0;
   for (int i = 1; i < M; i++) top = p[i] > p[top] ? i : top;
-  return top;
-}
-
-/* The column of the largest transition from node i. */
-FK_STATIC int fk_largest_row(const fk_summary *s, int i, int M2, int blocks) {
-  int top = 0;
-  double most = -INFINITY;
-  for (int j = 0; j < M2; j++) {
-    const double p = s->cells[((size_t)i * blocks + j / FK_LANES) * s->stride * FK_LANES + j % FK_LANES];
-    if (p > most) top = j, most = p;
-  }
   return top;
 }
 
@@ -399,7 +395,7 @@ typedef struct {
   void (*prior)(const fk_kernel *, const fk_summary *, const double *, const double *, const double *, double *,
                 double *, double *);
   void (*posterior)(int, int, const double *, const double *, double *, double *);
-  int (*forward_backward)(int, int, const double *, const double *, const double *, double *, double *,
+  int (*forward_backward)(int, int, const fk_arrows *, const double *, const double *, const double *, double *, double *,
                            double *, double *);
 } fk_engine;
 

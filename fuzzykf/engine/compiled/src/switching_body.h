@@ -5,10 +5,12 @@
  */
 
 /* Inlined with constant sizes for the usual ones, so that the loops over m, q, w unroll. */
+#define FK_HELD(r, i) FK_NAME(fk_held)(is_sparse, table + (size_t)(r) * ld, sources, i)
 FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_sized)(
-    const fk_kernel *k, const int m, const int q, const int w, const double *table, const double *sign,
+    const fk_kernel *k, const int is_sparse, const int m, const int q, const int w, const double *table, const double *sign,
     const double *u, double *out, double *out_sign, double *scratch) {
   const int n = 1 + w + q, M1 = k->M1, M2 = k->M2, ld = fk_padded(M1), to = fk_padded(M2);
+  const size_t cell_size = (size_t)k->stride * FK_LANES;
   FK_V few_T[16], few_V[16], few_S[4], few_D[4]; /* sums of a small system stay in registers */
   FK_V *weight = (FK_V *)scratch, *X = weight + M1, *rest = X + (size_t)M1 * m;
   FK_V *T = m <= 4 ? few_T : rest, *V = m <= 4 ? few_V : rest + m * m;
@@ -17,10 +19,12 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
   double peak = -INFINITY, total = 0.0, best = 0.0, *references = scratch + fk_scratch_references(M1 > M2 ? M1 : M2, m);
   int far = 0, near = 0; /* columns whose best weight is lost among its digits, and others that can be reached */
   for (int b = 0; b < FK_AS_VECTORS(k->M2); b++) {
+    const double *cells = FK_CELL(k->cells, k->stride, 0, b);
+    const int *sources = FK_SOURCES(b), depth = FK_DEPTH(b);
     FK_V top = FK_NAME(fk_all)(-DBL_MAX), column = FK_NAME(fk_all)(0.0);
-    for (int i = 0; i < M1; i++) {
-      const double *cell = FK_CELL(k->cells, k->stride, i, b);
-      FK_V log_w = FK_ROW(cell, 0) + table[i];
+    for (int i = 0; i < depth; i++) { /* slots */
+      const double *cell = cells + i * cell_size;
+      FK_V log_w = FK_ROW(cell, 0) + FK_HELD(0, i);
       FK_UNROLL for (int r = 0; r < q; r++) {
         const double *row = cell + (2 + r * n) * FK_LANES;
         FK_V z = FK_ROW(row, 0);
@@ -40,8 +44,8 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
       top[t] = fk_far_column(k, table, u, j, (double *)weight + t, FK_WIDTH, references + j);
     }
     FK_UNROLL for (int r = 0; r < m; r++) S[r] = first[r] = FK_NAME(fk_all)(0.0);
-    for (int i = 0; i < M1; i++) {
-      const double *cell = FK_CELL(k->cells, k->stride, i, b);
+    for (int i = 0; i < depth; i++) {
+      const double *cell = cells + i * cell_size;
       const double *offset = cell + (2 + q * n) * FK_LANES, *A = offset + m * n * FK_LANES;
       FK_V e = FK_NAME(fk_exp)(weight[i] - top);
       const FK_B is_top = (FK_B)(weight[i] == top);
@@ -54,13 +58,13 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
       FK_UNROLL for (int r = 0; r < m; r++) {
         FK_V x = FK_ROW(offset, r * n);
         FK_UNROLL for (int t = 1; t < n; t++) x += FK_ROW(offset, r * n + t) * u[t];
-        FK_UNROLL for (int l = 0; l < m; l++) x += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
+        FK_UNROLL for (int l = 0; l < m; l++) x += FK_ROW(A, r * m + l) * FK_HELD(1 + l, i);
         X[(size_t)i * m + r] = x;
         first[r] = FK_NAME(fk_select)(is_top, x, first[r]);
       }
     }
     /* means as differences from the likeliest: pairs that agree then do so to the last bit, however far off */
-    for (int i = 0; i < M1; i++)
+    for (int i = 0; i < depth; i++)
       FK_UNROLL for (int r = 0; r < m; r++) {
         X[(size_t)i * m + r] -= first[r];
         S[r] += weight[i] * X[(size_t)i * m + r];
@@ -69,14 +73,14 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
     const FK_V inverse = 1.0 / column;
     FK_UNROLL for (int r = 0; r < m; r++) S[r] *= inverse;
     FK_UNROLL for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
-    for (int i = 0; i < M1; i++) {
-      const double *A = FK_CELL(k->cells, k->stride, i, b) + (size_t)(2 + (q + m) * n) * FK_LANES;
+    for (int i = 0; i < depth; i++) {
+      const double *A = cells + i * cell_size + (size_t)(2 + (q + m) * n) * FK_LANES;
       const FK_V o = weight[i] * inverse;
       FK_UNROLL for (int r = 0; r < m; r++) {
         D[r] = X[(size_t)i * m + r] - S[r];
         FK_UNROLL for (int l = 0; l < m; l++) {
           FK_V t = FK_NAME(fk_all)(0.0);
-          FK_UNROLL for (int s = 0; s < m; s++) t += FK_ROW(A, r * m + s) * table[(size_t)(1 + m + s * m + l) * ld + i];
+          FK_UNROLL for (int s = 0; s < m; s++) t += FK_ROW(A, r * m + s) * FK_HELD(1 + m + s * m + l, i);
           T[r * m + l] = t;
         }
       }
@@ -99,7 +103,7 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
     }
     for (int t = 0; t < FK_WIDTH; t++) {
       const int j = b * FK_WIDTH + t;
-      out[j] = j < M2 ? log(fabs(column[t])) + top[t] : FK_LOG_ZERO;
+      out[j] = j < M2 && top[t] > FK_DEAD ? log(fabs(column[t])) + top[t] : FK_LOG_ZERO;
       if (out_sign) out_sign[j] = column[t] < 0.0 ? -1.0 : 1.0;
     }
   }
@@ -119,17 +123,28 @@ FK_TARGET static inline __attribute__((always_inline)) double FK_NAME(fk_step_si
   for (int j = 0; j < to; j++) out[j] = j < M2 ? out[j] - log_total : 0.0; /* padding stays zero */
   return log_total + best;
 }
+#undef FK_HELD
 
 FK_TARGET static double FK_NAME(fk_step)(const fk_kernel *k, const double *table, const double *sign,
                                          const double *u, double *out, double *out_sign, double *scratch) {
-  switch (k->w == k->q && k->m <= 4 && k->q <= 2 ? 10 * k->m + k->q : 0) {
-  case 11: return FK_NAME(fk_step_sized)(k, 1, 1, 1, table, sign, u, out, out_sign, scratch);
-  case 21: return FK_NAME(fk_step_sized)(k, 2, 1, 1, table, sign, u, out, out_sign, scratch);
-  case 31: return FK_NAME(fk_step_sized)(k, 3, 1, 1, table, sign, u, out, out_sign, scratch);
-  case 22: return FK_NAME(fk_step_sized)(k, 2, 2, 2, table, sign, u, out, out_sign, scratch);
-  case 42: return FK_NAME(fk_step_sized)(k, 4, 2, 2, table, sign, u, out, out_sign, scratch);
-  default: return FK_NAME(fk_step_sized)(k, k->m, k->q, k->w, table, sign, u, out, out_sign, scratch);
+#define FK_SIZED(m, q, w) FK_NAME(fk_step_sized)(k, is_sparse, m, q, w, table, sign, u, out, out_sign, scratch)
+#define FK_SIZES                                                                                          \
+  switch (k->w == k->q && k->m <= 4 && k->q <= 2 ? 10 * k->m + k->q : 0) {                                 \
+  case 11: return FK_SIZED(1, 1, 1);                                                                      \
+  case 21: return FK_SIZED(2, 1, 1);                                                                      \
+  case 31: return FK_SIZED(3, 1, 1);                                                                      \
+  case 22: return FK_SIZED(2, 2, 2);                                                                      \
+  case 42: return FK_SIZED(4, 2, 2);                                                                      \
+  default: return FK_SIZED(k->m, k->q, k->w);                                                             \
   }
+  if (k->is_sparse) {
+    const int is_sparse = 1;
+    FK_SIZES
+  }
+  const int is_sparse = 0;
+  FK_SIZES
+#undef FK_SIZES
+#undef FK_SIZED
 }
 
 /* p = exp(log_p) for `blocks` vectors; the smallest of the first M. */
@@ -143,7 +158,7 @@ FK_TARGET static double FK_NAME(fk_exp_row)(const double *log_p, int M, double *
 
 /* Mean (m) and covariance (m, m) of X' before Y' is seen. */
 FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_sized)(
-    const fk_kernel *k, const fk_summary *s, const int m, const int w, const double *p, const double *table,
+    const fk_kernel *k, const fk_summary *s, const int is_sparse, const int m, const int w, const double *p, const double *table,
     const double *u, double *x, double *P, double *scratch) {
   const int M1 = k->M1, ld = fk_padded(M1), matrix = 2 + (k->q + m) * (1 + w + k->q);
   const int blocks = FK_AS_VECTORS(k->M2);
@@ -151,42 +166,50 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
   double few_first[4] = {0};
   FK_V *rest = (FK_V *)scratch, *V = m <= 4 ? few_V : rest, *S = m <= 4 ? few_S : rest + m * m;
   double *first = m <= 4 ? few_first : (double *)(rest + m * m + m);
-  FK_V *mean = rest + m * m + 2 * m, *now = mean; /* of the pairs: M1 blocks m */
-  const int top = fk_largest(M1, p), side = fk_largest_row(s, top, k->M2, k->blocks);
+  FK_V *mean = rest + m * m + 2 * m, *now = mean; /* of the pairs: slots m */
+  const int top = fk_largest(M1, p), side = s->widest[2 * top], way = s->widest[2 * top + 1];
+  const int deepest = is_sparse ? fk_deepest(k) : M1;
   FK_UNROLL for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
   FK_UNROLL for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
-  for (int i = 0; i < M1; i++)
-    for (int b = 0; b < blocks; b++, now += m) {
+  for (int i = 0; i < deepest; i++)
+    for (int b = 0; b < blocks; b++) {
+      if (is_sparse && i >= FK_DEPTH(b)) continue;
       const double *cell = FK_CELL(s->cells, s->stride, i, b);
       const double *A = FK_CELL(k->cells, k->stride, i, b) + (size_t)matrix * FK_LANES;
+      const int *sources = FK_SOURCES(b);
       FK_UNROLL for (int r = 0; r < m; r++) {
         const double *row = cell + (1 + r * (1 + w)) * FK_LANES;
         FK_V a = FK_ROW(row, 0);
         FK_UNROLL for (int t = 1; t <= w; t++) a += FK_ROW(row, t) * u[t];
-        FK_UNROLL for (int l = 0; l < m; l++) a += FK_ROW(A, r * m + l) * table[(size_t)(1 + l) * ld + i];
+        FK_UNROLL for (int l = 0; l < m; l++) a += FK_ROW(A, r * m + l) * FK_NAME(fk_held)(is_sparse, table + (size_t)(1 + l) * ld, sources, i);
         now[r] = a;
-        if (i == top && b == side / FK_WIDTH) first[r] = a[side % FK_WIDTH];
+        if (i == way && b == side / FK_WIDTH) first[r] = a[side % FK_WIDTH];
       }
+      now += m;
     }
   now = mean; /* of one likely pair the others are differences */
-  for (int i = 0; i < M1; i++)
-    for (int b = 0; b < blocks; b++, now += m) {
-      const FK_V weight = FK_ROW(FK_CELL(s->cells, s->stride, i, b), 0) * p[i];
+  for (int i = 0; i < deepest; i++)
+    for (int b = 0; b < blocks; b++) {
+      if (is_sparse && i >= FK_DEPTH(b)) continue;
+      const FK_V weight = FK_ROW(FK_CELL(s->cells, s->stride, i, b), 0) * FK_NAME(fk_held)(is_sparse, p, FK_SOURCES(b), i);
       FK_UNROLL for (int r = 0; r < m; r++) {
         now[r] -= first[r];
         S[r] += weight * now[r];
       }
+      now += m;
     }
   FK_UNROLL for (int r = 0; r < m; r++) x[r] = FK_NAME(fk_sum)(S[r]);
   now = mean;
-  for (int i = 0; i < M1; i++)
-    for (int b = 0; b < blocks; b++, now += m) {
+  for (int i = 0; i < deepest; i++)
+    for (int b = 0; b < blocks; b++) {
+      if (is_sparse && i >= FK_DEPTH(b)) continue;
       const double *cell = FK_CELL(s->cells, s->stride, i, b);
       FK_UNROLL for (int r = 0; r < m; r++) now[r] -= x[r];
       FK_UNROLL for (int r = 0; r < m; r++) {
-        const FK_V weighted = FK_ROW(cell, 0) * p[i] * now[r];
+        const FK_V weighted = FK_ROW(cell, 0) * FK_NAME(fk_held)(is_sparse, p, FK_SOURCES(b), i) * now[r];
         FK_UNROLL for (int l = r; l < m; l++) V[r * m + l] += weighted * now[l];
       }
+      now += m;
     }
   FK_UNROLL for (int r = 0; r < m; r++)
     FK_UNROLL for (int l = r; l < m; l++) {
@@ -210,13 +233,24 @@ FK_TARGET static void FK_NAME(fk_prior)(const fk_kernel *k, const fk_summary *s,
     FK_NAME(fk_prior_scalar)(s, k->M1, p, table, u[1], x, P);
     return;
   }
-  switch (k->w <= 2 && k->m <= 4 ? 10 * k->m + k->w : 0) {
-  case 21: FK_NAME(fk_prior_sized)(k, s, 2, 1, p, table, u, x, P, scratch); break;
-  case 22: FK_NAME(fk_prior_sized)(k, s, 2, 2, p, table, u, x, P, scratch); break;
-  case 31: FK_NAME(fk_prior_sized)(k, s, 3, 1, p, table, u, x, P, scratch); break;
-  case 42: FK_NAME(fk_prior_sized)(k, s, 4, 2, p, table, u, x, P, scratch); break;
-  default: FK_NAME(fk_prior_sized)(k, s, k->m, k->w, p, table, u, x, P, scratch);
+#define FK_SIZED(m, w) FK_NAME(fk_prior_sized)(k, s, is_sparse, m, w, p, table, u, x, P, scratch)
+#define FK_SIZES                                                                                          \
+  switch (k->w <= 2 && k->m <= 4 ? 10 * k->m + k->w : 0) {                                                 \
+  case 21: FK_SIZED(2, 1); break;                                                                         \
+  case 22: FK_SIZED(2, 2); break;                                                                         \
+  case 31: FK_SIZED(3, 1); break;                                                                         \
+  case 42: FK_SIZED(4, 2); break;                                                                         \
+  default: FK_SIZED(k->m, k->w);                                                                          \
   }
+  if (k->is_sparse) {
+    const int is_sparse = 1;
+    FK_SIZES
+  } else {
+    const int is_sparse = 0;
+    FK_SIZES
+  }
+#undef FK_SIZES
+#undef FK_SIZED
 }
 
 /* Mean and covariance of X, the mixture of M nodes with probabilities p (eqs. 21, 22). */
