@@ -24,6 +24,7 @@ from fuzzykf.engine.numpy.kernels import *
 from fuzzykf.engine.numpy.outliers import *
 from fuzzykf.engine.numpy.raster import *
 from fuzzykf.engine.numpy.series import *
+from fuzzykf.engine.numpy.slots import *
 from fuzzykf.engine.numpy.switching import *
 from fuzzykf.engine.numpy.tables import *
 

@@ -200,6 +200,18 @@ def tolerance_of(scale, largest, is_alike=False):
     return 1e-12 if is_alike or scale > 1e6 else max(1e-12, 2e-15 * largest)
 
 
+DEEPEST = {"fade": 2, "ring": 3, "turning": 3, "one way": 1, "transient": 4, "hub": 20, "20 to 11": 4}
+
+
+@pytest.mark.parametrize(("chain", "deepest"), DEEPEST.items())
+def test_pairs_that_cannot_be_have_no_room_where_that_pays(engine, chain, deepest) -> None:
+    P = chain_of(chain)
+    assert (P > 0.0).sum(axis=0).max() == deepest
+    assert engine.pack(*system_of(chain, (2, 2, 1))).depth == deepest
+    assert engine.pack(np.full(P.shape, 1.0 / P.shape[1]), *system_of(chain, (2, 2, 1))[1:]).depth == len(P)
+    assert engine.pack(*system_of("mostly positive", (1, 1, 1))).depth == 7
+
+
 @pytest.mark.parametrize("is_alike", [False, True], ids=["pairs that differ", "pairs alike"])
 @pytest.mark.parametrize(("chain", "shape"), CASES)
 def test_a_step_is_that_of_loops_over_the_pairs_that_can_be(engine, chain, shape, is_alike) -> None:
@@ -219,6 +231,16 @@ def test_a_step_is_that_of_loops_over_the_pairs_that_can_be(engine, chain, shape
             for one in side_by_side[0]:
                 assert_step(one, expected, tolerance, of_covariance)
             np.testing.assert_allclose(side_by_side[1], expected[3], rtol=tolerance)
+
+
+@pytest.mark.parametrize(("chain", "shape"), CASES)
+def test_densities_beyond_all_numbers_are_no_law(engine, chain, shape) -> None:
+    kernel, (table, u), q = engine.pack(*system_of(chain, shape)), state_of(chain, shape), shape[1]
+    with np.errstate(all="ignore"):
+        assert np.isnan(engine.step(kernel, table, None, u[1:-q], 1e200 * u[-q:])[2])
+        assert np.isnan(
+            engine.step_many(kernel, table[None], np.append(u[:-q], 1e200 * u[-q:])[None])[1]
+        ).all()
 
 
 @pytest.mark.parametrize(("chain", "shape"), ROUND)

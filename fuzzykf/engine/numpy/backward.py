@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.engine.numpy.outliers import NEAR, far_pairs
-from fuzzykf.engine.numpy.switching import are_far, log_pairs
-from fuzzykf.engine.numpy.tables import DEAD
+from fuzzykf.engine.numpy.switching import are_far, slot_logs
+from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,11 +43,12 @@ def smooth_back(kernel: Kernel, log_p: FloatArray, U: FloatArray, after: FloatAr
     ndarray, shape (n, M)
         Smoothed probabilities at the start of each step.
     """
-    M1, M2 = kernel.shape[:2]
+    (M1, M2), slots = kernel.shape[:2], kernel.slots
     gamma = np.empty((len(U), M1))
     for stop in range(len(U), 0, -_CHUNK):
         start = max(0, stop - _CHUNK)
-        log_w = log_pairs(kernel, U[start:stop]).reshape(-1, M1, M2) + log_p[start:stop, :, None]
+        log_w = slot_logs(kernel, U[start:stop]).reshape(-1, kernel.depth, M2)
+        log_w += log_p[start:stop][(slice(None), *kernel.nodes)]
         top = log_w.max(axis=1)
         for far in np.flatnonzero(((top < NEAR) & (top > DEAD)).any(axis=1)):
             log_w[far] = far_pairs(kernel, log_p[start + far], U[start + far])[0]
@@ -55,7 +56,7 @@ def smooth_back(kernel: Kernel, log_p: FloatArray, U: FloatArray, after: FloatAr
         w = np.exp(log_w - top[:, None])
         w /= w.sum(axis=1, keepdims=True)
         for t in range(stop - 1, start - 1, -1):
-            after = w[t - start] @ after
+            after = w[t - start] @ after if slots is None else slots.sums(w[t - start] * after, M1)
             gamma[t] = after = after / after.sum()  # one, but for rounding, which would add up
     return gamma
 
@@ -78,16 +79,17 @@ def best_path(kernel: Kernel, score: FloatArray, U: FloatArray) -> tuple[FloatAr
     pointers : ndarray, shape (n, M)
         The node before, on the best path to each node.
     """
-    M1, M2 = kernel.shape[:2]
+    M2, slots = kernel.shape[1], kernel.slots
     pointers = np.empty((len(U), M2), dtype=np.int64)
     columns = np.arange(M2)
     for start in range(0, len(U), _CHUNK):
-        for t, pairs in enumerate(log_pairs(kernel, U[start : start + _CHUNK]), start):
-            total = score[:, None] + pairs.reshape(M1, M2)
+        for t, pairs in enumerate(slot_logs(kernel, U[start : start + _CHUNK]), start):
+            total = score[kernel.nodes] + pairs.reshape(-1, M2)
             if are_far(total.max(axis=0)):
                 total, reference, _ = far_pairs(kernel, score, U[t])
                 total += reference
-            pointers[t] = total.argmax(axis=0)
-            score = total[pointers[t], columns]
-            score = score - score.max()
+            best = total.argmax(axis=0)
+            pointers[t] = best if slots is None else slots.source[best, columns]
+            score = total[best, columns]
+            score = np.maximum(score - score.max(), LOG_ZERO)  # where no path leads nothing adds up
     return score, pointers

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fuzzykf.engine.numpy.slots import SPARSE
+
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
 
@@ -39,14 +41,24 @@ def forward_backward(
         Posterior probability of each pair.
     log_likelihood : ndarray, shape (T,)
     """
-    peaks = log_emission.max(axis=(1, 2), initial=-np.inf)
-    moves = np.exp(log_emission - peaks[:, None, None])
-    moves *= transition
+    i, j = np.nonzero(transition)
+    if i.size > SPARSE * transition.size:
+        peaks = log_emission.max(axis=(1, 2), initial=-np.inf)
+        moves = np.exp(log_emission - peaks[:, None, None])
+        moves *= transition
+    else:  # the exponentials cost more than all else
+        of_pairs = log_emission[:, i, j]
+        peaks = of_pairs.max(axis=1, initial=-np.inf)
+        of_pairs -= peaks[:, None]
+        np.exp(of_pairs, out=of_pairs)
+        moves = np.zeros(log_emission.shape)
+        moves[:, i, j] = of_pairs * transition[i, j]
     scaled = _scaled_messages(first, moves)
     if scaled is None:  # what floating-point numbers cannot hold may matter here
         return _in_logarithms(first, transition, log_emission)
     alpha, beta, scale = scaled
-    xi = alpha[:-1, :, None] * moves
+    xi = moves
+    xi *= alpha[:-1, :, None]
     xi *= (beta[1:] / scale[:, None])[:, None, :]
     return alpha * beta, xi, np.log(scale) + peaks
 
@@ -81,7 +93,7 @@ def _in_logarithms(
     """Return the same as `forward_backward`, several times slower, whatever the densities."""
     T, M = len(log_emission), first.size
     with np.errstate(divide="ignore"):
-        moves = log_emission + np.log(transition)
+        moves = np.where(transition == 0.0, -np.inf, log_emission + np.log(transition))
         now = np.log(first)
     alpha, beta, scale = np.empty((T + 1, M)), np.empty((T + 1, M)), np.empty(T)
     alpha[0] = now

@@ -120,10 +120,13 @@ def relative_weights(
 
 
 def far_pairs(kernel: Kernel, log_p: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Weigh the pairs at an observation that is far off, see `far_weights`; ``u`` begins with (1, w, y')."""
-    M1, M2, _, q = kernel.shape
-    rows = kernel.rows[: q * M1 * M2].reshape(q, M1, M2, -1)
-    small = kernel.log_scale.reshape(M1, M2) + log_p[:, None]
+    """Weigh the pairs at an observation that is far off, see `far_weights`; ``u`` begins with (1, w, y').
+
+    M1 stands for the slots of the kernel.
+    """
+    _, M2, _, q = kernel.shape
+    rows = kernel.rows[: q * kernel.depth * M2].reshape(q, kernel.depth, M2, -1)
+    small = kernel.log_scale.reshape(-1, M2) + log_p[kernel.nodes]
     return far_weights(rows, small, u[: rows.shape[-1]])
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from fuzzykf.engine.numpy.outliers import NEAR, QUIET, far_pairs
-from fuzzykf.engine.numpy.switching import collapse, collapse_few, first_step, log_pairs
-from fuzzykf.engine.numpy.tables import DEAD
+from fuzzykf.engine.numpy.switching import collapse, collapse_few, first_step, slot_logs
+from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray, IntArray
@@ -97,7 +97,7 @@ def filter_series(
         both_signs = None
         if signs is not None:
             both_signs = np.concatenate([np.ones((1, M1)) if sign is None else sign, signs])
-        chunk = max(1, min(_CHUNK, _NUMBERS // (M1 * M2 * m)))
+        chunk = max(1, min(_CHUNK, _NUMBERS // (kernel.depth * M2 * m)))
         for a in range(start, stop, chunk):
             b = min(a + chunk, stop)
             old, new = slice(a - start, b - start), slice(a - start + 1, b - start + 1)
@@ -108,7 +108,7 @@ def filter_series(
         return both[None, -2], both[None, -1]
     last = np.empty((s, *table.shape[1:]))
     before = np.empty_like(last)
-    size = max(1, _BLOCK // (M1 * M2))
+    size = max(1, _BLOCK // (kernel.depth * M2))
     for a in range(0, s, size):
         block = slice(a, a + size)
         part = {name: values[block] for name, values in out.items()}
@@ -145,15 +145,15 @@ def run(
     log_likelihood : ndarray, shape (n,)
     """
     n = len(U)
-    M1, M2, m, q = kernel.shape
-    p = M1 * M2
+    _, M2, m, q = kernel.shape
+    p = kernel.depth * M2
     tables = np.empty((n, 1 + m + m * m, M2))
     signs = None if kernel.sign is None else np.empty((n, M2))
     log_likelihood = np.empty(n)
     chunk = max(1, _TABLES // ((q + m) * p))
     for start in range(0, n, chunk):
         part = U[start : start + chunk]
-        log_w = log_pairs(kernel, part)
+        log_w = slot_logs(kernel, part)
         if kernel.few is not None:
             mix = kernel.few.mix
             pairs = np.empty((len(part), 3 * p))
@@ -192,10 +192,10 @@ def step_many(kernel: Kernel, table: FloatArray, U: FloatArray) -> tuple[FloatAr
     table : ndarray, shape (s, 1 + m + m*m, M2)
     log_likelihood : ndarray, shape (s,)
     """
-    M1, M2, m, q = kernel.shape
-    s = len(U)
-    w = log_pairs(kernel, U).reshape(s, M1, M2)
-    w += table[:, 0, :, None]
+    _, M2, m, q = kernel.shape
+    s, p, nodes = len(U), kernel.depth * M2, (slice(None), *kernel.nodes)
+    w = slot_logs(kernel, U).reshape(s, -1, M2)
+    w += table[:, 0][nodes]
     top = w.max(axis=1)
     base, best = top.copy(), np.zeros(s)
     for k in np.flatnonzero(((top < NEAR) & (top > DEAD)).any(axis=1)):
@@ -206,25 +206,25 @@ def step_many(kernel: Kernel, table: FloatArray, U: FloatArray) -> tuple[FloatAr
     np.exp(w, out=w)
     column = w.sum(axis=1)
     w /= column[:, None]
-    offset = (U @ kernel.rows[q * M1 * M2 :].T).reshape(s, m, M1, M2)
+    offset = (U @ kernel.rows[q * p :].T).reshape(s, m, -1, M2)
     new = np.empty((s, 1 + m + m * m, M2))
     if m == 1:
         a, C = kernel.Axx[..., 0, 0], kernel.C[..., 0, 0]
         x = offset[:, 0]
-        x += a * table[:, 1, :, None]
+        x += a * table[:, 1][nodes]
         first = np.take_along_axis(x, w.argmax(axis=1)[:, None], axis=1)
         x -= first
         beyond = np.einsum("sij,sij->sj", w, x)
         new[:, 1] = first[:, 0] + beyond
         x -= beyond[:, None]
         x *= x
-        x += a * a * table[:, 2, :, None] + C
+        x += a * a * table[:, 2][nodes] + C
         new[:, 2] = np.einsum("sij,sij->sj", w, x)
     else:
         moments = np.swapaxes(table[:, 1:], 1, 2)
-        x_node, P_node = moments[..., :m], moments[..., m:].reshape(s, M1, 1, m, m)
-        x_pair = (kernel.Axx @ x_node[:, :, None, :, None])[..., 0] + np.moveaxis(offset, 1, -1)
-        P_pair = kernel.Axx @ P_node @ np.swapaxes(kernel.Axx, -1, -2) + kernel.C
+        x_node, P_node = moments[..., :m], moments[..., m:].reshape(s, -1, m, m)
+        x_pair = (kernel.Axx @ x_node[nodes][..., None])[..., 0] + np.moveaxis(offset, 1, -1)
+        P_pair = kernel.Axx @ P_node[nodes] @ np.swapaxes(kernel.Axx, -1, -2) + kernel.C
         first = np.take_along_axis(x_pair, w.argmax(axis=1)[:, None, :, None], axis=1)
         x_pair -= first
         beyond = np.einsum("sij,sijk->sjk", w, x_pair)
@@ -235,8 +235,10 @@ def step_many(kernel: Kernel, table: FloatArray, U: FloatArray) -> tuple[FloatAr
         P = 0.5 * (P + np.swapaxes(P, -1, -2))
         new[:, 1 : 1 + m] = np.swapaxes(mean, 1, 2)
         new[:, 1 + m :] = np.swapaxes(P.reshape(s, M2, m * m), 1, 2)
-    new[:, 1:][np.broadcast_to((top < DEAD)[:, None], new[:, 1:].shape)] = 0.0  # no path reaches these nodes
+    is_lost = top < DEAD  # no path reaches these nodes
+    new[:, 1:][np.broadcast_to(is_lost[:, None], new[:, 1:].shape)] = 0.0
     log_p = np.log(column) + base
+    log_p[is_lost] = np.maximum(log_p[is_lost], LOG_ZERO)
     peak = log_p.max(axis=1, keepdims=True)
     log_total = np.log(np.exp(log_p - peak).sum(axis=1)) + peak[:, 0]
     new[:, 0] = log_p - log_total[:, None]
@@ -317,11 +319,11 @@ def prior_moments(
     x, P : ndarray, shapes (..., M, m) and (..., M, m, m)
     window : ndarray, shape (..., w)
     """
-    lead, (M1, M2), m = p.shape[:-1], summary.transition.shape, x.shape[-1]
+    lead, slots, m = p.shape[:-1], summary.transition.size, x.shape[-1]
     # x_ij of each pair, and the central moments of their mixture
     constant = summary.offset[0] + by_rows(window, summary.offset[1:])
-    mean = (constant + by_rows(x.reshape(*lead, M1 * m), summary.carried)).reshape(*lead, M1 * M2, m)
-    weights = (p[..., :, None] * summary.transition).reshape(*lead, M1 * M2)
+    mean = (constant + by_rows(x.reshape(*lead, -1), summary.carried)).reshape(*lead, slots, m)
+    weights = (p[(..., *summary.nodes)] * summary.transition).reshape(*lead, slots)
     first = np.take_along_axis(mean, weights.argmax(axis=-1)[..., None, None], axis=-2)
     mean -= first
     beyond = (weights[..., None, :] @ mean)[..., 0, :]

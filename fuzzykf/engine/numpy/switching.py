@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.engine.numpy.outliers import NEAR, QUIET, far_nodes, far_pairs
-from fuzzykf.engine.numpy.tables import DEAD
+from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray
@@ -121,21 +121,21 @@ def step(
     table, sign, log_likelihood
         The state at n + 1 and log p(y' | y_1..n).
     """
-    M1, M2, m, q = kernel.shape
+    _, M2, m, q = kernel.shape
+    p = kernel.depth * M2
     if kernel.few is not None:
         u = np.concatenate((_ONE, window, y, table.ravel()))
         pairs = kernel.few.whole.dot(u)
-        n = M1 * M2
-        white, log_w = pairs[:n], pairs[n : 2 * n]
+        white, log_w = pairs[:p], pairs[p : 2 * p]
         np.multiply(white, white, white)
         np.subtract(log_w, white, log_w)
         table, log_total, best = collapse_few(
-            kernel, log_w, pairs[2 * n : 3 * n], pairs[3 * n :], table[0], u
+            kernel, log_w, pairs[2 * p : 3 * p], pairs[3 * p :], table[0], u
         )
         table[0] -= log_total
         return table, None, log_total + best
     u = np.concatenate((_ONE, window, y))
-    product = (kernel.rows @ u).reshape(q + m, M1 * M2)
+    product = (kernel.rows @ u).reshape(q + m, p)
     log_w = kernel.log_scale - np.add.reduce(product[:q] ** 2, axis=0)
     return collapse(kernel, log_w, product[q:], table, sign, u)
 
@@ -161,13 +161,13 @@ def _signed(
 def collapse_few(
     kernel: Kernel, log_w: FloatArray, x: FloatArray, P: FloatArray, log_p: FloatArray, u: FloatArray
 ) -> tuple[FloatArray, float, float]:
-    """Sum pairs into nodes, scalar state: flat arrays (M1 M2,), of which x is overwritten.
+    """Sum pairs into nodes, scalar state: flat arrays (depth M2,), of which x is overwritten.
 
     ``log_p`` (M1,) and ``u``, which begins with (1, w, y'), are what ``log_w`` was made from.  Returns the
     new table, its first row not normalised, the logarithm of its total, and the log-density
     to which that is relative: zero, but for outliers.
     """
-    M1, M2 = kernel.shape[:2]
+    M2 = kernel.shape[1]
     few = kernel.few
     assert few is not None
     spread, p = few.spread, log_w.size
@@ -184,7 +184,7 @@ def collapse_few(
     top = None
     best = 0.0
     if not (min(sums) > _TINY and total < _HUGE):  # an outlier, or a node out of reach
-        top = base = np.maximum.reduce(log_w.reshape(M1, M2), axis=0)
+        top = base = np.maximum.reduce(log_w.reshape(-1, M2), axis=0)
         if are_far(top):
             relative, reference, best = far_pairs(kernel, log_p, u)
             log_w, top = relative.ravel(), np.maximum.reduce(relative, axis=0)
@@ -204,8 +204,8 @@ def collapse_few(
     new_log_p = np.log(column, table[0])
     if top is None:
         return table, log(total), best
-    _bury(table, top)
     new_log_p += base
+    _bury(table, top)
     return table, log_sum(new_log_p, None), best
 
 
@@ -218,9 +218,11 @@ def layout(log_p: FloatArray, mean: FloatArray, P: FloatArray) -> FloatArray:
 
 
 def _bury(table: FloatArray, top: FloatArray) -> None:
-    """Set the moments of nodes that no path reaches to zero, or they might grow without bound."""
+    """Set nodes that no path reaches to zero: moments might grow without bound, logarithms add up."""
     if float(top.min()) < DEAD:
-        table[1:, top < DEAD] = 0.0
+        is_lost = top < DEAD
+        table[0, is_lost] = np.maximum(table[0, is_lost], LOG_ZERO)  # what is no number remains none
+        table[1:, is_lost] = 0.0
 
 
 def log_sum(log_p: FloatArray, sign: FloatArray | None) -> float:
@@ -241,12 +243,12 @@ def collapse(
 ) -> tuple[FloatArray, FloatArray | None, float]:
     """Sum pairs into nodes, for any state and any number of nodes.
 
-    ``log_w`` (M1 M2,) holds log(P_ij N(y'; ...)), ``offset`` (m, M1 M2) holds
+    ``log_w`` (depth M2,) holds log(P_ij N(y'; ...)), ``offset`` (m, depth M2) holds
     H w + G y' + c; both were made from ``u``, (1, w, y').
     Returns the new table, the signs of its masses and the log-likelihood.
     """
-    M1, M2, m, _ = kernel.shape
-    w = log_w.reshape(M1, M2) + table[0][:, None]
+    (M1, M2, m, _), nodes = kernel.shape, kernel.nodes
+    w = log_w.reshape(-1, M2) + table[0][nodes]
     top = base = np.maximum.reduce(w, axis=0)
     best = 0.0
     if are_far(top):
@@ -261,20 +263,20 @@ def collapse(
     w /= column  # o_ij = p(r_n = i | r_{n+1} = j, y_1..n+1)
     x = table[1 : 1 + m].T
     P = table[1 + m :].T.reshape(M1, m, m)
-    shift = np.moveaxis(offset.reshape(m, M1, M2), 0, -1)
+    shift = np.moveaxis(offset.reshape(m, -1, M2), 0, -1)
     Axx = kernel.Axx
     if m == 1:
-        x_pair = Axx[..., 0] * x[:, None] + shift
-        P_pair = Axx * Axx * P[:, None] + kernel.C
+        x_pair = Axx[..., 0] * x[nodes] + shift
+        P_pair = Axx * Axx * P[nodes] + kernel.C
     else:
-        x_pair = (Axx @ x[:, None, :, None])[..., 0] + shift
-        P_pair = Axx @ P[:, None] @ np.swapaxes(Axx, -1, -2) + kernel.C
+        x_pair = (Axx @ x[nodes][..., None])[..., 0] + shift
+        P_pair = Axx @ P[nodes] @ np.swapaxes(Axx, -1, -2) + kernel.C
     # from the likeliest on: what all have in common then cancels to the last bit, however large
     first = x_pair[np.abs(w).argmax(axis=0), np.arange(M2)]
     x_pair -= first
     beyond = np.einsum("ij,ijk->jk", w, x_pair)
     mean = first + beyond
-    deviation = np.swapaxes(x_pair - beyond, 0, 1)  # (M2, M1, m)
+    deviation = np.swapaxes(x_pair - beyond, 0, 1)  # (M2, depth, m)
     spread = np.swapaxes(deviation * w.T[..., None], -1, -2) @ deviation
     P_node = np.einsum("ij,ijkl->jkl", w, P_pair) + spread
     P_node = 0.5 * (P_node + np.swapaxes(P_node, -1, -2))
@@ -294,8 +296,20 @@ def node_mean(p: FloatArray, means: FloatArray) -> FloatArray:
 
 def log_pairs(kernel: Kernel, U: FloatArray) -> FloatArray:
     """Return log |P_ij| + log N(y'; Ayy w + Ny, Qyy) for rows (1, w, y') of U: (n, M1 M2)."""
-    M1, M2, _, q = kernel.shape
-    p = M1 * M2
+    log_w, slots = slot_logs(kernel, U), kernel.slots
+    if slots is None:
+        return log_w
+    M1, M2 = kernel.shape[:2]
+    i, j = slots.source[slots.there], np.nonzero(slots.there)[1]
+    whole = np.full((len(U), M1, M2), LOG_ZERO)
+    whole[:, i, j] = log_w[:, slots.there.ravel()]
+    return whole.reshape(len(U), -1)
+
+
+def slot_logs(kernel: Kernel, U: FloatArray) -> FloatArray:
+    """Do `log_pairs` slot by slot: (n, depth M2)."""
+    _, M2, _, q = kernel.shape
+    p = kernel.depth * M2
     white = (U[:, None] @ kernel.rows[: q * p].T)[:, 0]  # row by row, see `by_rows` of whole series
     white *= white
     log_w: FloatArray = kernel.log_scale - (white if q == 1 else white.reshape(-1, q, p).sum(axis=1))

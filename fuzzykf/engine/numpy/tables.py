@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from math import log
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+
+from fuzzykf.engine.numpy.slots import Slots, lay_out
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray, IntArray
@@ -21,33 +23,36 @@ DEAD = 0.5 * LOG_ZERO
 
 _HALF_LOG_2PI = 0.5 * log(2.0 * np.pi)
 
-#: Up to so many nodes the pairs of a scalar state are reached by a matrix product.
-_FEW_NODES = 16
+#: Up to so large the matrix from nodes to pairs, (pairs, nodes), is faster than indices, for a scalar state.
+_FEW = 16**3
 
 
 class FewNodes(NamedTuple):
     """Ways between nodes and pairs as matrices, for a scalar state."""
 
-    mix: FloatArray  # (3 M1 M2, 3 M1): a state, as seen by the pairs
-    whole: FloatArray  # (4 M1 M2, 1 + w + q + 3 M1): rows and mix at once
-    spread: FloatArray  # (M1 M2, M2): a quantity of j, as seen by the pairs
-    sums: FloatArray  # (2 M1 M2, 2 M2): sums over i of two quantities
+    mix: FloatArray  # (3 p, 3 M1): a state, as seen by the p pairs
+    whole: FloatArray  # (4 p, 1 + w + q + 3 M1): rows and mix at once
+    spread: FloatArray  # (p, M2): a quantity of j, as seen by the pairs
+    sums: FloatArray  # (2 p, 2 M2): sums over i of two quantities
 
 
 class Kernel(NamedTuple):
-    """Tables of one step in the layout of the kernels; pairs (i, j) are flat, j fastest.
+    """Tables of one step in the layout of the kernels; pairs stand in slots, see `Slots`, j fastest.
 
-    With u = (1, w, y') the first q M1 M2 entries of ``rows @ u`` are the whitened
-    innovations of y' divided by sqrt(2), the other m M1 M2 are H w + G y' + c.
+    With u = (1, w, y') the first q ``depth`` M2 entries of ``rows @ u`` are the whitened
+    innovations of y' divided by sqrt(2), the other m ``depth`` M2 are H w + G y' + c.
     """
 
     shape: tuple[int, int, int, int]  # M1, M2, m, q
-    log_scale: FloatArray  # (M1 M2,): log P_ij and the constants of the Gaussian density
+    depth: int  # number of slots of each column: M1, or fewer
+    slots: Slots | None  # of the pairs of positive probability; None if all have one
+    nodes: tuple[Any, ...]  # the index that gives each slot what its node i holds: of (M1, ...)
+    log_scale: FloatArray  # (depth M2,): log P_ij and the constants of the Gaussian density
     sign: FloatArray | None  # (M1, M2): sign of P_ij, if some are negative
-    rows: FloatArray  # ((q + m) M1 M2, 1 + w + q)
-    Axx: FloatArray  # (M1, M2, m, m)
-    C: FloatArray  # (M1, M2, m, m)
-    ones: FloatArray  # (M1,)
+    rows: FloatArray  # ((q + m) depth M2, 1 + w + q)
+    Axx: FloatArray  # (depth, M2, m, m)
+    C: FloatArray  # (depth, M2, m, m)
+    ones: FloatArray  # (depth,)
     few: FewNodes | None  # for a scalar state and few nodes
 
 
@@ -69,7 +74,13 @@ def pack(
     """
     M1, M2 = transition.shape
     m, q = Axx.shape[-1], factor.shape[-1]
-    identity = np.broadcast_to(np.eye(q), (M1, M2, q, q))
+    slots, source = lay_out(transition), np.repeat(np.arange(M1), M2)
+    nodes: tuple[Any, ...] = (slice(None), None)
+    if slots is not None:
+        nodes, source = (slots.source,), slots.source.ravel()
+        transition = slots.probabilities(transition)
+        factor, Axx, H, G, c, C, Ayy, Ny = (slots.take(a) for a in (factor, Axx, H, G, c, C, Ayy, Ny))
+    identity = np.broadcast_to(np.eye(q), (*transition.shape, q, q))
     innovation = np.concatenate([-Ny[..., None], -Ayy, identity], axis=-1)
     white = np.linalg.solve(factor, innovation) * np.sqrt(0.5)
     offset = np.concatenate([c[..., None], H, G], axis=-1)
@@ -82,26 +93,30 @@ def pack(
         log_transition = np.maximum(np.log(np.abs(transition)), LOG_ZERO)
     log_scale = (log_transition - log_det - q * _HALF_LOG_2PI).reshape(-1)
     few = None
-    if m == 1 and q == 1 and max(M1, M2) <= _FEW_NODES and (transition >= 0.0).all():
-        few = _pack_few(log_scale, rows, Axx.reshape(-1, 1), C.reshape(-1), M1, M2)
+    if m == 1 and q == 1 and source.size * max(M1, M2) <= _FEW and (transition >= 0.0).all():
+        pick = np.eye(M1)[source]
+        few = _pack_few(log_scale, rows, Axx.reshape(-1, 1), C.reshape(-1), pick, M2)
     return Kernel(
         shape=(M1, M2, m, q),
+        depth=len(transition),
+        slots=slots,
+        nodes=nodes,
         log_scale=log_scale,
         sign=np.sign(transition) if (transition < 0.0).any() else None,
         rows=rows,
         Axx=np.ascontiguousarray(Axx),
         C=np.ascontiguousarray(C),
-        ones=np.ones(M1),
+        ones=np.ones(len(transition)),
         few=few,
     )
 
 
 def _pack_few(
-    log_scale: FloatArray, rows: FloatArray, a: FloatArray, C: FloatArray, M1: int, M2: int
+    log_scale: FloatArray, rows: FloatArray, a: FloatArray, C: FloatArray, pick: FloatArray, M2: int
 ) -> FewNodes:
-    p, width = M1 * M2, rows.shape[1]
-    pick = np.repeat(np.eye(M1), M2, axis=0)  # (p, M1): a quantity of i, as seen by the pairs
-    spread = np.tile(np.eye(M2), (M1, 1))
+    """``pick`` (p, M1) is a quantity of i, as seen by the pairs."""
+    (p, M1), width = pick.shape, rows.shape[1]
+    spread = np.tile(np.eye(M2), (p // M2, 1))
     zero = np.zeros_like(pick)
     mix = np.block([[pick, zero, zero], [zero, a * pick, zero], [zero, zero, a * a * pick]])
     constants = np.zeros((3 * p, width))
@@ -145,10 +160,15 @@ class Summary:
         atoms: BoolArray,
         ranking: IntArray,
     ) -> None:
-        self.transition, self.offset, self.twice, self.noise = transition, offset, twice, noise
-        self.switch = nodes, weights, atoms, ranking
+        self.twice, self.noise, self.switch = twice, noise, (nodes, weights, atoms, ranking)
         M1, M2, m, _ = kernel.shape
-        carried = np.zeros((M1, m, M1, M2, m))
-        for i in range(M1):
-            carried[i, :, i] = np.moveaxis(kernel.Axx[i], -1, 0)
-        self.carried = carried.reshape(M1 * m, M1 * M2 * m)  # x_i to Axx x_i
+        self.nodes, slots, source = kernel.nodes, kernel.slots, np.repeat(np.arange(M1), M2)
+        if slots is not None:
+            source = slots.source.ravel()
+            transition = slots.probabilities(transition)
+            offset = offset.reshape(-1, M1 * M2, m)[:, source * M2 + np.tile(np.arange(M2), kernel.depth)]
+            offset = offset.reshape(len(offset), -1)
+        self.transition, self.offset = transition, offset  # of the slots, as all that follows
+        carried = np.zeros((M1, m, source.size, m))
+        carried[source, :, np.arange(source.size)] = np.swapaxes(kernel.Axx.reshape(-1, m, m), -1, -2)
+        self.carried = carried.reshape(M1 * m, source.size * m)  # x_i to Axx x_i
