@@ -18,11 +18,12 @@ keep the matrices themselves.
 from __future__ import annotations
 
 from math import isqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fuzzykf.engine.numpy.outliers import QUIET, far_parts
+from fuzzykf.engine.numpy.slots import Slots, lay_out, node_index
 from fuzzykf.engine.numpy.switching import are_far, layout, log_sum
 from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
 from fuzzykf.gaussian import (
@@ -54,7 +55,10 @@ __all__ = [
 
 
 class PairMixture(NamedTuple):
-    """Weights of the pairs of nodes, and moments of s' = (X', Y', w) given each."""
+    """Weights of the pairs of nodes, and moments of s' = (X', Y', w) given each.
+
+    They stand in ``slots``, M1 of them for each column or fewer.
+    """
 
     log_w: FloatArray  # (M1, M2): log p_i + log |P_ij|, and the density of what is there of Y'
     sign: FloatArray | None  # (M1, M2)
@@ -63,6 +67,7 @@ class PairMixture(NamedTuple):
     root: FloatArray | None  # (M1, M2, e, r), whose square the covariance is; None if there are signs
     reference: FloatArray | float = 0.0  # (M2,): that to which the weights of each column are relative
     best: float = 0.0  # that to which the references are relative
+    slots: Slots | None = None  # None if each node is a slot of all columns
 
 
 def _unknown(m: int, window: FloatArray) -> IntArray:
@@ -118,9 +123,13 @@ def window_table(
 
 
 def _move(
-    transition: FloatArray, pairs: tuple[FloatArray, ...], table: FloatArray, x: FloatArray
+    transition: FloatArray,
+    pairs: tuple[FloatArray, ...],
+    nodes: tuple[Any, ...],
+    table: FloatArray,
+    x: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return F (M1, M2, e, m + w), the means F x + b, and log p_i + log |P_ij|."""
+    """Return F (M1, M2, e, m + w), the means F x + b, and log p_i + log |P_ij|, slot by slot."""
     Axx, H, G, c, _, Ayy, Ny, _ = pairs
     m, q, w = Axx.shape[-1], Ny.shape[-1], H.shape[-1]
     F = np.zeros((*transition.shape, m + q + w, m + w))
@@ -128,19 +137,21 @@ def _move(
     F[..., :m, m:] = H + G @ Ayy
     F[..., m : m + q, m:] = Ayy
     F[..., m + q :, m:] = np.eye(w)
-    mean = (F @ x[:, None, :, None])[..., 0]
+    mean = (F @ x[nodes][..., None])[..., 0]
     mean[..., :m] += c + (G @ Ny[..., None])[..., 0]
     mean[..., m : m + q] += Ny
     with np.errstate(divide="ignore"):
-        log_w = np.maximum(np.log(np.abs(transition)), LOG_ZERO) + table[0][:, None]
+        log_w = np.maximum(np.log(np.abs(transition)), LOG_ZERO) + table[0][nodes]
     return F, mean, log_w
 
 
-def _spread(pairs: tuple[FloatArray, ...], F: FloatArray, P: FloatArray) -> FloatArray:
+def _spread(
+    pairs: tuple[FloatArray, ...], nodes: tuple[Any, ...], F: FloatArray, P: FloatArray
+) -> FloatArray:
     """Covariance of s' in each pair, (M1, M2, e, e), from that of X and the window, (M, m + w, m + w)."""
     G, C, Qyy = pairs[2], pairs[4], pairs[7]
     m, q = G.shape[-2:]
-    covariance = F @ P[:, None] @ np.swapaxes(F, -1, -2)
+    covariance = F @ P[nodes] @ np.swapaxes(F, -1, -2)
     cross = G @ Qyy
     covariance[..., :m, :m] += C + cross @ np.swapaxes(G, -1, -2)
     covariance[..., :m, m : m + q] += cross
@@ -184,18 +195,22 @@ def pair_mixture(
     root : ndarray, shape (M1, e, e), or None
         Root of the covariance of s = (X, u), if one is known.
     """
+    slots = lay_out(transition)
+    nodes = node_index(slots)
+    if slots is not None:
+        transition, noise = slots.probabilities(transition), slots.take(noise)
+        pairs = tuple(slots.take(part) for part in pairs)
     x, P = window_moments(table, window)
-    F, mean, log_w = _move(transition, pairs, table, x)
+    F, mean, log_w = _move(transition, pairs, nodes, table, x)
     if (transition < 0.0).any():
         signs = np.sign(transition)
-        return PairMixture(
-            log_w, signs if sign is None else signs * sign[:, None], mean, _spread(pairs, F, P), None
-        )
-    known = F @ window_root(P, root, window)[:, None]
+        signs = signs if sign is None else signs * sign[:, None]
+        return PairMixture(log_w, signs, mean, _spread(pairs, nodes, F, P), None)
+    known = F @ window_root(P, root, window)[nodes]
     fresh = np.zeros((*F.shape[:-1], noise.shape[-1]))
     fresh[..., : noise.shape[-1], :] = noise
     root = np.concatenate([known, fresh], axis=-1)
-    return PairMixture(log_w, None, mean, square(root), root)
+    return PairMixture(log_w, None, mean, square(root), root, slots=slots)
 
 
 def condition_pairs(pairs: PairMixture, y: FloatArray, m: int) -> PairMixture:
@@ -203,7 +218,7 @@ def condition_pairs(pairs: PairMixture, y: FloatArray, m: int) -> PairMixture:
     there = ~np.isnan(y)
     if not there.any():
         return pairs
-    log_w, sign, mean, covariance, root, *_ = pairs
+    log_w, sign, mean, covariance, root = pairs[:5]
     at = m + np.flatnonzero(there)
     rest = np.delete(np.arange(mean.shape[-1]), at)
     k, e = at.size, mean.shape[-1]
@@ -234,7 +249,7 @@ def condition_pairs(pairs: PairMixture, y: FloatArray, m: int) -> PairMixture:
     moved[..., rest] = mean[..., rest] + (np.swapaxes(cross, -1, -2) @ white)[..., 0]
     covariance = np.zeros((*mean.shape, e))
     covariance[..., rest[:, None], rest] = symmetrize(square_left)
-    return PairMixture(log_w, sign, moved, covariance, left, reference, best)
+    return PairMixture(log_w, sign, moved, covariance, left, reference, best, pairs.slots)
 
 
 def collapse_weights(
@@ -274,7 +289,7 @@ def _collapse_pairs(
         mean, root = mixture_root(o.T, np.swapaxes(means, 0, 1), np.swapaxes(pairs.root[..., at, :], 0, 1))
         covariance = square(root)
     is_lost = log_p < DEAD
-    log_p = log_p + pairs.reference
+    log_p = np.where(is_lost, LOG_ZERO, log_p + pairs.reference)
     log_total = log_sum(log_p, sign)
     table = layout(log_p - log_total, mean, symmetrize(covariance))
     table[1:, is_lost] = 0.0
@@ -358,12 +373,16 @@ def before_step(
         The probabilities, where more digits are known of them than ``table`` has.
     """
     d = pairs[0].shape[-1] + pairs[-1].shape[-1]
+    slots = lay_out(transition)
+    nodes, law = node_index(slots), transition
+    if slots is not None:
+        law, pairs = slots.probabilities(transition), tuple(slots.take(part) for part in pairs)
     x, P = window_moments(table, window)
-    F, means, _ = _move(transition, pairs, table, x)
+    F, means, _ = _move(law, pairs, nodes, table, x)
     p = np.exp(table[0]) if mass is None else mass
     if sign is not None:
         p = p * sign
-    weights = p[:, None] * transition
+    weights = p[nodes] * law
     means = means[..., :d].reshape(-1, d)
     first = means[weights.argmax()]
     off = means - first
@@ -371,5 +390,5 @@ def before_step(
     mean = first + beyond
     off -= beyond
     covariance = (off * weights.reshape(-1, 1)).T @ off
-    covariance += np.einsum("ij,ijkl->kl", weights, _spread(pairs, F, P)[..., :d, :d])
+    covariance += np.einsum("ij,ijkl->kl", weights, _spread(pairs, nodes, F, P)[..., :d, :d])
     return p @ transition, mean, symmetrize(covariance)

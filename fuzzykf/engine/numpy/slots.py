@@ -14,7 +14,7 @@ import numpy as np
 if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["Slots", "lay_out"]
+__all__ = ["Slots", "lay_out", "node_index"]
 
 #: Slots by sources, as a share of all pairs, that are worth it: each reads the state of its own node, which
 #: costs up to as much again as what is done with it.
@@ -39,6 +39,28 @@ class Slots(NamedTuple):
         """Return sums (M1,) of values (depth, M2) over the pairs of each node i."""
         totals = np.bincount(self.source.ravel(), values.ravel(), minlength=M1)
         return totals.astype(np.float64, copy=False)
+
+    def spread(self, values: FloatArray, M1: int, rest: float) -> FloatArray:
+        """Return values (M1, M2) of all pairs, from those of the slots; ``rest`` for pairs without one."""
+        whole = np.full((M1, self.source.shape[1]), rest)
+        whole[self.source[self.there], np.nonzero(self.there)[1]] = values[self.there]
+        return whole
+
+    def rows(self, M1: int) -> tuple[IntArray, BoolArray]:
+        """Return, for each node i, where its pairs are among all slots, and which are there: (M1, width)."""
+        flat = np.flatnonzero(self.there)
+        sources = self.source.ravel()[flat]
+        order = np.argsort(sources, kind="stable")
+        count = np.bincount(sources, minlength=M1)
+        place = np.arange(flat.size) - np.repeat(np.cumsum(count) - count, count)
+        at, there = np.zeros((M1, count.max()), dtype=np.intp), np.zeros((M1, count.max()), dtype=bool)
+        at[sources[order], place], there[sources[order], place] = flat[order], True
+        return at, there
+
+
+def node_index(slots: Slots | None) -> tuple[Any, ...]:
+    """Return the index that gives each slot what its node i holds: of (M1, ...)."""
+    return (slice(None), None) if slots is None else (slots.source,)
 
 
 def lay_out(transition: FloatArray) -> Slots | None:

@@ -300,10 +300,7 @@ def log_pairs(kernel: Kernel, U: FloatArray) -> FloatArray:
     if slots is None:
         return log_w
     M1, M2 = kernel.shape[:2]
-    i, j = slots.source[slots.there], np.nonzero(slots.there)[1]
-    whole = np.full((len(U), M1, M2), LOG_ZERO)
-    whole[:, i, j] = log_w[:, slots.there.ravel()]
-    return whole.reshape(len(U), -1)
+    return np.stack([slots.spread(one.reshape(-1, M2), M1, LOG_ZERO).ravel() for one in log_w])
 
 
 def slot_logs(kernel: Kernel, U: FloatArray) -> FloatArray:

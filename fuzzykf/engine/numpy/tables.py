@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fuzzykf.engine.numpy.slots import Slots, lay_out
+from fuzzykf.engine.numpy.slots import Slots, lay_out, node_index
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray, IntArray
@@ -46,7 +46,7 @@ class Kernel(NamedTuple):
     shape: tuple[int, int, int, int]  # M1, M2, m, q
     depth: int  # number of slots of each column: M1, or fewer
     slots: Slots | None  # of the pairs of positive probability; None if all have one
-    nodes: tuple[Any, ...]  # the index that gives each slot what its node i holds: of (M1, ...)
+    nodes: tuple[Any, ...]  # see `node_index`
     log_scale: FloatArray  # (depth M2,): log P_ij and the constants of the Gaussian density
     sign: FloatArray | None  # (M1, M2): sign of P_ij, if some are negative
     rows: FloatArray  # ((q + m) depth M2, 1 + w + q)
@@ -75,9 +75,8 @@ def pack(
     M1, M2 = transition.shape
     m, q = Axx.shape[-1], factor.shape[-1]
     slots, source = lay_out(transition), np.repeat(np.arange(M1), M2)
-    nodes: tuple[Any, ...] = (slice(None), None)
     if slots is not None:
-        nodes, source = (slots.source,), slots.source.ravel()
+        source = slots.source.ravel()
         transition = slots.probabilities(transition)
         factor, Axx, H, G, c, C, Ayy, Ny = (slots.take(a) for a in (factor, Axx, H, G, c, C, Ayy, Ny))
     identity = np.broadcast_to(np.eye(q), (*transition.shape, q, q))
@@ -100,7 +99,7 @@ def pack(
         shape=(M1, M2, m, q),
         depth=len(transition),
         slots=slots,
-        nodes=nodes,
+        nodes=node_index(slots),
         log_scale=log_scale,
         sign=np.sign(transition) if (transition < 0.0).any() else None,
         rows=rows,

@@ -86,12 +86,16 @@ def step_back(
     law = Moments(after.mean[..., following], _root_of(after)[..., following, :])
     log_evidence, updated = _weigh(law, filtered, smoothed)
     joint = engine.collapse_weights(after.log_w + log_evidence, after.sign)[2] * gamma  # p(i, j | y_1..N)
-    total = joint.sum(axis=1)
     # regression of the window here on the next one
     root = _root_of(before)
     J, left = _regress(root[..., following, :], root[..., m + q :, :])
     mean = before.mean[..., m + q :] + _times(J, updated.mean - before.mean[..., following])
     root = np.concatenate([J @ updated.root, left], axis=-1)
+    if after.slots is not None:  # from columns to rows
+        at, there = after.slots.rows(mixture.table.shape[1])
+        joint = np.where(there, joint.reshape(-1)[at], 0.0)
+        mean, root = (a.reshape(-1, *a.shape[2:])[at] for a in (mean, root))
+    total = joint.sum(axis=1)
     # a node that is impossible by now keeps any finite moments
     share = np.where(total[:, None] != 0.0, joint, 1.0)
     share = share / share.sum(axis=1, keepdims=True)

@@ -144,8 +144,12 @@ class _Backward:
         state = mixture.table, mixture.sign, mixture.window, mixture.root
         before = engine.pair_mixture(tables.transition, tables.pairs, tables.noise_root, *state)
         after = engine.condition_pairs(before, self.ys[k + 1], self.system.dim_x)
-        log_pairs: FloatArray = after.log_w + after.reference - mixture.table[0][:, None]
-        return log_pairs
+        log_pairs: FloatArray = (
+            after.log_w + after.reference - mixture.table[0][engine.node_index(after.slots)]
+        )
+        if after.slots is None:
+            return log_pairs
+        return after.slots.spread(log_pairs, mixture.table.shape[1], engine.LOG_ZERO)
 
     def weights(self, k: int) -> FloatArray:
         """o_ij of the step k, shape (M, M)."""
