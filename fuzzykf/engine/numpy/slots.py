@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Slots", "lay_out", "node_index"]
 
-#: Slots by sources, as a share of all pairs, that are worth it: each reads the state of its own node, which
-#: costs up to as much again as what is done with it.
+#: Up to this share of all pairs slots of their own pay: each reads the state of its own node by an index,
+#: and at half of the pairs a step of many nodes still takes 0.6 to 0.9 of the time.
 SPARSE = 0.5
 
 
@@ -68,6 +68,8 @@ def lay_out(transition: FloatArray) -> Slots | None:
 
     Negative weights are those of all pairs.
     """
+    if np.count_nonzero(transition) > SPARSE * transition.size:  # said at once: steps with gaps ask each time
+        return None
     positive = transition != 0.0
     depth = max(1, int(np.count_nonzero(positive, axis=0).max()))
     if depth > SPARSE * len(transition) or (transition < 0.0).any():

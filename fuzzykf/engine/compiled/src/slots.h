@@ -3,15 +3,15 @@
  * The pairs that lead to a column j stand in its slots.  Slot i is the pair (i, j) of all columns, unless
  * few pairs are of positive probability: then those alone have slots, by i, as many in each column of a
  * block as the column with the most of them needs.  What is left over repeats the first pair of the column
- * with a probability of zero, so that means differ from one another no more than they do without it; a
- * column to which nothing leads does so with node 0.  The lanes beyond M2, whose sums no one reads, are
+ * with a probability of zero, so that means differ from one another no more than they do without it; in a
+ * column to which nothing leads that is an empty cell, of node 0.  The lanes beyond M2, whose sums no one reads, are
  * those of the last column: they never come nearer to the ends of the range of numbers than it does.
  */
 #ifndef FUZZYKF_SLOTS_H
 #define FUZZYKF_SLOTS_H
 
-/* A slot by sources costs up to twice a slot of all nodes: each lane reads the state of its own node,
- * instead of one number for all. */
+/* Up to this share of all pairs slots of their own pay: each lane reads the state of its own node instead of
+ * one number for all, and at half of the pairs a step still takes 0.6 to 0.9 of the time. */
 #define FK_SPARSE 0.5
 
 /* Where slot s of column j stands in cells of `stride` vectors. */
