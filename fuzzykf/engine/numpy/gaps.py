@@ -41,10 +41,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PairMixture",
+    "SlotPairs",
     "before_step",
     "collapse_weights",
     "condition_pairs",
     "first_step_in_part",
+    "in_slots",
     "noise_root",
     "pair_mixture",
     "step_in_part",
@@ -54,11 +56,25 @@ __all__ = [
 ]
 
 
-class PairMixture(NamedTuple):
-    """Weights of the pairs of nodes, and moments of s' = (X', Y', w) given each.
+class SlotPairs(NamedTuple):
+    """Tables of a step slot by slot: those of all pairs, or of the pairs of positive probability alone."""
 
-    They stand in ``slots``, M1 of them for each column or fewer.
-    """
+    transition: FloatArray  # (depth, M2)
+    pairs: tuple[FloatArray, ...]  # Axx, H, G, c, C, Ayy, Ny, Qyy of the regressions of X' and Y'
+    slots: Slots | None  # None if all pairs have one
+    nodes: tuple[Any, ...]  # see `node_index`
+
+
+def in_slots(transition: FloatArray, pairs: tuple[FloatArray, ...]) -> SlotPairs:
+    """Lay out tables (M1, M2, ...), see `lay_out`."""
+    slots = lay_out(transition)
+    if slots is not None:
+        transition, pairs = slots.probabilities(transition), tuple(slots.take(part) for part in pairs)
+    return SlotPairs(transition, tuple(pairs), slots, node_index(slots))
+
+
+class PairMixture(NamedTuple):
+    """Weights of the pairs of nodes, and moments of s' = (X', Y', w) given each; M1 counts slots."""
 
     log_w: FloatArray  # (M1, M2): log p_i + log |P_ij|, and the density of what is there of Y'
     sign: FloatArray | None  # (M1, M2)
@@ -67,7 +83,6 @@ class PairMixture(NamedTuple):
     root: FloatArray | None  # (M1, M2, e, r), whose square the covariance is; None if there are signs
     reference: FloatArray | float = 0.0  # (M2,): that to which the weights of each column are relative
     best: float = 0.0  # that to which the references are relative
-    slots: Slots | None = None  # None if each node is a slot of all columns
 
 
 def _unknown(m: int, window: FloatArray) -> IntArray:
@@ -122,36 +137,28 @@ def window_table(
     return layout(log_p, mean[:, at], covariance[:, at[:, None], at])
 
 
-def _move(
-    transition: FloatArray,
-    pairs: tuple[FloatArray, ...],
-    nodes: tuple[Any, ...],
-    table: FloatArray,
-    x: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return F (M1, M2, e, m + w), the means F x + b, and log p_i + log |P_ij|, slot by slot."""
-    Axx, H, G, c, _, Ayy, Ny, _ = pairs
+def _move(step: SlotPairs, table: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return F (depth, M2, e, m + w), the means F x + b, and log p_i + log |P_ij|."""
+    Axx, H, G, c, _, Ayy, Ny, _ = step.pairs
     m, q, w = Axx.shape[-1], Ny.shape[-1], H.shape[-1]
-    F = np.zeros((*transition.shape, m + q + w, m + w))
+    F = np.zeros((*step.transition.shape, m + q + w, m + w))
     F[..., :m, :m] = Axx
     F[..., :m, m:] = H + G @ Ayy
     F[..., m : m + q, m:] = Ayy
     F[..., m + q :, m:] = np.eye(w)
-    mean = (F @ x[nodes][..., None])[..., 0]
+    mean = (F @ x[step.nodes][..., None])[..., 0]
     mean[..., :m] += c + (G @ Ny[..., None])[..., 0]
     mean[..., m : m + q] += Ny
     with np.errstate(divide="ignore"):
-        log_w = np.maximum(np.log(np.abs(transition)), LOG_ZERO) + table[0][nodes]
+        log_w = np.maximum(np.log(np.abs(step.transition)), LOG_ZERO) + table[0][step.nodes]
     return F, mean, log_w
 
 
-def _spread(
-    pairs: tuple[FloatArray, ...], nodes: tuple[Any, ...], F: FloatArray, P: FloatArray
-) -> FloatArray:
-    """Covariance of s' in each pair, (M1, M2, e, e), from that of X and the window, (M, m + w, m + w)."""
-    G, C, Qyy = pairs[2], pairs[4], pairs[7]
+def _spread(step: SlotPairs, F: FloatArray, P: FloatArray) -> FloatArray:
+    """Covariance of s' in each pair, (depth, M2, e, e), from that of X and the window, (M, m + w, m + w)."""
+    G, C, Qyy = step.pairs[2], step.pairs[4], step.pairs[7]
     m, q = G.shape[-2:]
-    covariance = F @ P[nodes] @ np.swapaxes(F, -1, -2)
+    covariance = F @ P[step.nodes] @ np.swapaxes(F, -1, -2)
     cross = G @ Qyy
     covariance[..., :m, :m] += C + cross @ np.swapaxes(G, -1, -2)
     covariance[..., :m, m : m + q] += cross
@@ -161,7 +168,7 @@ def _spread(
 
 
 def noise_root(pairs: tuple[FloatArray, ...]) -> FloatArray:
-    """Root of the covariance of the noise of (X', Y') in each pair, (M1, M2, m + q, m + q)."""
+    """Root of the covariance of the noise of (X', Y') in each pair, (..., m + q, m + q)."""
     G, C, Qyy = pairs[2], pairs[4], pairs[7]
     m, q = G.shape[-2:]
     root = np.zeros((*G.shape[:-2], m + q, m + q))
@@ -173,8 +180,7 @@ def noise_root(pairs: tuple[FloatArray, ...]) -> FloatArray:
 
 
 def pair_mixture(
-    transition: FloatArray,
-    pairs: tuple[FloatArray, ...],
+    step: SlotPairs,
     noise: FloatArray,
     table: FloatArray,
     sign: FloatArray | None,
@@ -185,32 +191,25 @@ def pair_mixture(
 
     Parameters
     ----------
-    transition : ndarray, shape (M1, M2)
-    pairs : tuple of ndarray
-        Axx, H, G, c, C, Ayy, Ny, Qyy of the regressions of X' and Y', leading shape (M1, M2).
-    noise : ndarray, shape (M1, M2, m + q, m + q)
-        Their `noise_root`.
+    step : SlotPairs
+    noise : ndarray, shape (depth, M2, m + q, m + q)
+        The `noise_root` of its pairs.
     table, sign, window
         The state, as in `step`; NaN where the window is missing.
     root : ndarray, shape (M1, e, e), or None
         Root of the covariance of s = (X, u), if one is known.
     """
-    slots = lay_out(transition)
-    nodes = node_index(slots)
-    if slots is not None:
-        transition, noise = slots.probabilities(transition), slots.take(noise)
-        pairs = tuple(slots.take(part) for part in pairs)
     x, P = window_moments(table, window)
-    F, mean, log_w = _move(transition, pairs, nodes, table, x)
-    if (transition < 0.0).any():
-        signs = np.sign(transition)
+    F, mean, log_w = _move(step, table, x)
+    if (step.transition < 0.0).any():
+        signs = np.sign(step.transition)
         signs = signs if sign is None else signs * sign[:, None]
-        return PairMixture(log_w, signs, mean, _spread(pairs, nodes, F, P), None)
-    known = F @ window_root(P, root, window)[nodes]
+        return PairMixture(log_w, signs, mean, _spread(step, F, P), None)
+    known = F @ window_root(P, root, window)[step.nodes]
     fresh = np.zeros((*F.shape[:-1], noise.shape[-1]))
     fresh[..., : noise.shape[-1], :] = noise
     root = np.concatenate([known, fresh], axis=-1)
-    return PairMixture(log_w, None, mean, square(root), root, slots=slots)
+    return PairMixture(log_w, None, mean, square(root), root)
 
 
 def condition_pairs(pairs: PairMixture, y: FloatArray, m: int) -> PairMixture:
@@ -218,7 +217,7 @@ def condition_pairs(pairs: PairMixture, y: FloatArray, m: int) -> PairMixture:
     there = ~np.isnan(y)
     if not there.any():
         return pairs
-    log_w, sign, mean, covariance, root = pairs[:5]
+    log_w, sign, mean, covariance, root, *_ = pairs
     at = m + np.flatnonzero(there)
     rest = np.delete(np.arange(mean.shape[-1]), at)
     k, e = at.size, mean.shape[-1]
@@ -249,7 +248,7 @@ def condition_pairs(pairs: PairMixture, y: FloatArray, m: int) -> PairMixture:
     moved[..., rest] = mean[..., rest] + (np.swapaxes(cross, -1, -2) @ white)[..., 0]
     covariance = np.zeros((*mean.shape, e))
     covariance[..., rest[:, None], rest] = symmetrize(square_left)
-    return PairMixture(log_w, sign, moved, covariance, left, reference, best, pairs.slots)
+    return PairMixture(log_w, sign, moved, covariance, left, reference, best)
 
 
 def collapse_weights(
@@ -317,8 +316,7 @@ def first_step_in_part(
 
 @QUIET
 def step_in_part(
-    transition: FloatArray,
-    pairs: tuple[FloatArray, ...],
+    step: SlotPairs,
     noise: FloatArray,
     table: FloatArray,
     sign: FloatArray | None,
@@ -331,7 +329,7 @@ def step_in_part(
 
     Parameters
     ----------
-    transition, pairs, noise, table, sign, window, root
+    step, noise, table, sign, window, root
         As in `pair_mixture`.
     y : ndarray, shape (q,)
     after : ndarray, shape (w',)
@@ -343,9 +341,9 @@ def step_in_part(
         The root is that of the covariances of the table, (M2, e, e), or None if there are signs.
         The log-likelihood is that of the parts that are there; 0 if none is.
     """
-    m = pairs[0].shape[-1]
+    m = step.pairs[0].shape[-1]
     kept = slice(0, m + after.size)
-    moved = pair_mixture(transition, pairs, noise, table, sign, window, root)
+    moved = pair_mixture(step, noise, table, sign, window, root)
     moved = moved._replace(
         mean=moved.mean[..., kept],
         covariance=moved.covariance[..., kept, kept],
@@ -356,8 +354,7 @@ def step_in_part(
 
 
 def before_step(
-    transition: FloatArray,
-    pairs: tuple[FloatArray, ...],
+    step: SlotPairs,
     table: FloatArray,
     sign: FloatArray | None,
     window: FloatArray,
@@ -367,22 +364,18 @@ def before_step(
 
     Parameters
     ----------
-    transition, pairs, table, sign, window
+    step, table, sign, window
         As in `pair_mixture`.
     mass : ndarray, shape (M1,), optional
         The probabilities, where more digits are known of them than ``table`` has.
     """
-    d = pairs[0].shape[-1] + pairs[-1].shape[-1]
-    slots = lay_out(transition)
-    nodes, law = node_index(slots), transition
-    if slots is not None:
-        law, pairs = slots.probabilities(transition), tuple(slots.take(part) for part in pairs)
+    d = step.pairs[0].shape[-1] + step.pairs[-1].shape[-1]
     x, P = window_moments(table, window)
-    F, means, _ = _move(law, pairs, nodes, table, x)
+    F, means, _ = _move(step, table, x)
     p = np.exp(table[0]) if mass is None else mass
     if sign is not None:
         p = p * sign
-    weights = p[nodes] * law
+    weights = p[step.nodes] * step.transition
     means = means[..., :d].reshape(-1, d)
     first = means[weights.argmax()]
     off = means - first
@@ -390,5 +383,6 @@ def before_step(
     mean = first + beyond
     off -= beyond
     covariance = (off * weights.reshape(-1, 1)).T @ off
-    covariance += np.einsum("ij,ijkl->kl", weights, _spread(pairs, nodes, F, P)[..., :d, :d])
-    return p @ transition, mean, symmetrize(covariance)
+    covariance += np.einsum("ij,ijkl->kl", weights, _spread(step, F, P)[..., :d, :d])
+    mu = p @ step.transition if step.slots is None else weights.sum(axis=0)
+    return mu, mean, symmetrize(covariance)

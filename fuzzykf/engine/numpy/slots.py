@@ -68,8 +68,6 @@ def lay_out(transition: FloatArray) -> Slots | None:
 
     Negative weights are those of all pairs.
     """
-    if np.count_nonzero(transition) > SPARSE * transition.size:  # said at once: steps with gaps ask each time
-        return None
     positive = transition != 0.0
     depth = max(1, int(np.count_nonzero(positive, axis=0).max()))
     if depth > SPARSE * len(transition) or (transition < 0.0).any():

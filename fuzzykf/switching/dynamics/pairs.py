@@ -19,7 +19,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from fuzzykf.engine.selected import LOG_ZERO, Kernel, Summary, noise_root, pack
+from fuzzykf.engine.selected import LOG_ZERO, Kernel, SlotPairs, Summary, in_slots, noise_root, pack
 from fuzzykf.gaussian import check_definite, cholesky, mixture_moments, symmetrize
 from fuzzykf.immutable import cached_property
 from fuzzykf.reprs import reprs
@@ -199,10 +199,15 @@ class PairTables:
         return pack(self.transition, self._noise_factor(), *self.pairs[:5], *self.pairs[5:7])
 
     @cached_property
+    def in_slots(self) -> SlotPairs:
+        """The tables slot by slot, made once; without pairs of probability zero where there are many."""
+        return in_slots(self.transition, self.pairs)
+
+    @cached_property
     def noise_root(self) -> FloatArray:
-        """Root of the covariance of the noise of (X', Y'), made once; what gaps need."""
+        """Root of the covariance of the noise of (X', Y') by slot, made once; what gaps need."""
         self._noise_factor()  # the error that names the pair
-        return noise_root(self.pairs)
+        return noise_root(self.in_slots.pairs)
 
     def _noise_factor(self) -> FloatArray:
         return cholesky(self.pairs.Qyy, lambda k: f"noise covariance of the observation for the pair {k}")

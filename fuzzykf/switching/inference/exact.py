@@ -100,8 +100,9 @@ class Exact(Method):
                 raise out_of_range(y)
             return Mixture(table, window, sign), log_likelihood
         known = mixture.table, mixture.sign, mixture.window, mixture.root
-        before = tables.transition, tables.pairs, tables.noise_root, *known
-        table, sign, root, log_likelihood = engine.step_in_part(*before, y, window)
+        table, sign, root, log_likelihood = engine.step_in_part(
+            tables.in_slots, tables.noise_root, *known, y, window
+        )
         if sign is not None:
             check_signed(table, sign)
         if not (log_likelihood > engine.FARTHEST and engine.is_in_range(table)):
@@ -113,7 +114,7 @@ class Exact(Method):
         """Moments of (X', Y') and the probabilities of the nodes before Y' is seen."""
         m = tables.pairs.Axx.shape[-1]
         mu, mean, covariance = engine.before_step(
-            tables.transition, tables.pairs, mixture.table, mixture.sign, mixture.window, mixture.mass
+            tables.in_slots, mixture.table, mixture.sign, mixture.window, mixture.mass
         )
         return Ahead(mu, mean[:m], covariance[:m, :m], mean[m:], covariance[m:, m:])
 

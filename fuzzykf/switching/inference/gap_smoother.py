@@ -81,7 +81,7 @@ def step_back(
     m, q = tables.pairs.dim_x, y.size
     following = slice(m, m + filtered.mean.shape[1])  # the next window, which begins with y
     state = mixture.table, mixture.sign, mixture.window, mixture.root
-    before = engine.pair_mixture(tables.transition, tables.pairs, tables.noise_root, *state)
+    before = engine.pair_mixture(tables.in_slots, tables.noise_root, *state)
     after = engine.condition_pairs(before, y, m)
     law = Moments(after.mean[..., following], _root_of(after)[..., following, :])
     log_evidence, updated = _weigh(law, filtered, smoothed)
@@ -91,8 +91,8 @@ def step_back(
     J, left = _regress(root[..., following, :], root[..., m + q :, :])
     mean = before.mean[..., m + q :] + _times(J, updated.mean - before.mean[..., following])
     root = np.concatenate([J @ updated.root, left], axis=-1)
-    if after.slots is not None:  # from columns to rows
-        at, there = after.slots.rows(mixture.table.shape[1])
+    if tables.in_slots.slots is not None:  # from columns to rows
+        at, there = tables.in_slots.slots.rows(len(tables.transition))
         joint = np.where(there, joint.reshape(-1)[at], 0.0)
         mean, root = (a.reshape(-1, *a.shape[2:])[at] for a in (mean, root))
     total = joint.sum(axis=1)

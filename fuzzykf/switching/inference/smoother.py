@@ -142,14 +142,13 @@ class _Backward:
             return engine.log_pairs(tables.kernel, u[None]).reshape(tables.transition.shape)
         mixture = self.mixture(k)
         state = mixture.table, mixture.sign, mixture.window, mixture.root
-        before = engine.pair_mixture(tables.transition, tables.pairs, tables.noise_root, *state)
+        step = tables.in_slots
+        before = engine.pair_mixture(step, tables.noise_root, *state)
         after = engine.condition_pairs(before, self.ys[k + 1], self.system.dim_x)
-        log_pairs: FloatArray = (
-            after.log_w + after.reference - mixture.table[0][engine.node_index(after.slots)]
-        )
-        if after.slots is None:
+        log_pairs: FloatArray = after.log_w + after.reference - mixture.table[0][step.nodes]
+        if step.slots is None:
             return log_pairs
-        return after.slots.spread(log_pairs, mixture.table.shape[1], engine.LOG_ZERO)
+        return step.slots.spread(log_pairs, len(tables.transition), engine.LOG_ZERO)
 
     def weights(self, k: int) -> FloatArray:
         """o_ij of the step k, shape (M, M)."""

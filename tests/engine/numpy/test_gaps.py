@@ -26,7 +26,7 @@ def prediction():
         f.step(y)
     tables, known = f._next_tables(), f._mixture
     state = known.table, known.sign, known.window, known.root
-    return pair_mixture(tables.transition, tables.pairs, tables.noise_root, *state)
+    return pair_mixture(tables.in_slots, tables.noise_root, *state)
 
 
 @pytest.mark.parametrize("y", [[0.4, -1.0], [np.nan, -1.0], [0.4, np.nan], [np.nan, np.nan]])

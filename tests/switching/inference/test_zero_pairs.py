@@ -86,8 +86,6 @@ def test_pairs_that_cannot_be_are_left_out_of_gaps() -> None:
     f = fuzzy(FadeLaw.between(8, 5), 1, 1)()
     f.step(0.3)
     step, known = f._next_tables(), f._mixture
-    mixture = gaps.pair_mixture(
-        step.transition, step.pairs, step.noise_root, known.table, None, known.window, known.root
-    )
+    mixture = gaps.pair_mixture(step.in_slots, step.noise_root, known.table, None, known.window, known.root)
     assert step.transition.shape == (8, 8)
     assert mixture.mean.shape == (2, 8, 3)
