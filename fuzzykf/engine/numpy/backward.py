@@ -89,7 +89,10 @@ def best_path(kernel: Kernel, score: FloatArray, U: FloatArray) -> tuple[FloatAr
                 total, reference, _ = far_pairs(kernel, score, U[t])
                 total += reference
             best = total.argmax(axis=0)
-            pointers[t] = best if slots is None else slots.source[best, columns]
             score = total[best, columns]
-            score = np.maximum(score - score.max(), LOG_ZERO)  # where no path leads nothing adds up
+            score = score - score.max()
+            if slots is not None:
+                best = slots.source[best, columns]
+                np.maximum(score, LOG_ZERO, out=score)  # where no path leads nothing adds up
+            pointers[t] = best
     return score, pointers

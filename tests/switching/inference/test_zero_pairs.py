@@ -34,10 +34,22 @@ def cycle(make_transitions, m, q):
     return lambda: CGOMSMFilter(model)
 
 
-@pytest.fixture(params=["fade", "turning fade", "ring", "ring, two by two", "cycle", "cycle, two by two"])
+def of_order_two():
+    """A filter of six regimes that follow one another, whose first tables are others."""
+    P = 0.8 * np.eye(6) + 0.2 * np.roll(np.eye(6), 1, axis=1)
+    A = np.linspace(0.4, 0.9, 6)[:, None, None] * np.array([[1.0, 0.2], [0.0, 0.8]])
+    B, C = np.tile([[1.0, 0.5]], (6, 1, 1)), np.tile(np.eye(2), (6, 1, 1))
+    model = CGOMSModel.from_cglssm(P, A, B, C, np.full((6, 1, 1), 0.6), order=2)
+    return lambda: CGOMSMFilter(model)
+
+
+@pytest.fixture(
+    params=["order two", "fade", "turning fade", "ring", "ring, two by two", "cycle", "cycle, two by two"]
+)
 def make(request, make_transitions):
     """Maker of a filter."""
     return {
+        "order two": of_order_two,
         "fade": lambda: fuzzy(FadeLaw.between(8, 5), 1, 1),
         "turning fade": lambda: fuzzy(FadeLaw.between(8, 5, turn_back=0.1, jump=0.02), 1, 2),
         "ring": lambda: fuzzy(RING, 1, 1),
