@@ -25,9 +25,9 @@ from fuzzykf.cli.output import (
     whole_option,
 )
 from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat, row_times
+from fuzzykf.comparison.candidates.switching import LAWS
 from fuzzykf.errors import ParameterError
 from fuzzykf.files import write_bytes, write_text
-from fuzzykf.switching.laws.registry import learned_laws
 from fuzzykf.texts import listed, literal
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 
         AUTO = "auto"
 else:
-    Law = StrEnum("Law", {name.upper(): name for name in ("auto", *learned_laws())})
+    Law = StrEnum("Law", {name.upper(): name for name in ("auto", *LAWS)})
 
 
 @dataclass(frozen=True, eq=False)

@@ -141,7 +141,7 @@ class Estimates:
         Logarithm of the density of each observation given the earlier ones; None from a
         method that has no law of the observation.
     switch : ndarray, shape (n,), or None
-        Posterior mean of the switch.
+        Posterior mean of the switch; there is none between more than two classes.
     """
 
     mean: FloatArray

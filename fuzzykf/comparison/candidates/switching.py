@@ -32,8 +32,8 @@ __all__ = [
     "learn_hard",
 ]
 
-#: Families of laws of a fuzzy switch.
-LAWS = learned_laws()
+#: Families of laws of a fuzzy switch; between two classes "graph" is "fmc1" but for its corners.
+LAWS = tuple(law for law in learned_laws() if law != "graph")
 
 #: Tolerance of the trials in which a law is chosen.
 TRIAL_TOLERANCE = 1e-4
@@ -69,7 +69,7 @@ class LearnedSwitching(Learned):
             mean=result.x[part],
             std=np.sqrt(np.diagonal(result.P[part], axis1=-2, axis2=-1)),
             log_likelihood=result.log_likelihood[part],
-            switch=result.switch_mean[part],
+            switch=None if result.switch_mean is None else result.switch_mean[part],
         )
 
     def stepper(self) -> Callable[[FloatArray], object]:
@@ -146,7 +146,7 @@ def growth_notes(system: SwitchingSystem) -> list[str]:
     if growth[worst] < 1.0:
         return []
     return [
-        f"while the switch stays at {system.chain.nodes[worst]:.3g}, the error of the state grows by "
+        f"while the switch stays at {system.chain.describe(worst)}, the error of the state grows by "
         f"{growth[worst] - 1.0:.2g} of itself in a step, and no observation corrects it"
     ]
 

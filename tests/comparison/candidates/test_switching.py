@@ -58,7 +58,7 @@ def test_a_hard_model_is_learned_once_and_not_taken_over_by_another_part(series)
 def quick_laws(series, monkeypatch):
     """Laws that are learned in no time, from switches that are more or less wrong; and those that fail."""
     r, broken = series[2], set()
-    guesses = {"fmc1": np.roll(r, 1), "fmc2": r, "free": np.roll(r, 40)}
+    guesses = {"fmc1": np.roll(r, 1), "fmc2": r, "free": np.roll(r, 40), "fade": np.roll(r, 60)}
 
     def fit(self, law):
         if law in broken:
@@ -75,23 +75,25 @@ def test_the_law_is_the_one_of_least_filter_error_at_the_end_of_the_learning_par
     learned = learn_chosen_law(part(series, progress=told.append))
     # Oracle: the filters, learned on the first 450 rows and judged on the next 150.
     error = {}
-    for law in ("fmc1", "fmc2", "free"):
+    for law in ("fmc1", "fmc2", "free", "fade"):
         trial = learn_fuzzy(part(series, 450), law).restore(y[:450], y[450:600])
         error[law] = np.sqrt(np.mean((trial.mean - x[450:600]) ** 2)) / np.std(x[:600])
     assert min(error, key=lambda law: error[law]) == "fmc2"
     assert learned.description.startswith("law fmc2, of least error")
     told_errors = ", ".join(f"{law} {value:.3g}" for law, value in error.items())
     assert f"(RMSE {told_errors} std)" in learned.description
-    assert told == ["trying the law fmc2", "trying the law free", "learning with the law fmc2"]
+    tried = [f"trying the law {law}" for law in ("fmc2", "free", "fade")]
+    assert told == [*tried, "learning with the law fmc2"]
     # The winner has learned on the whole part.
     assert learned.fit.n_observations == 600
 
 
 def test_a_law_that_cannot_be_learned_is_passed_over(series, quick_laws) -> None:
-    quick_laws.update({"fmc2", "free"})
+    quick_laws.update({"fmc2", "free", "fade"})
     assert learn_chosen_law(part(series)).description.startswith("law fmc1")
     quick_laws.add("fmc1")
-    with pytest.raises(FuzzykfError, match="fmc1: no fmc1 today; fmc2: no fmc2 today; free: no free today"):
+    refused = "; ".join(f"{law}: no {law} today" for law in ("fmc1", "fmc2", "free", "fade"))
+    with pytest.raises(FuzzykfError, match=refused):
         learn_chosen_law(part(series))
 
 
