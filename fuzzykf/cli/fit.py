@@ -11,6 +11,7 @@ import numpy as np
 import typer
 
 from fuzzykf.cli.columns import Rows, read_rows
+from fuzzykf.cli.law import law_of_words
 from fuzzykf.cli.output import (
     check_file,
     console_beside,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from fuzzykf.results import FitResult
+    from fuzzykf.switching.laws.base import Law as LawOfSwitch
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -96,9 +98,43 @@ def command(
     law: Annotated[
         Law | None,
         typer.Option(
-            help="Family of the law of a fuzzy switch; fmc1 unless said otherwise.", show_default=False
+            help="Family of the law of a fuzzy switch between two classes; fmc1 unless said otherwise.",
+            show_default=False,
         ),
     ] = None,
+    fades: Annotated[
+        str | None,
+        typer.Option(
+            "--fades",
+            metavar="A-B,...",
+            help="Fades of a switch between any number of classes, from class to class: 0-1,1-2,2-0 is a "
+            "ring of three. Classes are called in the order of the mean of the first observation, as far "
+            "as the fades leave that open.",
+            show_default=False,
+        ),
+    ] = None,
+    jumps: Annotated[
+        str | None,
+        typer.Option(
+            "--jumps", metavar="A-B,...", help="Jumps beside --fades or --edges.", show_default=False
+        ),
+    ] = None,
+    edges: Annotated[
+        str | None,
+        typer.Option(
+            "--edges",
+            metavar="A-B,...",
+            help="Pairs of classes between which the switch moves there and back, without a direction (the "
+            "law graph).",
+            show_default=False,
+        ),
+    ] = None,
+    stay: Annotated[
+        float, typer.Option(metavar="STEPS", help="Steps at a class from which the search for fades begins.")
+    ] = 50.0,
+    length: Annotated[
+        float, typer.Option(metavar="STEPS", help="Steps of a fade from which the search begins.")
+    ] = 10.0,
     regimes: Annotated[
         int | None,
         whole_option(
@@ -161,11 +197,12 @@ def command(
                 f"--regimes, --switches: got {regimes} and {switches}, two names of the number of regimes; "
                 "give one of them"
             )
-        if law is not None and (regimes is not None or switches is not None):
+        start = law_of_words(None if law is None else law.value, fades, jumps, edges, stay, length)
+        if (law is not None or start != "fmc1") and (regimes is not None or switches is not None):
+            given = "--fades and --edges are" if law is None else f"--law {law.value} is a law"
             asked = f"--switches {switches}" if regimes is None else f"--regimes {regimes}"
             raise ParameterError(
-                f"--law {law.value} is a law of a fuzzy switch, {asked} asks for hard regimes; "
-                "give one of them"
+                f"{given} of a fuzzy switch, {asked} asks for hard regimes; give one of them"
             )
         if not 0.0 < train <= 1.0:
             raise ParameterError(
@@ -183,7 +220,7 @@ def command(
         with progress_bar(None) as progress:
             progress("learning")
             hard = switches if regimes is None else regimes
-            fit = _learn(rows, n_train, "fmc1" if law is None else law.value, hard, nodes, options)
+            fit = _learn(rows, n_train, start, hard, nodes, options)
             progress("testing")
             tested = _test(rows, n_train, fit, nodes)
         step = None if rows.times is None else find_steps(rows.times).step
@@ -212,15 +249,14 @@ def _units(given: list[str], columns: list[str]) -> dict[str, str]:
 
 
 def _learn(
-    rows: Rows, n_train: int, law: str, regimes: int | None, nodes: int, options: dict[str, Any]
+    rows: Rows, n_train: int, law: str | LawOfSwitch, regimes: int | None, nodes: int, options: dict[str, Any]
 ) -> FitResult[Any]:
     from fuzzykf import CGOFMSModel, CGOMSModel
 
     x, y = rows.values["--state"][:n_train], rows.values["--obs"][:n_train]
     if regimes is not None:
         return CGOMSModel.fit(x, y, n_regimes=regimes, **options)
-    law_: Any = law
-    return CGOFMSModel.fit(x, y, law=law_, n_nodes=nodes, **options)
+    return CGOFMSModel.fit(x, y, law=law, n_nodes=nodes, **options)
 
 
 def _test(rows: Rows, n_train: int, fit: FitResult[Any], nodes: int) -> tuple[str, tuple[str, ...]]:
@@ -263,6 +299,9 @@ def _print(
         f"log-likelihood {fit.log_likelihood:.2f} ({fit.log_likelihood / fit.n_observations:.4f} per row), "
         f"AIC {fit.aic:.1f}, BIC {fit.bic:.1f}, p_hard {model.p_hard:.4g}.",
     ]
+    numbers = {name: value for name, value in model.named_parameters().items() if name != "p_hard"}
+    if numbers:
+        lines.append(f"Law: {', '.join(f'{name} {value:.4g}' for name, value in numbers.items())}.")
     result, notes = tested
     if result:
         lines.append(result)

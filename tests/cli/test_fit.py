@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FadeLaw
 from fuzzykf.cli.app import app
 from fuzzykf.io import load_model, model_to_dict
 
@@ -74,6 +74,22 @@ def test_hard_regimes_can_be_learned_and_the_other_rows_test_the_filter(write, d
     stays = ", ".join(f"{p:.3g}" for p in model.transition.diagonal())
     assert f"2 hard regimes, which stay with probability {stays}" in printed
     assert re.search(r"Converged after \d+ iterations", printed)
+
+
+def test_fades_between_three_classes(write, data, tmp_path) -> None:
+    out = tmp_path / "model.json"
+    columns = ["--state", "load", "--obs", "temperature"]
+    options = ["--nodes", 2, "--max-iter", 2, "--starts", 1, "--fades", "0-1,1-2,2-0", "--stay", 20]
+    result = run(write(), *columns, "-o", out, *options, "--train", 0.9)
+    assert result.exit_code == 0, result.output
+    law = FadeLaw(3, {(0, 1): (0.05, 10), (1, 2): (0.05, 10), (2, 0): (0.05, 10)})
+    options = {"law": law, "n_nodes": 2, "n_starts": 1, "max_iter": 2}
+    fit = CGOFMSModel.fit(data[:216, 0], data[:216, 1], **options)
+    named = fit.model.labelled(states=["load"], observations=["temperature"])
+    assert model_to_dict(load_model(out)) == model_to_dict(named)
+    printed = " ".join(result.output.split())
+    assert f"Law: rate 0 to 1 {fit.model.law.fades[0, 1][0]:.4g}, length 0 to 1 " in printed
+    assert "On the 24 rows after these" in printed
 
 
 def test_several_columns_gaps_and_random_starts(write, data, tmp_path) -> None:

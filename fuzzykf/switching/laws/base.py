@@ -190,6 +190,10 @@ class Law(Immutable, ABC):
     def parameters(self) -> dict[str, Any]:
         """The parameters of the law by name."""
 
+    def numbers(self) -> dict[str, float]:
+        """Return the numbers of the law by names that a table can show."""
+        return {name: value for name, value in self.parameters.items() if isinstance(value, float)}
+
     def to_dict(self) -> dict[str, Any]:
         """Return the arguments of the constructor as plain values, for a file."""
         return self.parameters

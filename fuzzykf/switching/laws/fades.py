@@ -217,6 +217,14 @@ class FadeLaw(GraphicLaw):
             "turn_back": self.turn_back,
         }
 
+    def numbers(self) -> dict[str, float]:
+        """Return rate and mean length of each fade, the probability of each jump, and of turning back."""
+        named: dict[str, float] = {}
+        for (a, b), (rate, length) in self._fades:
+            named |= {f"rate {a} to {b}": rate, f"length {a} to {b}": length}
+        named |= {f"jump {a} to {b}": p for (a, b), p in self._jumps}
+        return named | ({"turn_back": self.turn_back} if self.turn_back else {})
+
     def to_dict(self) -> dict[str, Any]:
         """Return classes, fades [a, b, rate, length], jumps [a, b, p] and turn_back as plain values."""
         return {

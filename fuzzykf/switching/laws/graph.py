@@ -208,6 +208,13 @@ class GraphLaw(GraphicLaw):
             "crossings": self.crossings,
         }
 
+    def numbers(self) -> dict[str, float]:
+        """Return the masses of the classes and of the edges."""
+        named = {f"mass of {k}": float(mass) for k, mass in enumerate(self.class_masses)}
+        for (a, b), mass in zip(self.edges, self.edge_masses, strict=True):
+            named[f"mass of {a} to {b}"] = float(mass)
+        return named
+
     def to_dict(self) -> dict[str, Any]:
         """Return what it is made from as plain values; crossings as [edge, edge, kappa, width]."""
         return {

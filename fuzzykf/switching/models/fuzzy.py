@@ -314,8 +314,7 @@ class CGOFMSModel(SwitchingModel):
 
     def named_parameters(self) -> dict[str, float]:
         """Return the numbers that make the law, and the share of hard values that follows from them."""
-        numbers = {name: value for name, value in self.law.parameters.items() if isinstance(value, float)}
-        return numbers | {"p_hard": float(self.p_hard)}
+        return self.law.numbers() | {"p_hard": float(self.p_hard)}
 
     def placed(self, n_nodes: int | None = None, rule: str = "cell") -> StationarySystem:
         """Place the model on the nodes of the discretised law.

@@ -1,0 +1,116 @@
+"""The law of a fuzzy switch from words of the command line: which classes fade into which, how long."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+from fuzzykf.errors import ParameterError
+
+if TYPE_CHECKING:
+    from fuzzykf.switching.laws.base import Law
+
+__all__ = ["law_of_words"]
+
+_WAY = re.compile(r"\s*(\d+)\s*-\s*(\d+)\s*")
+
+#: Where a search for the masses of classes and edges begins: a class is this much likelier than an edge.
+CLASS_TO_EDGE = 2.0
+
+
+def law_of_words(
+    name: str | None, fades: str | None, jumps: str | None, edges: str | None, stay: float, length: float
+) -> str | Law:
+    """Return the law to learn: the name of a family, or a law of any number of classes to begin with.
+
+    Parameters
+    ----------
+    name : str, optional
+        Of a family; "fmc1" if nothing is said at all.
+    fades, jumps, edges : str, optional
+        Pairs of classes, such as ``0-1,1-2,2-0``.
+    stay : float
+        Steps that the switch stays at a class to begin with, by whatever way it leaves.
+    length : float
+        Steps of a fade to begin with.
+
+    Raises
+    ------
+    ParameterError
+        Names the option.
+
+    Examples
+    --------
+    >>> law_of_words(None, "0-1,1-2,2-0", None, None, 50.0, 10.0)
+    FadeLaw(3, {(0, 1): (0.02, 10), (1, 2): (0.02, 10), (2, 0): (0.02, 10)})
+    >>> law_of_words(None, None, None, None, 50.0, 10.0)
+    'fmc1'
+    """
+    if edges is not None:
+        _refuse("--edges", "graph", name, {"--fades": fades})
+        return _graph(_ways("--edges", edges), _ways("--jumps", jumps))
+    if fades is not None:
+        _refuse("--fades", "fade", name, {})
+        return _fade(_ways("--fades", fades), _ways("--jumps", jumps), stay, length)
+    if jumps is not None:
+        raise ParameterError("--jumps: got some without --fades or --edges, expected one of these with it")
+    return "fmc1" if name is None else name
+
+
+def _refuse(option: str, kind: str, name: str | None, others: dict[str, str | None]) -> None:
+    if name not in (None, kind):
+        raise ParameterError(f"{option}: are of the law {kind}, got --law {name}; give one of them")
+    for other, value in others.items():
+        if value is not None:
+            raise ParameterError(f"{option}, {other}: got both, expected one of them")
+
+
+def _ways(option: str, text: str | None) -> list[tuple[int, int]]:
+    if text is None:
+        return []
+    found = []
+    for part in text.split(","):
+        match = _WAY.fullmatch(part)
+        if match is None:
+            raise ParameterError(
+                f"{option}: got {part.strip()!r}, expected pairs of classes such as 0-1,1-2,2-0"
+            )
+        pair = (int(match[1]), int(match[2]))
+        if pair in found:
+            raise ParameterError(f"{option}: got {part.strip()!r} twice, expected each pair once")
+        found.append(pair)
+    return found
+
+
+def _classes(ways: list[tuple[int, int]]) -> int:
+    """Return how many classes there are; each has to be named."""
+    K = max(max(pair) for pair in ways) + 1
+    for k in range(K):
+        if not any(k in pair for pair in ways):
+            raise ParameterError(
+                f"--fades, --edges, --jumps: none of them leads to or from class {k}; expected the classes "
+                f"0 to {K - 1}, or other numbers"
+            )
+    return K
+
+
+def _fade(fades: list[tuple[int, int]], jumps: list[tuple[int, int]], stay: float, length: float) -> Law:
+    from fuzzykf import FadeLaw
+
+    K = _classes(fades + jumps)
+    if not stay >= 1.0:
+        raise ParameterError(f"--stay: got {stay:g}, expected a number of steps, at least 1")
+    if not length >= 1.0:
+        raise ParameterError(f"--length: got {length:g}, expected a number of steps, at least 1")
+    ways = [a for a, _ in fades + jumps]
+    rates = {a: 1.0 / (stay * ways.count(a)) for a in ways}
+    numbers: Any = {pair: (rates[pair[0]], length) for pair in fades}
+    return FadeLaw(K, numbers, jumps={pair: rates[pair[0]] for pair in jumps})
+
+
+def _graph(edges: list[tuple[int, int]], jumps: list[tuple[int, int]]) -> Law:
+    from fuzzykf import GraphLaw
+
+    K = _classes(edges + jumps)
+    masses = dict.fromkeys(edges, 1.0)
+    return GraphLaw.from_masses([CLASS_TO_EDGE] * K, masses, jumps=dict.fromkeys(jumps, 0.05))

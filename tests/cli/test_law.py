@@ -1,0 +1,52 @@
+"""Laws in words: which classes fade into which, and what is wrong with the words."""
+
+from __future__ import annotations
+
+import pytest
+
+from fuzzykf.cli.law import law_of_words
+from fuzzykf.errors import ParameterError
+
+
+def words(name=None, *, fades=None, jumps=None, edges=None, stay=50.0, length=10.0):
+    return law_of_words(name, fades, jumps, edges, stay, length)
+
+
+def test_fades_and_jumps_share_out_how_often_a_class_is_left():
+    law = words(fades="0-1, 1-0 ,1-2,2-0", jumps="0-2", stay=20.0, length=8.0)
+    assert law.fades == {(0, 1): (0.025, 8), (1, 0): (0.025, 8), (1, 2): (0.025, 8), (2, 0): (0.05, 8)}
+    assert law.jumps == {(0, 2): 0.025}
+    assert law.mean_dwell().tolist() == pytest.approx([20.0, 20.0, 20.0])
+
+
+def test_edges_are_a_graph():
+    law = words("graph", edges="0-1,2-1", jumps="0-2")
+    assert law.edges == ((0, 1), (2, 1))
+    assert law.corners[0, 2] > 0.0
+    assert law.class_masses == pytest.approx([2 / 8, 2 / 8, 2 / 8])
+
+
+def test_names_stay_names():
+    assert words() == "fmc1"
+    assert words("free") == "free"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"fades": "0>1"}, r"--fades: got '0>1', expected pairs of classes such as 0-1,1-2,2-0"),
+        ({"fades": "0-1,,1-0"}, r"--fades: got '', expected pairs"),
+        ({"fades": "0-1,0-1"}, r"--fades: got '0-1' twice"),
+        ({"fades": "0-1,1-3,3-0"}, r"none of them leads to or from class 2; expected the classes 0 to 3"),
+        ({"fades": "1-1"}, r"fades: got \(1, 1\), expected a pair|leads to or from class 0"),
+        ({"fades": "0-1,1-0", "stay": 0.5}, r"--stay: got 0.5, expected a number of steps, at least 1"),
+        ({"fades": "0-1,1-0", "length": float("nan")}, r"--length: got nan, expected a number of steps"),
+        ({"fades": "0-1,1-0", "edges": "0-1"}, r"--edges, --fades: got both, expected one of them"),
+        ({"jumps": "0-1"}, r"--jumps: got some without --fades or --edges"),
+        ({"name": "fmc2", "fades": "0-1,1-0"}, r"--fades: are of the law fade, got --law fmc2"),
+        ({"name": "fade", "edges": "0-1"}, r"--edges: are of the law graph, got --law fade"),
+    ],
+)
+def test_words_that_are_no_law(options, message):
+    with pytest.raises(ParameterError, match=message):
+        words(**options)
