@@ -70,8 +70,8 @@ Nodes = Annotated[
     int | None,
     whole_option(
         0,
-        help="Values of a fuzzy switch between 0 and 1; by default 5, or what the law was learned on. "
-        "The time grows as (nodes + 2)^2.",
+        help="Values of a fuzzy switch between two classes; by default 5, or as many as fades have room for, "
+        "or what the law was learned on.",
         show_default=False,
     ),
 ]

@@ -130,11 +130,21 @@ def command(
         ),
     ] = None,
     stay: Annotated[
-        float, typer.Option(metavar="STEPS", help="Steps at a class from which the search for fades begins.")
-    ] = 50.0,
+        float | None,
+        typer.Option(
+            metavar="STEPS",
+            help="Steps at a class from which the search for fades begins; 50 unless said otherwise.",
+            show_default=False,
+        ),
+    ] = None,
     length: Annotated[
-        float, typer.Option(metavar="STEPS", help="Steps of a fade from which the search begins.")
-    ] = 10.0,
+        float | None,
+        typer.Option(
+            metavar="STEPS",
+            help="Steps of a fade from which the search begins; 10 unless said otherwise.",
+            show_default=False,
+        ),
+    ] = None,
     regimes: Annotated[
         int | None,
         whole_option(
@@ -156,12 +166,14 @@ def command(
         ),
     ] = Form.AUTO,
     nodes: Annotated[
-        int,
+        int | None,
         whole_option(
             0,
-            help="Values of a fuzzy switch between 0 and 1; the time of an iteration grows as (nodes + 2)^2.",
+            help="Values of a fuzzy switch between two classes; 5, or as many as fades have room for, unless "
+            "said otherwise. No fade is learned to be shorter.",
+            show_default=False,
         ),
-    ] = 5,
+    ] = None,
     train: Annotated[
         float,
         typer.Option(
@@ -249,7 +261,12 @@ def _units(given: list[str], columns: list[str]) -> dict[str, str]:
 
 
 def _learn(
-    rows: Rows, n_train: int, law: str | LawOfSwitch, regimes: int | None, nodes: int, options: dict[str, Any]
+    rows: Rows,
+    n_train: int,
+    law: str | LawOfSwitch,
+    regimes: int | None,
+    nodes: int | None,
+    options: dict[str, Any],
 ) -> FitResult[Any]:
     from fuzzykf import CGOFMSModel, CGOMSModel
 
@@ -259,7 +276,7 @@ def _learn(
     return CGOFMSModel.fit(x, y, law=law, n_nodes=nodes, **options)
 
 
-def _test(rows: Rows, n_train: int, fit: FitResult[Any], nodes: int) -> tuple[str, tuple[str, ...]]:
+def _test(rows: Rows, n_train: int, fit: FitResult[Any], nodes: int | None) -> tuple[str, tuple[str, ...]]:
     """Say how the filter does on the other rows, and what to know about the model."""
     from fuzzykf.comparison.candidates.switching import LearnedSwitching
     from fuzzykf.comparison.scores import INTERVAL_FACTOR

@@ -14,12 +14,20 @@ __all__ = ["law_of_words"]
 
 _WAY = re.compile(r"\s*(\d+)\s*-\s*(\d+)\s*")
 
+#: Steps from which a search for fades begins unless told otherwise.
+STAY, LENGTH = 50.0, 10.0
+
 #: Where a search for the masses of classes and edges begins: a class is this much likelier than an edge.
 CLASS_TO_EDGE = 2.0
 
 
 def law_of_words(
-    name: str | None, fades: str | None, jumps: str | None, edges: str | None, stay: float, length: float
+    name: str | None,
+    fades: str | None,
+    jumps: str | None,
+    edges: str | None,
+    stay: float | None,
+    length: float | None,
 ) -> str | Law:
     """Return the law to learn: the name of a family, or a law of any number of classes to begin with.
 
@@ -29,10 +37,11 @@ def law_of_words(
         Of a family; "fmc1" if nothing is said at all.
     fades, jumps, edges : str, optional
         Pairs of classes, such as ``0-1,1-2,2-0``.
-    stay : float
-        Steps that the switch stays at a class to begin with, by whatever way it leaves.
-    length : float
-        Steps of a fade to begin with.
+    stay : float, optional
+        Steps that the switch stays at a class to begin with, by whatever way it leaves; 50 unless said
+        otherwise.
+    length : float, optional
+        Steps of a fade to begin with; 10.
 
     Raises
     ------
@@ -41,19 +50,28 @@ def law_of_words(
 
     Examples
     --------
-    >>> law_of_words(None, "0-1,1-2,2-0", None, None, 50.0, 10.0)
-    FadeLaw(3, {(0, 1): (0.02, 10), (1, 2): (0.02, 10), (2, 0): (0.02, 10)})
-    >>> law_of_words(None, None, None, None, 50.0, 10.0)
+    >>> law_of_words(None, "0-1,1-2,2-0", None, None, 50.0, None)
+    FadeLaw(3, {(0, 1): (0.02, 10.0), (1, 2): (0.02, 10.0), (2, 0): (0.02, 10.0)})
+    >>> law_of_words(None, None, None, None, None, None)
     'fmc1'
     """
+    if fades is None and name != "fade":
+        for option, value in (("--stay", stay), ("--length", length)):
+            if value is not None:
+                raise ParameterError(
+                    f"{option}: got {value:g}, but no fades; it goes with --fades or --law fade"
+                )
+    dwell, steps = (STAY if stay is None else stay), (LENGTH if length is None else length)
     if edges is not None:
         _refuse("--edges", "graph", name, {"--fades": fades})
         return _graph(_ways("--edges", edges), _ways("--jumps", jumps))
     if fades is not None:
         _refuse("--fades", "fade", name, {})
-        return _fade(_ways("--fades", fades), _ways("--jumps", jumps), stay, length)
+        return _fade(_ways("--fades", fades), _ways("--jumps", jumps), dwell, steps)
     if jumps is not None:
         raise ParameterError("--jumps: got some without --fades or --edges, expected one of these with it")
+    if name == "fade" and not stay is length is None:
+        return _between(dwell, steps)
     return "fmc1" if name is None else name
 
 
@@ -94,14 +112,27 @@ def _classes(ways: list[tuple[int, int]]) -> int:
     return K
 
 
+def _check_steps(stay: float, length: float) -> None:
+    for option, value in (("--stay", stay), ("--length", length)):
+        if not value >= 1.0:
+            raise ParameterError(f"{option}: got {value:g}, expected a number of steps, at least 1")
+
+
+def _between(stay: float, length: float) -> Law:
+    """Return the law of two classes that "fade" stands for, with other durations."""
+    from fuzzykf import FadeLaw
+
+    _check_steps(stay, length)
+    usual = FadeLaw.by_name(1)
+    share = usual.jumps[0, 1] * float(usual.mean_dwell()[0])
+    return FadeLaw.between(stay, length, jump=share / stay, turn_back=usual.turn_back)
+
+
 def _fade(fades: list[tuple[int, int]], jumps: list[tuple[int, int]], stay: float, length: float) -> Law:
     from fuzzykf import FadeLaw
 
     K = _classes(fades + jumps)
-    if not stay >= 1.0:
-        raise ParameterError(f"--stay: got {stay:g}, expected a number of steps, at least 1")
-    if not length >= 1.0:
-        raise ParameterError(f"--length: got {length:g}, expected a number of steps, at least 1")
+    _check_steps(stay, length)
     ways = [a for a, _ in fades + jumps]
     rates = {a: 1.0 / (stay * ways.count(a)) for a in ways}
     numbers: Any = {pair: (rates[pair[0]], length) for pair in fades}

@@ -88,7 +88,7 @@ def test_fades_between_three_classes(write, data, tmp_path) -> None:
     named = fit.model.labelled(states=["load"], observations=["temperature"])
     assert model_to_dict(load_model(out)) == model_to_dict(named)
     printed = " ".join(result.output.split())
-    assert f"Law: rate 0 to 1 {fit.model.law.fades[0, 1][0]:.4g}, length 0 to 1 " in printed
+    assert f", rate 0 to 1 {fit.model.law.fades[0, 1][0]:.4g}, length 0 to 1 " in printed
     assert "On the 24 rows after these" in printed
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from fuzzykf import FadeLaw
 from fuzzykf.cli.law import law_of_words
 from fuzzykf.errors import ParameterError
 
 
-def words(name=None, *, fades=None, jumps=None, edges=None, stay=50.0, length=10.0):
+def words(name=None, *, fades=None, jumps=None, edges=None, stay=None, length=None):
     return law_of_words(name, fades, jumps, edges, stay, length)
 
 
@@ -29,6 +30,15 @@ def test_edges_are_a_graph():
 def test_names_stay_names():
     assert words() == "fmc1"
     assert words("free") == "free"
+    assert words("fade") == "fade"
+
+
+def test_durations_of_two_classes():
+    law = words("fade", stay=80.0)
+    assert law.mean_dwell().tolist() == pytest.approx([80.0, 80.0])
+    assert law.fades[0, 1][1] == 10.0
+    usual = FadeLaw.by_name(5)
+    assert words("fade", stay=40.0, length=10.0).to_dict() == usual.to_dict()
 
 
 @pytest.mark.parametrize(
@@ -42,6 +52,10 @@ def test_names_stay_names():
         ({"fades": "0-1,1-0", "stay": 0.5}, r"--stay: got 0.5, expected a number of steps, at least 1"),
         ({"fades": "0-1,1-0", "length": float("nan")}, r"--length: got nan, expected a number of steps"),
         ({"fades": "0-1,1-0", "edges": "0-1"}, r"--edges, --fades: got both, expected one of them"),
+        ({"stay": 30.0}, r"--stay: got 30, but no fades; it goes with --fades or --law fade"),
+        ({"name": "fmc1", "length": 3.0}, r"--length: got 3, but no fades"),
+        ({"edges": "0-1", "length": 3.0}, r"--length: got 3, but no fades"),
+        ({"name": "fade", "stay": 0.0}, r"--stay: got 0, expected a number of steps, at least 1"),
         ({"jumps": "0-1"}, r"--jumps: got some without --fades or --edges"),
         ({"name": "fmc2", "fades": "0-1,1-0"}, r"--fades: are of the law fade, got --law fmc2"),
         ({"name": "fade", "edges": "0-1"}, r"--edges: are of the law graph, got --law fade"),

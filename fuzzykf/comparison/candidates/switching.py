@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CANDIDATES",
     "LAWS",
+    "TRIED",
     "LearnedSwitching",
     "growth_notes",
     "hard_candidate",
@@ -32,8 +33,11 @@ __all__ = [
     "learn_hard",
 ]
 
-#: Families of laws of a fuzzy switch; between two classes "graph" is "fmc1" but for its corners.
-LAWS = tuple(law for law in learned_laws() if law != "graph")
+#: Families of laws of a fuzzy switch.
+LAWS = learned_laws()
+
+#: Those that are tried where none is asked for: between two classes "graph" is "fmc1" but for its corners.
+TRIED = tuple(law for law in LAWS if law != "graph")
 
 #: Tolerance of the trials in which a law is chosen.
 TRIAL_TOLERANCE = 1e-4
@@ -45,8 +49,8 @@ class LearnedSwitching(Learned):
     Parameters
     ----------
     fit : FitResult
-    n_nodes : int
-        Nodes of a fuzzy switch.
+    n_nodes : int, optional
+        Nodes of a fuzzy switch; by default those of the model.
     description : str
 
     Attributes
@@ -55,7 +59,7 @@ class LearnedSwitching(Learned):
     filter : OFSRFilter or CGOMSMFilter
     """
 
-    def __init__(self, fit: FitResult[Any], n_nodes: int, description: str = "") -> None:
+    def __init__(self, fit: FitResult[Any], n_nodes: int | None, description: str = "") -> None:
         self.fit, self.filter = fit, fit.model.filter(n_nodes)
         self.notes = (*fit.warnings, *growth_notes(fit.model.placed(n_nodes)))
         self.description = description
@@ -102,13 +106,13 @@ def learn_chosen_law(part: LearningPart) -> Learned:
         If no law can be learned.
     """
     if part.r is not None:
-        return learn_fuzzy(part, LAWS[0])
+        return learn_fuzzy(part, TRIED[0])
     cut = round(TRIAL_SHARE * len(part))
     cheap = replace(part.first(cut), tolerance=max(part.tolerance, TRIAL_TOLERANCE))
     errors: dict[str, float] = {}
     failures = []
-    for law in LAWS:
-        if law != LAWS[0]:
+    for law in TRIED:
+        if law != TRIED[0]:
             part.progress(f"trying the law {law}")
         try:
             errors[law] = part.trial_error(LearnedSwitching(cheap.fuzzy(law), part.n_nodes), cut)
@@ -161,5 +165,5 @@ def hard_candidate(n_switches: int | None = None, *, n_regimes: int | None = Non
 CANDIDATES = (
     *map(hard_candidate, (1, 2, 3)),
     *(Candidate(law, partial(learn_fuzzy, law=law), title=f"OFSRFilter, {law}") for law in LAWS),
-    Candidate("fuzzy", learn_chosen_law, pieces=len(LAWS) + 1, title="OFSRFilter"),
+    Candidate("fuzzy", learn_chosen_law, pieces=len(TRIED) + 1, title="OFSRFilter"),
 )

@@ -24,6 +24,9 @@ __all__ = ["FadeChain"]
 #: A fade goes on with at least this probability a step, so that its length is a number.
 LEAST_ADVANCE = 1e-12
 
+#: The least probability, at the start of a search, to stay at a class or in a cell.
+WAITING = 0.1
+
 #: The rate of turning back from which a search begins as well, if it began with less.
 OFTEN = 0.3
 
@@ -36,7 +39,8 @@ class FadeChain(ChainFamily):
     Parameters
     ----------
     law : FadeLaw
-        Structure, and where to begin: what is impossible in it stays so.
+        Structure, and where to begin: what is impossible in it stays so.  A search begins with some waiting
+        at all classes and in all fades, or it could not leave the bounds at which there is none.
     n_nodes : int
         Cells of each fade.
     """
@@ -51,10 +55,10 @@ class FadeChain(ChainFamily):
         self._arrows = np.array([*fades, *jumps], dtype=np.intp).reshape(-1, 2)
         self.leave = np.array([*(rate for rate, _ in fades.values()), *jumps.values()])
         left = np.bincount(self._arrows[:, 0], self.leave, minlength=law.n_classes)
-        self.stay = 1.0 - left.astype(np.float64)
+        self.stay = np.maximum(1.0 - left.astype(np.float64), WAITING)
         self.turn_back = law.turn_back
         lengths = np.array([length for _, length in fades.values()])
-        self.advance = n_nodes / lengths / (1.0 - self.turn_back)
+        self.advance = np.minimum(n_nodes / lengths / (1.0 - self.turn_back), 1.0 - WAITING)
         E = len(fades)
         begins = law.n_classes + n_nodes * np.arange(E)
         self._cells = begins[:, None] + np.arange(n_nodes)
@@ -63,6 +67,8 @@ class FadeChain(ChainFamily):
         self._back = np.array([[*fades].index((b, a)) for a, b in fades] if self.turn_back else [], dtype=int)
         self.n_parameters = int((self.leave > 0.0).sum()) + E + bool(self.turn_back)
         self._transition = chain.transition
+        if (self.stay == WAITING).any() or (self.advance == 1.0 - WAITING).any():
+            self._settle()
 
     @property
     def initial(self) -> FloatArray:

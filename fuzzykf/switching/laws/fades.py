@@ -15,6 +15,7 @@ and otherwise nowhere.
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -113,6 +114,11 @@ class FadeLaw(GraphicLaw):
         turn_back: float = 0.0,
     ) -> None:
         K = as_count("n_classes", n_classes, 2, MOST_CLASSES)
+        if isinstance(fades, Real):
+            raise ParameterError(
+                f"fades: got {brief(fades)}, expected a mapping {{(a, b): (rate, mean_length)}}, with the "
+                "rate 1 / dwell; FadeLaw.between(dwell, length) makes the symmetric law of two classes"
+            )
         self.n_classes = K
         self._fades = tuple(
             (as_edge("fades", pair, K), _rate_and_length(pair, value))
@@ -218,8 +224,9 @@ class FadeLaw(GraphicLaw):
         }
 
     def numbers(self) -> dict[str, float]:
-        """Return rate and mean length of each fade, the probability of each jump, and of turning back."""
-        named: dict[str, float] = {}
+        """Return mean stays, rate and mean length of each fade, probability of each jump, of turning back."""
+        leave = self._arrows().sum(axis=1)
+        named = {f"stay at {k}": 1.0 / p if p else float("inf") for k, p in enumerate(leave.tolist())}
         for (a, b), (rate, length) in self._fades:
             named |= {f"rate {a} to {b}": rate, f"length {a} to {b}": length}
         named |= {f"jump {a} to {b}": p for (a, b), p in self._jumps}
@@ -420,7 +427,10 @@ class FadeLaw(GraphicLaw):
         jumps = [events.jumped.get(pair, 0) / (events.visits[pair[0]] or 1.0) for pair, _ in self._jumps]
         steps = sum(events.steps.values())
         turned = events.turned / steps if steps else self.turn_back
-        return self.with_numbers(np.array(rates), np.array(lengths), np.array(jumps), turned)
+        try:
+            return self.with_numbers(np.array(rates), np.array(lengths), np.array(jumps), turned)
+        except ParameterError as error:
+            raise ParameterError(f"r: does what makes no law of these fades; {error}") from error
 
     def _check_events(self, events: FadeEvents) -> None:
         for name, seen, there in (
@@ -432,7 +442,7 @@ class FadeLaw(GraphicLaw):
                     listed = ", ".join(map(str, there)) or "none"
                     raise ParameterError(
                         f"r: {name}s from class {pair[0]} to {pair[1]}, expected the {name}s of the law "
-                        f"alone: {listed}"
+                        f"alone: {listed}; give a law that has it"
                     )
         if events.turned and not self.turn_back:
             raise ParameterError(

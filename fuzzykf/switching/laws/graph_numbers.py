@@ -47,8 +47,8 @@ def width_logit(width: Any) -> Any:
 
     Examples
     --------
-    >>> float(width_logit(0.25))
-    0.0
+    >>> round(float(width_logit(0.25)), 9), round(float(width_logit(0.5)))
+    (-0.0, 36)
     """
     return np.log(width / (np.nextafter(0.5, 1.0) - width))
 

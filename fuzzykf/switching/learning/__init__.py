@@ -21,6 +21,7 @@ from fuzzykf.gaussian import as_choice, as_count, as_flag, check_generator
 from fuzzykf.labels import NO_LABELS, Labels
 from fuzzykf.progress import progress_bar
 from fuzzykf.results import FitResult, bic
+from fuzzykf.switching.laws.base import NODES
 from fuzzykf.switching.laws.chains import as_law
 from fuzzykf.switching.learning.choice import forms_to_try, learn_forms
 from fuzzykf.switching.learning.data import gather, irregular
@@ -44,24 +45,24 @@ T = TypeVar("T")
 
 
 def fit_fuzzy_model(
-    x: Any, y: Any, r: Any, *, law: Any, n_nodes: int, progress: bool | None, **options: Any
+    x: Any, y: Any, r: Any, *, law: Any, n_nodes: int | None, progress: bool | None, **options: Any
 ) -> FitResult[CGOFMSModel]:
     """See `CGOFMSModel.fit`."""
-    n_nodes = as_count("n_nodes", n_nodes, 0)
     K = 2 if isinstance(law, str) else as_law(law).n_classes
+    nodes = None if n_nodes is None else as_count("n_nodes", n_nodes, 0)
     data = _prepared(x, y, r, options, K)
 
     def check_size(size: Callable[[int], int]) -> None:
         for form in forms_to_try(options["form"], data, K):
             check_memory(
                 "n_nodes",
-                n_nodes,
+                NODES if nodes is None else nodes,
                 0,
                 lambda n: memory_of_fuzzy(size(n), K, data, form),  # noqa: B023
             )
 
-    start = law_to_learn(law, n_nodes, check_size)
-    return _learn(partial(fit_fuzzy, law=start, n_nodes=n_nodes), data, x, y, progress, options, K)
+    start = law_to_learn(law, nodes, check_size, is_hidden=r is None)
+    return _learn(partial(fit_fuzzy, law=start, n_nodes=nodes), data, x, y, progress, options, K)
 
 
 def fit_hard_model(
@@ -171,7 +172,7 @@ def _present(
     if hasattr(x, "to_numpy") and hasattr(x, "index"):
         import pandas as pd
 
-        weights = pd.DataFrame(weights, x.index, [f"class_{k}" for k in range(weights.shape[1])])
+        weights = pd.DataFrame(weights, x.index, [f"class_weights{k}" for k in range(weights.shape[1])])
         if switch is not None:
             switch = pd.Series(switch, index=x.index, name="switch_mean")
 

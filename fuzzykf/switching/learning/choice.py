@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -74,4 +75,11 @@ def learn_forms(
         raise refused[0]
     values = {form: bic(f.n_parameters, len(data.z), f.log_likelihood) for form, f in found.items()}
     best = min(found, key=lambda form: (found[form].bounded, values[form]))
-    return found[best], values
+    others = [form for form in found if values[form] < values[best]]
+    notes = [
+        f"the form {other!r} has the smaller BIC ({values[other]:.1f} against {values[best]:.1f}), but "
+        f"positive definiteness bounds its parameters, so it was not taken; form={other!r} does"
+        for other in others
+    ]
+    chosen = found[best]
+    return (replace(chosen, warnings=[*chosen.warnings, *notes]) if notes else chosen), values

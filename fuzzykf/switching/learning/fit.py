@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.switching.laws.base import NODES
 from fuzzykf.switching.laws.chain import shares_of, stationary_distribution
 from fuzzykf.switching.laws.learners import ChainFamily, FreeChain
 from fuzzykf.switching.learning.em import Estimate, Posterior, pair_shares, run_em
@@ -26,11 +27,14 @@ from fuzzykf.switching.learning.notes import (
     hidden_scarcity,
     instability,
     known_scarcity,
+    no_shorter,
     proof_values,
     scant_data,
     stuck,
     too_gradual,
     unfinished,
+    unlike,
+    ways,
 )
 from fuzzykf.switching.learning.regression import Cells, merged
 from fuzzykf.switching.learning.starts import classes, guesses, named_guesses, soften, spread
@@ -143,27 +147,33 @@ def _from_shares(
 # --------------------------------------------------------------------------- the switch is known
 
 
-def fit_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Options) -> Fitted:
-    """Learn a fuzzy model, with a law of the structure of ``law``, at which a hidden switch begins."""
+def fit_fuzzy(data: TrainingData, law: Law, n_nodes: int | None, options: Options) -> Fitted:
+    """Learn a fuzzy model, with a law of the structure of ``law``, at which a hidden switch begins.
+
+    Without a number of nodes there are `NODES`, or as many as the law has room for.
+    """
+    nodes = law.nodes_up_to(NODES) if n_nodes is None else n_nodes
     if data.r is None:
-        return _fit_hidden_fuzzy(data, law, n_nodes, options)
+        return _fit_hidden_fuzzy(data, law, nodes, options)
     K = law.n_classes
     shares = _shares(data.r, K)
-    fitted = law.likeliest(np.split(shares, data.starts[1:]), n_nodes)
+    fitted = law.likeliest(np.split(shares, data.starts[1:]), nodes)
+    if n_nodes is None:
+        nodes = fitted.nodes_up_to(NODES)
     estimate = _from_shares(_estimator(options.form, data, K), shares, data, fuzzy=True)
     w = np.concatenate([np.ones((len(data.z), 1)), data.z], axis=1)
     single = Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :])
     model = CGOFMSModel._from_form(fitted, estimate.form(single, data.scale))
     bounds = active_constraint(estimate, K)
-    notes = known_scarcity(shares, data) + bounds
+    system = model.placed(nodes)
+    notes = known_scarcity(shares, data, ways(system.chain)) + bounds + unlike(law, fitted)
     hard = float((shares.max(axis=1) == 1.0).mean())
     if law.kind == "fmc1" and hard < LEAST_HARD:
         notes.append(
             f"the switch is hard in {hard:.3g} of the data, but FMC1 cannot go below 3/8; consider 'fmc2'"
         )
-    system = model.placed(n_nodes)
     value = log_likelihood(system, data)
-    n_parameters = estimate.n_parameters + fitted.learner(n_nodes).n_parameters
+    n_parameters = estimate.n_parameters + law.learner(law.nodes_up_to(max(nodes, 1))).n_parameters
     at_nodes = (shares[:, None] == system.chain.class_weights).all(axis=-1).astype(np.float64)
     notes += instability(system) + stuck(at_nodes, system, data) + scant_data(n_parameters, data)
     switch_mean = shares[:, 1] if K == 2 else None
@@ -175,7 +185,10 @@ def _shares(r: FloatArray, K: int) -> FloatArray:
     if K > 2:
         return shares_of(r, K)
     if not ((r >= 0.0) & (r <= 1.0)).all():
-        raise ParameterError(f"r: got values from {r.min()} to {r.max()}, expected [0, 1]")
+        raise ParameterError(
+            f"r: got values from {r.min()} to {r.max()}, expected [0, 1]; between more classes than two give "
+            "a law of them"
+        )
     return np.stack([1.0 - r, r], axis=1)
 
 
@@ -226,9 +239,9 @@ def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Optio
     system = model.placed(n_nodes)
     bounds = active_constraint(estimate.gaussian, K)
     n_parameters = estimate.gaussian.n_parameters + estimate.chain.n_parameters
-    notes = hidden_scarcity(posterior, shares) + bounds + instability(system)
+    notes = hidden_scarcity(posterior, shares, ways(system.chain)) + bounds + instability(system)
     notes += stuck(posterior.gamma, system, data) + scant_data(n_parameters, data)
-    notes += unfinished(converged, options.max_iter)
+    notes += unfinished(converged, options.max_iter) + no_shorter(model.law, n_nodes)
     if law.kind == "fmc1":
         notes += too_gradual(estimate, shares, data)
     weights = posterior.gamma @ shares

@@ -8,6 +8,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.registry import either
+from fuzzykf.switching.laws.base import NODES
 from fuzzykf.switching.laws.chains import as_law
 from fuzzykf.switching.laws.registry import LAWS, learned_laws
 
@@ -19,19 +20,24 @@ if TYPE_CHECKING:
 
 __all__ = ["count_transitions", "law_to_learn"]
 
-#: The size of a law by name is known from that on so few nodes, which always fits.
-FEW = 5
 
-
-def law_to_learn(law: Any, n_nodes: int, check_size: Callable[[Callable[[int], int]], None]) -> Law:
+def law_to_learn(
+    law: Any,
+    n_nodes: int | None,
+    check_size: Callable[[Callable[[int], int]], None],
+    *,
+    is_hidden: bool = True,
+) -> Law:
     """Return the law at which a search begins, and whose structure it keeps.
 
     Parameters
     ----------
     law : str, Law or SwitchChain
-    n_nodes : int
+    n_nodes : int, optional
     check_size : callable
         Told how many nodes the chain of the law has on so many between two classes, before there is one.
+    is_hidden : bool
+        Whether the switch is.
 
     Raises
     ------
@@ -43,12 +49,22 @@ def law_to_learn(law: Any, n_nodes: int, check_size: Callable[[Callable[[int], i
             raise ParameterError(
                 f"law: got {law!r}, expected {either(learned_laws())}, or a law to begin with"
             )
-        check_size(LAWS[law].by_name(min(n_nodes, FEW)).size)
-        start: Law = LAWS[law].by_name(n_nodes)
+        nodes = NODES if n_nodes is None else n_nodes
+        check_size(LAWS[law].by_name(min(nodes, NODES)).size)
+        start: Law = LAWS[law].by_name(nodes)
     else:
         start = as_law(law)
         check_size(start.size)
-    start.learner(n_nodes)  # what is wrong with it for learning is said before any work
+        nodes = start.nodes_up_to(NODES) if n_nodes is None else n_nodes
+    if is_hidden:  # what is wrong with it for a search is said before any work
+        learner = start.learner(nodes)
+        present = learner.initial @ learner.class_weights
+        gone = [str(k) for k in np.flatnonzero(present <= 0.0)]
+        if gone:
+            raise ParameterError(
+                f"law: leaves class {' and '.join(gone)} for ever, so that no search can begin there; "
+                "expected ways back, by fades or jumps"
+            )
     return start
 
 

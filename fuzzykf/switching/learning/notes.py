@@ -14,9 +14,11 @@ from fuzzykf.switching.models.fuzzy import N_PROOF
 from fuzzykf.texts import counted, listed
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.labels import Labels
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
+    from fuzzykf.switching.laws.base import Law
+    from fuzzykf.switching.laws.chain import SwitchChain
     from fuzzykf.switching.learning.data import TrainingData
     from fuzzykf.switching.learning.gaussians import GaussianEstimate
 
@@ -25,6 +27,7 @@ __all__ = [
     "hidden_scarcity",
     "instability",
     "known_scarcity",
+    "no_shorter",
     "one_name",
     "proof_values",
     "scant_data",
@@ -32,10 +35,18 @@ __all__ = [
     "stuck",
     "too_gradual",
     "unfinished",
+    "unlike",
+    "ways",
 ]
 
 #: A regime, or a pair, with less than this many observations is reported.
 SCARCE = 5.0
+
+#: A known switch that turns back in more of its steps between classes is said to.
+RESTLESS = 0.2
+
+#: A learned length is at its bound if it is above by no more than this share.
+AT_BOUND = 1e-3
 
 #: Where the noise of the state has less than this share of that elsewhere, it is reported.
 VANISHING = 1e-3
@@ -74,13 +85,58 @@ def proof_values(K: int, *, fuzzy: bool) -> FloatArray:
     return np.concatenate([[0.0], (np.arange(N_PROOF) + 0.5) / N_PROOF, [1.0]])
 
 
-def _scarcity(visits: FloatArray, pairs: FloatArray) -> list[str]:
+def ways(chain: SwitchChain) -> BoolArray:
+    """Return which pairs of regimes have a part in a step that is possible, (K, K)."""
+    shares = chain.class_weights
+    found: BoolArray = shares.T @ (chain.transition != 0.0) @ shares > 0.0
+    return found
+
+
+def unlike(start: Law, learned: Law) -> list[str]:
+    """Say what a known switch never did that its law of fades has, or did as fades do not.
+
+    Laws of other families have no such numbers.
+    """
+    numbers, before = learned.numbers(), start.numbers()
+    notes = []
+    for name, rate in numbers.items():
+        if name.startswith("rate ") and rate == 0.0 < before[name]:
+            way = name.removeprefix("rate ")
+            notes.append(
+                f"the fade from {way} never begins in r; its length is that of the law which was given"
+            )
+    if numbers.get("turn_back", 0.0) > RESTLESS:
+        notes.append(
+            f"r turns back in {numbers['turn_back']:.2g} of its steps between classes: is there noise in it? "
+            "A law of fades takes each change of direction for a turn; smooth r, or leave it out"
+        )
+    return notes
+
+
+def no_shorter(law: Law, n_nodes: int) -> list[str]:
+    """Say which fades are learned to be as short as their nodes allow."""
+    bound = [
+        name.removeprefix("length ")
+        for name, value in law.numbers().items()
+        if name.startswith("length ") and value < n_nodes * (1.0 + AT_BOUND)
+    ]
+    if not bound:
+        return []
+    return [
+        f"the fade{'s' if len(bound) > 1 else ''} from {listed(bound)} cannot be learned to be shorter than "
+        f"n_nodes = {n_nodes} steps; use fewer nodes, or jumps"
+    ]
+
+
+def _scarcity(visits: FloatArray, pairs: FloatArray, possible: BoolArray | None = None) -> list[str]:
     """Say which regimes and pairs of regimes the data hardly visit.
 
     Parameters
     ----------
     visits, pairs : ndarray, shapes (K,) and (K, K)
         Total shares of the regimes in the data, and of pairs of regimes in the steps.
+    possible : ndarray of bool, shape (K, K), optional
+        Pairs that the law has; of others nothing is said.
     """
     found = []
     K = len(visits)
@@ -89,7 +145,8 @@ def _scarcity(visits: FloatArray, pairs: FloatArray) -> list[str]:
             found.append(f"the regime {k} is hardly visited (a total share of {visits[k]:.3g} observations)")
     for i in range(K):
         for j in range(K):
-            if min(visits[i], visits[j]) >= SCARCE and pairs[i, j] < SCARCE:
+            there = possible is None or possible[i, j]
+            if there and min(visits[i], visits[j]) >= SCARCE and pairs[i, j] < SCARCE:
                 found.append(
                     f"the pair of regimes ({i}, {j}) hardly occurs (a total share of {pairs[i, j]:.3g} "
                     "steps); its parameters follow the others"
@@ -97,14 +154,15 @@ def _scarcity(visits: FloatArray, pairs: FloatArray) -> list[str]:
     return found
 
 
-def known_scarcity(shares: FloatArray, data: TrainingData) -> list[str]:
+def known_scarcity(shares: FloatArray, data: TrainingData, possible: BoolArray | None = None) -> list[str]:
     """Say what the data hardly visit, the shares of the regimes being known."""
-    return _scarcity(shares.sum(axis=0), shares[data.before].T @ shares[data.after])
+    return _scarcity(shares.sum(axis=0), shares[data.before].T @ shares[data.after], possible)
 
 
-def hidden_scarcity(posterior: Posterior, shares: FloatArray) -> list[str]:
+def hidden_scarcity(posterior: Posterior, shares: FloatArray, possible: BoolArray | None = None) -> list[str]:
     """Say what the data hardly visit, as far as the posterior knows."""
-    return _scarcity(posterior.gamma.sum(axis=0) @ shares, shares.T @ posterior.pairs @ shares)
+    visits = posterior.gamma.sum(axis=0) @ shares
+    return _scarcity(visits, shares.T @ posterior.pairs @ shares, possible)
 
 
 def active_constraint(estimate: GaussianEstimate, K: int) -> list[str]:

@@ -181,7 +181,7 @@ class CGOFMSModel(SwitchingModel):
         *,
         law: str | Law | SwitchChain = "fmc1",
         form: Literal["auto", "regression", "covariance"] = "auto",
-        n_nodes: int = 5,
+        n_nodes: int | None = None,
         n_starts: int = 4,
         max_iter: int = 500,
         tolerance: float = 1e-6,
@@ -209,9 +209,11 @@ class CGOFMSModel(SwitchingModel):
             "covariance" is that of the paper, with fewer parameters, for one state and one
             observation.  "auto" learns in both, where both can be, and takes the one of
             smaller BIC; a covariance form that positive definiteness bounds is not taken.
-        n_nodes : int
-            Nodes between 0 and 1 on which a hidden switch is learned; the cost of an
-            iteration grows as (n_nodes + 2)^2.
+        n_nodes : int, optional
+            Nodes between two classes (of each fade, or edge) on which a hidden switch is learned; the cost of
+            an iteration grows as the square of all nodes, or as the number of steps between them that are
+            possible.  By default 5, or as many as fades of the law have room for.  No fade is learned to be
+            shorter than its nodes.
         n_starts : int
             Guesses of a hidden switch to begin from; the best ones go on to convergence.
             More than 4 are drawn at random.
@@ -322,17 +324,15 @@ class CGOFMSModel(SwitchingModel):
         Parameters
         ----------
         n_nodes : int, optional
-            Nodes strictly between 0 and 1; the cost of a step grows as (n_nodes + 2)^2.  By
-            default 5, or those on which a free law was learned.
+            Nodes strictly between two classes.  By default 5, or as many as fades have room for, or those
+            on which a free law was learned.
         rule : {"cell", "midpoint", "gauss", "product"}
             See `FuzzyMarkovLaw.discretize`.
         """
         return self.form.placed(self.law.discretize(self._nodes(n_nodes), rule))
 
     def _nodes(self, n_nodes: int | None) -> int:
-        if n_nodes is not None:
-            return n_nodes
-        return NODES if self.law.own_nodes is None else self.law.own_nodes
+        return self.law.nodes_up_to(NODES) if n_nodes is None else n_nodes
 
     def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
         """Make the filter of the model.

@@ -93,6 +93,11 @@ def test_a_fade_that_turns_back_although_it_cannot():
         FadeLaw.between(20, 10).likeliest([weights([0.0, 0.5, 0.25, 0.0])], 5)
 
 
+def test_paths_that_make_no_law_say_so():
+    with pytest.raises(ParameterError, match="r: does what makes no law of these fades; fades, jumps: got"):
+        FadeLaw.between(20, 10).likeliest([weights([0.0, 0.0]), weights([1.0, 1.0])], 5)
+
+
 def test_classes_that_were_never_visited_keep_their_numbers():
     found = RING.likeliest([np.eye(3)[[0, 0, 0, 0]]], 5)
     assert found.fades == {(0, 1): (0.0, 10), (1, 2): (0.07, 8), (2, 0): (0.04, 12)}

@@ -128,6 +128,17 @@ def test_numbers_that_are_free():
     assert LAWS["entered by turning"].learner(4).n_parameters == 5  # a rate of zero stays
 
 
+def test_a_search_leaves_the_bounds_at_which_there_is_no_waiting():
+    # as many steps as cells, and never a second step at a class: the first expected numbers move both
+    truth = FadeLaw.between(10, 9).discretize(3)
+    learner = FadeLaw.between(1, 3).learner(3)
+    assert learner.law().fades[0, 1] == (pytest.approx(1 / 1.1), pytest.approx(3 / 0.9))
+    learner.maximise(*counts(truth))
+    np.testing.assert_allclose(learner.transition, truth.transition, rtol=1e-9, atol=1e-14)
+    # what is no bound stays as it was given
+    assert FadeLaw.between(10, 3.5).learner(3).law().fades[0, 1] == (0.1, pytest.approx(3.5))
+
+
 def test_fades_without_cells():
     with pytest.raises(ParameterError, match="n_nodes: got 0, expected at least 1"):
         LAWS["ring"].learner(0)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -13,6 +11,7 @@ from fuzzykf.switching.laws.registry import LAWS
 from fuzzykf.switching.learning.choice import forms_to_try, learn_forms
 from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.em import Estimate, extrapolated, pair_shares, run_em
+from fuzzykf.switching.learning.fit import Fitted
 from fuzzykf.switching.learning.gaussians import RegressionEstimate, pair_cells, transition_vectors
 from fuzzykf.switching.learning.regression import Cells, merged
 from fuzzykf.switching.learning.vine import VineEstimate
@@ -156,7 +155,8 @@ def test_merged_cells_have_the_same_likelihood(data):
 
 
 def fitted(log_likelihood, n_parameters, bounded=False):
-    return SimpleNamespace(log_likelihood=log_likelihood, n_parameters=n_parameters, bounded=bounded)
+    none = np.empty((0, 2))
+    return Fitted(None, log_likelihood, n_parameters, [], True, [], none[:, 0], none, bounded)
 
 
 def test_the_form_of_least_bic_is_taken(data):
@@ -172,7 +172,9 @@ def test_the_form_of_least_bic_is_taken(data):
     assert learn_forms(found.__getitem__, both, data)[0] is rich
     # at its bound a maximum is none
     found["covariance"] = fitted(-400.0, 25, bounded=True)
-    assert learn_forms(found.__getitem__, both, data)[0] is rich
+    best, _ = learn_forms(found.__getitem__, both, data)
+    assert best.log_likelihood == rich.log_likelihood
+    assert "form 'covariance' has the smaller BIC" in best.warnings[-1]
     assert learn_forms(found.__getitem__, ("covariance",), data)[0] is found["covariance"]
 
 

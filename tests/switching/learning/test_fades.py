@@ -115,7 +115,7 @@ def test_tables_get_tables(ring):
     index = pd.date_range("2024-01-01", periods=700, freq="h")
     x, y = (pd.DataFrame(v, index, [name]) for v, name in ((ring.x, "load"), (ring.y, "t")))
     found = CGOFMSModel.fit(x, y, ring.r, law=START, n_nodes=3)
-    assert list(found.class_weights.columns) == ["class_0", "class_1", "class_2"]
+    assert list(found.class_weights.columns) == ["class_weights0", "class_weights1", "class_weights2"]
     assert found.class_weights.index.equals(index)
 
 
@@ -157,6 +157,40 @@ def test_fades_of_two_classes_by_name():
     assert found.model.law.turn_back < 0.02
     # shares of values are summed over directions before anything is shown
     assert np.sqrt(np.mean((found.switch_mean - data.r) ** 2)) < 0.1
+
+
+def test_notes_of_a_known_switch(ring):
+    noisy = np.clip(ring.r[:, 0] + np.random.default_rng(0).normal(0, 0.02, len(ring.r)), 0.0, 1.0)
+    found = CGOFMSModel.fit(ring.x, ring.y, noisy, law="fade")
+    assert any("is there noise in it?" in note for note in found.warnings)
+    labels = ring.r.argmax(axis=1)
+    ways = {(a, b): 0.1 for a in range(3) for b in range(3) if a != b}
+    law = FadeLaw(3, START.fades, jumps=ways)
+    notes = CGOFMSModel.fit(ring.x, ring.y, labels, law=law).warnings
+    assert "the fade from 0 to 1 never begins in r; its length is that of the law which was given" in notes
+
+
+def test_pairs_that_a_law_does_not_have_are_not_missed(ring):
+    # a ring has no step from class 1 to class 0
+    found = CGOFMSModel.fit(ring.x, ring.y, ring.r, law=START)
+    assert not any("pair of regimes (1, 0)" in note for note in found.warnings)
+
+
+def test_fades_that_are_as_short_as_their_nodes(ring):
+    start = FadeLaw(3, {pair: (rate, 12.0) for pair, (rate, _) in START.fades.items()})
+    found = CGOFMSModel.fit(ring.x, ring.y, law=start, **{**QUICK, "n_nodes": 9})
+    assert all(length >= 9.0 for _, length in found.model.law.fades.values())
+    assert any("cannot be learned to be shorter than n_nodes = 9 steps" in note for note in found.warnings)
+
+
+def test_a_short_law_takes_as_many_nodes_as_it_has_room_for(ring):
+    short = FadeLaw(3, {pair: (rate, 3.0) for pair, (rate, _) in START.fades.items()})
+    found = CGOFMSModel.fit(ring.x, ring.y, ring.r, law=short)  # whose r fades for about 6 steps
+    assert found.model.law.fades[0, 1][1] > 4.0
+    model = model_of(short)
+    assert len(model.filter().nodes) == 12  # not 5 nodes each
+    with pytest.raises(ParameterError, match="n_nodes: got 5, expected n_nodes=3 at most"):
+        OFSRFilter(model)
 
 
 def test_what_more_than_two_classes_cannot_be_learned_with(ring):

@@ -37,6 +37,20 @@ def test_what_cannot_be_learned_says_so(law, message):
         law_to_learn(law, 5, lambda size: None)
 
 
+def test_a_search_does_not_begin_where_a_class_is_left_for_ever():
+    one_way = FadeLaw(3, {(0, 1): (0.1, 8), (1, 2): (0.1, 8)})
+    with pytest.raises(ParameterError, match=r"law: leaves class 0 and 1 for ever, .* expected ways back"):
+        law_to_learn(one_way, 5, lambda size: None)
+    assert law_to_learn(one_way, 5, lambda size: None, is_hidden=False) is one_way  # r tells all
+
+
+def test_without_a_number_of_nodes_there_are_as_many_as_fit():
+    short = FadeLaw.between(20, 3)
+    assert law_to_learn(short, None, lambda size: None) is short
+    with pytest.raises(ParameterError, match="n_nodes: got 5, expected n_nodes=3 at most"):
+        law_to_learn(short, 5, lambda size: None)
+
+
 def test_fades_without_cells_have_no_length_to_learn():
     with pytest.raises(ParameterError, match="n_nodes: got 0, expected at least 1 to learn how long fades"):
         law_to_learn("fade", 0, lambda size: None)
