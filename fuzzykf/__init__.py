@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         KnownSwitchFilter,
         OFSRFilter,
         SwitchChain,
+        SwitchingStateSpace,
     )
 
 moved.install()
@@ -62,7 +63,7 @@ _HOMES = {
         "fuzzykf.results": "FilterResult",
         "fuzzykf.switching": (
             "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FadeLaw FuzzyMarkovLaw GraphLaw KnownSwitchFilter "
-            "OFSRFilter SwitchChain"
+            "OFSRFilter SwitchChain SwitchingStateSpace"
         ),
     }.items()
     for name in names.split()
@@ -95,6 +96,7 @@ __all__ = [
     "SingletonMembership",
     "Standardizer",
     "SwitchChain",
+    "SwitchingStateSpace",
     "TriangularMembership",
     "__version__",
     "compare_models",

@@ -45,6 +45,7 @@ MODELS = Registry(
         "CGOFMSModel": "fuzzykf.switching.models.fuzzy:CGOFMSModel",
         "CGOMSModel": "fuzzykf.switching.models.hard:CGOMSModel",
         "CGLSSM": "fuzzykf.switching.state_space.cglssm:CGLSSM",
+        "SwitchingStateSpace": "fuzzykf.switching.state_space.model:SwitchingStateSpace",
     }
 )
 

@@ -46,6 +46,7 @@ from fuzzykf import (
     SingletonMembership,
     Standardizer,
     SwitchChain,
+    SwitchingStateSpace,
     TriangularMembership,
     engine,
 )
@@ -114,6 +115,10 @@ MEANS = [[0.0, 3.0], [0.0, 0.0]]
 
 def fuzzy():
     return CGOFMSModel(FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16), MEANS, COVARIANCES, 1)
+
+
+def space():
+    return SwitchingStateSpace(FadeLaw.between(40, 10), F=0.9, H=[[[1.0]], [[0.3]]], Q=1.0, R=1.0)
 
 
 def hard():
@@ -225,6 +230,7 @@ SPECIMENS = {
     CGOMSModel: [hard, lambda: hard().labelled(observations=[HOSTILE], units={HOSTILE: HOSTILE})],
     Labels: [Labels, lambda: Labels([HOSTILE], [f"{k}{HOSTILE}" for k in range(99)], {HOSTILE: HOSTILE})],
     CGLSSM: [lambda: CGLSSM([[1.0]], [[[0.9]]], [[[1.0]]], [[[0.5]]], [[[1.0]]])],
+    SwitchingStateSpace: [space, lambda: SwitchingStateSpace([[1.0]], lambda w: [[0.9]], 1.0, 1.0, 1.0)],
     OFSRFilter: [lambda: OFSRFilter(fuzzy()), lambda: stepped(OFSRFilter(fuzzy(), 2))],
     CGOMSMFilter: [lambda: CGOMSMFilter(hard()), lambda: stepped(CGOMSMFilter(hard()))],
     KnownSwitchFilter: [

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.dynamics.model import SwitchingModel
     from fuzzykf.switching.laws.edges import GraphicLaw
     from fuzzykf.switching.laws.law import FuzzyMarkovLaw
-    from fuzzykf.switching.models.base import SwitchingModel
 
 __all__ = ["plot_graph", "plot_law", "plot_model", "plot_path"]
 

@@ -19,6 +19,7 @@ from fuzzykf.switching.models.fuzzy import CGOFMSModel
 from fuzzykf.switching.models.hard import CGOMSModel
 from fuzzykf.switching.models.repair import shrink_covariances
 from fuzzykf.switching.state_space.cglssm import CGLSSM
+from fuzzykf.switching.state_space.model import SwitchingStateSpace
 
 __all__ = [
     "CGLSSM",
@@ -40,6 +41,7 @@ __all__ = [
     "StationarySystem",
     "SwitchChain",
     "SwitchingFilter",
+    "SwitchingStateSpace",
     "SwitchingSystem",
     "shrink_covariances",
 ]

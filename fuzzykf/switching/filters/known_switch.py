@@ -17,6 +17,7 @@ from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.sequel import warn_of_steps
+from fuzzykf.switching.dynamics.model import SwitchingModel
 from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
 from fuzzykf.switching.inference.series import (
@@ -29,7 +30,6 @@ from fuzzykf.switching.inference.series import (
     result_of,
     smoothed_result,
 )
-from fuzzykf.switching.models.base import SwitchingModel
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Sequence

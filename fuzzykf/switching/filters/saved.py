@@ -15,7 +15,7 @@ from fuzzykf.switching.laws.quadrature import from_file
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from fuzzykf.switching.models.base import SwitchingModel
+    from fuzzykf.switching.dynamics.model import SwitchingModel
 
 __all__ = ["SavedFilter"]
 

@@ -1,0 +1,431 @@
+"""The switching state-space model, hard or fuzzy, as users make it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_array, as_choice, as_count, as_numbers, brief
+from fuzzykf.io import FILTERS, part_from_dict, part_to_dict
+from fuzzykf.reprs import shown, value_text
+from fuzzykf.switching.dynamics.model import NODES, SwitchingModel
+from fuzzykf.switching.laws.base import Law
+from fuzzykf.switching.laws.chain import SAME_VALUE, SwitchChain, check_probabilities, shares_of
+from fuzzykf.switching.laws.quadrature import RULES
+from fuzzykf.switching.laws.registry import LAWS
+from fuzzykf.switching.state_space.space_form import StateSpaceForm
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.state_space.space_system import SpaceSystem
+
+    #: A parameter: for all classes, for each class, or a function of the class weights (K,).
+    BySwitch = ArrayLike | Callable[[FloatArray], ArrayLike]
+
+__all__ = ["SwitchingStateSpace"]
+
+#: Where functions of the class weights are looked at besides the classes themselves.
+N_PROOF = 16
+
+
+class SwitchingStateSpace(SwitchingModel):
+    """Linear state-space model whose matrices follow a switch, abrupt or gradual.
+
+    With w the class weights of the switch at the new time,
+
+        X' = F(w) X + b(w) + B(w) u' + N(0, Q(w)),
+        Y' = H(w) X' + d(w) + N(0, R(w)).
+
+    Each parameter is one array shared by all K classes, or has a leading axis with one for each class,
+    which are mixed by the class weights, or is a function of the class weights (K,): a mixture of two
+    rotations is no rotation.
+
+    Parameters
+    ----------
+    law : Law, SwitchChain or array_like, shape (K, K)
+        How the switch moves: a law (`FuzzyMarkovLaw`, `FadeLaw`, `GraphLaw`, ...), a chain of your own, or
+        transition probabilities of K hard regimes.  For the last two numbers of nodes play no part.
+    F : array_like, shape (m, m) or (K, m, m), or callable
+        Transition matrix of the state.
+    H : array_like, shape (q, m) or (K, q, m), or callable
+        Observation matrix.
+    Q : array_like, shape (m, m) or (K, m, m), or callable
+        Covariance of the process noise; may be singular.
+    R : array_like, shape (q, q) or (K, q, q), or callable
+        Covariance of the measurement noise.
+    initial : array_like, shape (K,), optional
+        Probabilities of the classes at the first observation, where the switch is not in between.  By
+        default the switch is stationary; a chain of your own starts as it says.
+    b : array_like, shape (m,) or (K, m), or callable, optional
+        Offset of the motion, by default zero.
+    d : array_like, shape (q,) or (K, q), or callable, optional
+        Offset of the observation, by default zero.
+    B : array_like, shape (m, k) or (K, m, k), or callable, optional
+        Control matrix.
+    x0 : array_like, shape (m,), (m, 1) or (K, m), optional
+        Mean of the state at the first observation.  By default the stationary one.
+    P0 : array_like, shape (m, m) or (K, m, m), optional
+        Its covariance; by default the stationary one.
+    mix : {"linear", "log"}
+        How covariances are mixed: as convex combinations, which keep singular ones valid, or in the
+        logarithm of their Cholesky factors, so that the noise fades evenly from .2 to 20.
+
+    Attributes
+    ----------
+    law : Law or SwitchChain
+    initial : ndarray, shape (K,), or None
+        As given.
+    form : StateSpaceForm
+        The parameters at any value of the switch.
+    dim_x, dim_z, n_classes : int
+    dim_u : int or None
+        Number of controls; None without ``B``.
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        If shapes or numbers of classes do not agree, probabilities do not sum to one, or a function returns a
+        wrong shape or depends on more than the class weights.
+    NotPositiveDefiniteError
+        If a covariance is indefinite; the message names the class, or the class weights.
+    NotStableError
+        If x0 or P0 is not given and there is no stationary one; the message names the spectral radius.
+
+    Notes
+    -----
+    Such a model has no exact filter of bounded cost.  `SwitchingKalmanFilter` approximates it, and
+    `KnownSwitchFilter` is the bound.  Given a law, a stationary x0 or P0 is that of the nodes on which the
+    law is placed, and between them, for `simulate` and a known switch, that of the nearest of the default
+    nodes.
+
+    Examples
+    --------
+    A sensor whose gain fades from 1 to 0.3 and back, over 20 steps:
+
+    >>> import numpy as np
+    >>> from fuzzykf import FadeLaw, SwitchingStateSpace
+    >>> model = SwitchingStateSpace(
+    ...     FadeLaw.between(60, 20), F=0.99, b=[0.1], Q=0.09, H=[[[1.0]], [[0.3]]], R=0.25, x0=[10.0], P0=4.0
+    ... )
+    >>> model.n_classes, model.dim_x, model.dim_z
+    (2, 1, 1)
+    >>> truth = model.simulate(100, np.random.default_rng(0))
+    >>> truth.x.shape, truth.y.shape, truth.r.shape
+    ((100, 1), (100, 1), (100,))
+    """
+
+    form: StateSpaceForm
+
+    def __init__(
+        self,
+        law: Law | SwitchChain | ArrayLike,
+        F: BySwitch,
+        H: BySwitch,
+        Q: BySwitch,
+        R: BySwitch,
+        *,
+        initial: ArrayLike | None = None,
+        b: BySwitch | None = None,
+        d: BySwitch | None = None,
+        B: BySwitch | None = None,
+        x0: BySwitch | None = None,
+        P0: BySwitch | None = None,
+        mix: Literal["linear", "log"] = "linear",
+    ) -> None:
+        self.law = _as_law(law, initial)
+        self.initial = None if initial is None else as_array("initial", initial, (self.law.n_classes,))
+        if self.initial is not None:
+            check_probabilities("initial", self.initial)
+        self.form = StateSpaceForm(self._chain(), F, H, Q, R, b=b, d=d, B=B, x0=x0, P0=P0, mix=mix)
+        if isinstance(self.law, Law):
+            u, _, there = self.law.reach(N_PROOF)
+            for parameter in self.form.parameters.values():
+                parameter.at(u[there])
+        #: Whether the switch takes values between the classes.
+        self.is_fuzzy = not bool(self.form.chain.atoms.all())
+
+    @classmethod
+    def from_filters(
+        cls,
+        filters: Sequence[Any],
+        law: Law | SwitchChain | ArrayLike,
+        *,
+        initial: ArrayLike | None = None,
+        mix: Literal["linear", "log"] = "linear",
+    ) -> SwitchingStateSpace:
+        """Make a model from Kalman filters, one for each class: the shortest way from filterpy's IMM.
+
+        As for `IMMEstimator`, the x and P of each filter stand before its first predict, so that they are
+        moved once here: the model starts at the first observation.
+
+        Parameters
+        ----------
+        filters : sequence of KalmanFilter
+            Two or more, of fuzzykf or of filterpy; the model takes their F, H, Q, R, B, x and P.
+        law : Law, SwitchChain or array_like, shape (K, K)
+            How the switch moves between them.
+        initial, mix
+            As in the constructor.
+
+        Returns
+        -------
+        SwitchingStateSpace
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If there are less than two filters, one lacks a matrix or has a fading memory, or shapes do
+            not agree.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from fuzzykf import FadeLaw, KalmanFilter, SwitchingStateSpace
+        >>> sun = KalmanFilter(1, 1, F=[[0.95]], H=[[1.0]], Q=0.09, R=0.04)
+        >>> shadow = KalmanFilter(1, 1, F=[[0.95]], H=[[0.4]], Q=0.09, R=0.36)
+        >>> model = SwitchingStateSpace.from_filters([sun, shadow], FadeLaw.between(60, 20))
+        >>> model.form.at("H", np.array([0.5, 0.5]))
+        array([[0.7]])
+        """
+        return SwitchingStateSpace(law, **matrices_of(filters), initial=initial, mix=mix)
+
+    # ------------------------------------------------------------------ the switch
+
+    def _chain(self, n_nodes: int | None = None, rule: str = "cell") -> SwitchChain:
+        """Return the switch on nodes, beginning as the model says."""
+        if isinstance(self.law, SwitchChain):
+            chain = self.law
+        else:
+            chain = self.law.discretize(self._nodes(n_nodes), rule)
+        if chain.is_signed:
+            raise ParameterError(
+                f"rule: got {rule!r}, by which some transition probabilities are negative; expected 'cell' "
+                "(or another chain)"
+            )
+        if self.initial is None:
+            return chain
+        start = np.zeros(len(chain))
+        for k in np.flatnonzero(self.initial):
+            nodes = np.flatnonzero(chain.atoms & (chain.class_weights.argmax(axis=1) == k))
+            if len(nodes) != 1:
+                raise ParameterError(
+                    f"initial: got {self.initial[k]:.6g} for class {k}, of which the law has {len(nodes)} "
+                    "nodes, expected one (give a SwitchChain that begins as it should)"
+                )
+            start[nodes[0]] = self.initial[k]
+        return SwitchChain(chain.nodes, chain.weights, start, chain.transition, chain.class_weights)
+
+    def _nodes(self, n_nodes: int | None) -> int:
+        """Return how many nodes there are between the classes."""
+        if n_nodes is not None or isinstance(self.law, SwitchChain):
+            return 0 if n_nodes is None else n_nodes
+        return self.law.nodes_up_to(NODES)
+
+    @property
+    def dim_u(self) -> int | None:
+        """Number of controls; None without any."""
+        return self.form.dim_u
+
+    @property
+    def p_hard(self) -> float:
+        """Probability that the switch is in a hard regime; of a chain at the first observation."""
+        if isinstance(self.law, SwitchChain):
+            return float(self.law.initial[self.law.atoms].sum())
+        return self.law.p_hard
+
+    def describe_switch(self) -> str:
+        """Say in words how the switch moves."""
+        if isinstance(self.law, SwitchChain):
+            return f"{'fuzzy' if self.is_fuzzy else 'hard'} switch, a chain on {len(self.law)} nodes"
+        return f"fuzzy switch, law {self.law.kind}"
+
+    def class_weights(self, r: ArrayLike) -> FloatArray:
+        """Return the shares of the classes in values of the switch: (..., K).
+
+        Parameters
+        ----------
+        r : array_like
+            Numbers in [0, 1] between two classes, regimes 0, ..., K - 1 of a hard switch, values of the
+            nodes of a chain of your own; of a fuzzy switch between more than two, class weights (..., K) or
+            a number or a flat array of classes.
+        """
+        value, chain = as_numbers("r", r), self.form.chain
+        if chain.nodes.ndim == 2:
+            return shares_of(value, self.n_classes)
+        between = np.stack([1.0 - chain.nodes, chain.nodes], axis=-1)
+        if self.n_classes == 2 and np.abs(chain.class_weights - between).max() <= SAME_VALUE:
+            if not ((value >= 0.0) & (value <= 1.0)).all():
+                raise ParameterError(f"r: got values from {value.min()} to {value.max()}, expected [0, 1]")
+            return np.stack([1.0 - value, value], axis=-1)
+        near = np.abs(value[..., None] - chain.nodes) <= SAME_VALUE
+        if not near.any(axis=-1).all():
+            wrong = value[~near.any(axis=-1)].flat[0]
+            raise ParameterError(f"r: got {wrong:.6g}, expected one of the nodes, {value_text(chain.nodes)}")
+        shares: FloatArray = chain.class_weights[near.argmax(axis=-1)]
+        return shares
+
+    def _sample_switch(self, n: int, rng: np.random.Generator, n_nodes: int | None) -> FloatArray:
+        if isinstance(self.law, SwitchChain) or self.initial is not None:
+            return self._chain(n_nodes).sample(n, rng)
+        return self.law.sample(n, rng, n_nodes)
+
+    # ------------------------------------------------------------------ the way to a filter
+
+    def placed(  # type: ignore[override]
+        self, n_nodes: int | None = None, rule: str = "cell"
+    ) -> SpaceSystem:
+        """Place the model on the nodes of the discretised law.
+
+        Parameters
+        ----------
+        n_nodes : int, optional
+            Nodes strictly between the classes, of fades and edges each; by default 5, or as many as the law
+            admits.  A chain has its own.
+        rule : {"cell", "midpoint", "gauss", "product"}
+            See `FuzzyMarkovLaw.discretize`; all probabilities have to be positive.
+        """
+        if isinstance(self.law, SwitchChain):  # what makes no sense is refused all the same
+            as_choice("rule", rule, RULES)
+            as_count("n_nodes", 0 if n_nodes is None else n_nodes)
+        return self.form.placed(self._chain(n_nodes, rule))
+
+    def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
+        """Make the filter of the model, by the method "imm".
+
+        Parameters
+        ----------
+        n_nodes, rule
+            As in `placed`.
+
+        Returns
+        -------
+        SwitchingKalmanFilter
+        """
+        return FILTERS["SwitchingKalmanFilter"](self, n_nodes=self._nodes(n_nodes), rule=rule)
+
+    # ------------------------------------------------------------------ values
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return law, parameters and labels as plain values.
+
+        Raises
+        ------
+        ParameterError
+            If a parameter is a function.
+        """
+        initial = None if self.initial is None else self.initial.tolist()
+        law = _chain_to_dict(self.law) if isinstance(self.law, SwitchChain) else part_to_dict(self.law)
+        return {"law": law, "initial": initial} | self.form.to_dict() | self._labels_to_dict()
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Make a model from what `to_dict` returned."""
+        law = dict(values["law"])
+        is_chain = law["kind"] == "chain"
+        made = SwitchChain(**{k: law[k] for k in _CHAIN}) if is_chain else part_from_dict(law, LAWS)
+        names = ("F", "H", "Q", "R", "initial", "b", "d", "B", "x0", "P0", "mix")
+        return cls(made, **{name: values[name] for name in names})._labelled_from(values)
+
+    @shown
+    def __repr__(self) -> str:
+        law = f"<{self.n_classes} regimes>" if isinstance(self.law, SwitchChain) else repr(self.law)
+        return f"{type(self).__name__}({law}, dim_x={self.dim_x}, dim_z={self.dim_z}{self._labels_text()})"
+
+
+#: The arguments of a chain, which a file keeps.
+_CHAIN = ("nodes", "weights", "initial", "transition", "class_weights")
+
+
+def _chain_to_dict(chain: SwitchChain) -> dict[str, Any]:
+    return {"kind": "chain"} | {name: getattr(chain, name).tolist() for name in _CHAIN}
+
+
+def _as_law(law: Any, initial: ArrayLike | None) -> Law | SwitchChain:
+    """Return a law, or a chain in which a value of the switch has one set of class weights."""
+    if isinstance(law, Law):
+        return law
+    if not isinstance(law, SwitchChain):
+        if hasattr(law, "discretize") or isinstance(law, str):
+            raise ParameterError(
+                f"law: got {brief(law)}, expected a law, a SwitchChain or transition probabilities (K, K)"
+            )
+        try:
+            return SwitchChain.from_classes(law, initial)
+        except ParameterError as error:
+            message = str(error)
+            if not message.startswith("transition"):
+                raise
+            raise type(error)(f"law{message.removeprefix('transition')}") from None
+    for a, b in np.argwhere(np.triu(np.abs(law.keys[:, None] - law.keys) <= SAME_VALUE, 1)):
+        if np.abs(law.class_weights[a] - law.class_weights[b]).max() > SAME_VALUE:
+            raise ParameterError(
+                f"law: the nodes {a} and {b} have the value {law.describe(int(a))}, but not one set of class "
+                "weights; expected another value for each"
+            )
+    return law
+
+
+def matrices_of(filters: Sequence[Any]) -> dict[str, Any]:
+    """Return the parameters of Kalman filters for each class, and x and P moved to the first observation.
+
+    Parameters
+    ----------
+    filters : sequence of KalmanFilter
+        Of fuzzykf or of filterpy.
+
+    Returns
+    -------
+    dict
+        F, H, Q, R, B, x0 and P0, each with a leading axis for the filters; B is None where no filter has one.
+    """
+    given: Any = filters
+    if not isinstance(given, list | tuple) or len(given) < 2:
+        raise ParameterError(f"filters: got {brief(filters)}, expected a list of two or more Kalman filters")
+    found: dict[str, list[Any]] = {name: [] for name in ("F", "H", "Q", "R", "B", "x", "P")}
+    for k, f in enumerate(given):
+        for name in found:
+            value = getattr(f, name, None)
+            if (value is None and name != "B") or callable(value):
+                raise ParameterError(
+                    f"filters[{k}]: got a {type(f).__name__} without a matrix {name}, expected a KalmanFilter"
+                )
+            found[name].append(value)
+        if getattr(f, "_alpha_sq", 1.0) != 1.0:
+            raise ParameterError(
+                f"filters[{k}]: got alpha={f._alpha_sq**0.5:.6g}, expected 1: a model has no fading memory"
+            )
+    m, q = (int(np.size(given[0].x)), int(np.shape(np.atleast_2d(given[0].H))[0]))
+    stacked: dict[str, Any] = {
+        "F": _stack("F", found["F"], (m, m)),
+        "H": _stack("H", found["H"], (q, m)),
+        "Q": _stack("Q", found["Q"], (m, m)),
+        "R": _stack("R", found["R"], (q, q)),
+        "B": None,
+    }
+    if any(B is not None for B in found["B"]):
+        width = next(np.shape(np.atleast_2d(B))[1] for B in found["B"] if B is not None)
+        given_B = [np.zeros((m, width)) if B is None else B for B in found["B"]]
+        stacked["B"] = _stack("B", given_B, (m, width))
+    F = stacked["F"]
+    x, P = _stack("x", [np.ravel(x) for x in found["x"]], (m,)), _stack("P", found["P"], (m, m))
+    moved = F @ P @ np.swapaxes(F, -1, -2) + stacked["Q"]
+    return stacked | {"x0": (F @ x[..., None])[..., 0], "P0": 0.5 * (moved + np.swapaxes(moved, -1, -2))}
+
+
+def _stack(name: str, values: Sequence[Any], shape: tuple[int, ...]) -> FloatArray:
+    """Return matrices of filters with a leading axis; a number is a matrix of one row and column."""
+    rows = []
+    for k, value in enumerate(values):
+        array = as_numbers(f"filters[{k}].{name}", value)
+        if array.shape in ((), (1,)) and set(shape) == {1}:
+            array = array.reshape(shape)
+        if array.shape != shape:
+            raise ShapeError(f"filters[{k}].{name}: got shape {array.shape}, expected {shape}")
+        rows.append(as_array(f"filters[{k}].{name}", array, shape))
+    return np.array(rows)

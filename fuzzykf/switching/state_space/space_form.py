@@ -1,0 +1,201 @@
+"""The dynamics of a switching state-space model, at any value of the switch."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.errors import NotStableError, ParameterError
+from fuzzykf.gaussian import as_choice, mixture_moments, semidefinite_root
+from fuzzykf.results import Simulation
+from fuzzykf.switching.dynamics.base import Dynamics
+from fuzzykf.switching.dynamics.nodes import joint_moments
+from fuzzykf.switching.laws.chain import SAME_VALUE, stationary_distribution
+from fuzzykf.switching.state_space.parameters import Parameter, columns_of, rows_of
+from fuzzykf.switching.state_space.space_system import SpacePath, SpaceSystem
+from fuzzykf.switching.state_space.stationary import LongRun
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.laws.chain import SwitchChain
+
+__all__ = ["StateSpaceForm"]
+
+#: How far probabilities may be from stationary ones by rounding.
+STATIONARY = 1e-9
+
+
+class StateSpaceForm(Dynamics):
+    """X' = F X + b + B u' + N(0, Q), Y = H X + d + N(0, R), all by the value of the switch at that time.
+
+    Parameters
+    ----------
+    chain : SwitchChain
+        The switch, on the nodes on which the form is proved; where X starts in its stationary law, this is
+        that of the nearest of these nodes.
+    F, H, Q, R, b, d, B, x0, P0 : array_like or callable
+        As in `SwitchingStateSpace`; of the last five None where not given.
+    mix : {"linear", "log"}
+    """
+
+    kind = "state_space"
+
+    def __init__(
+        self,
+        chain: SwitchChain,
+        F: Any,
+        H: Any,
+        Q: Any,
+        R: Any,
+        *,
+        b: Any = None,
+        d: Any = None,
+        B: Any = None,
+        x0: Any = None,
+        P0: Any = None,
+        mix: str = "linear",
+    ) -> None:
+        self.mix = as_choice("mix", mix, ("linear", "log"))
+        self.chain = chain
+        there = chain.class_weights[chain.reachable]
+        self.n_classes = K = chain.n_classes
+        m = self.dim_x = columns_of("F", F, there[0])
+        q = self.dim_z = rows_of("H", H, there[0])
+        #: Number of controls, None if there are none.
+        self.dim_u = None if B is None else columns_of("B", B, there[0])
+        shapes: dict[str, tuple[Any, tuple[int, ...], str | None]] = {
+            "F": (F, (m, m), None),
+            "b": (np.zeros(m) if b is None else b, (m,), None),
+            "Q": (Q, (m, m), mix),
+            "H": (H, (q, m), None),
+            "d": (np.zeros(q) if d is None else d, (q,), None),
+            "R": (R, (q, q), mix),
+        }
+        if B is not None:
+            shapes["B"] = B, (m, self.dim_u or 0), None
+        start = {"x0": (x0, (m,), None), "P0": (P0, (m, m), mix)}
+        shapes |= {name: one for name, one in start.items() if one[0] is not None}
+        #: The parameters by name; x0 and P0 are missing where they are stationary.
+        self.parameters = {name: Parameter(name, one[0], K, *one[1:]) for name, one in shapes.items()}
+        for parameter in self.parameters.values():  # a form that exists is valid
+            parameter.at(there)
+        self._first = self.first_moments(chain)
+
+    def at(self, name: str, shares: FloatArray) -> FloatArray:
+        """Return a parameter at values of the switch with these shares (..., K)."""
+        return self.parameters[name].at(shares)
+
+    # ------------------------------------------------------------------ the first state
+
+    def first_moments(self, chain: SwitchChain) -> tuple[FloatArray, FloatArray]:
+        """Mean (M, m) and covariance (M, m, m) of the first state given each node of a chain.
+
+        Raises
+        ------
+        NotStableError, ParameterError
+            If they are to be stationary, and there is no such law.
+        """
+        M, m = len(chain), self.dim_x
+        there = chain.initial > 0.0
+        mean, covariance = np.zeros((M, m)), np.broadcast_to(np.eye(m), (M, m, m)).copy()
+        if missing := [name for name in ("x0", "P0") if name not in self.parameters]:
+            stationary = self._long_run(chain, " and ".join(missing), settles="P0" in missing)
+        for name, moment in (("x0", mean), ("P0", covariance)):
+            if name in self.parameters:
+                moment[there] = self.at(name, chain.class_weights[there])
+            else:
+                moment[:] = stationary.mean if name == "x0" else stationary.covariance
+        return mean, covariance
+
+    def _long_run(self, chain: SwitchChain, name: str, settles: bool) -> LongRun:
+        p = chain.initial
+        if np.abs(p @ chain.transition - p).max() > STATIONARY:
+            try:
+                p = stationary_distribution(chain.transition)
+            except ParameterError as error:
+                raise ParameterError(
+                    f"{name}: has to be given, since the switch has several closed classes and no unique "
+                    "stationary law"
+                ) from error
+        passing = np.flatnonzero((chain.initial > 0.0) & (p == 0.0))
+        if passing.size:
+            raise ParameterError(
+                f"{name}: has to be given, since the switch starts at {chain.describe(int(passing[0]))}, "
+                "which does not occur in the long run, so that the state has no stationary law there"
+            )
+        u, there = chain.class_weights, p > 0.0
+        matrices = []
+        for one in ("F", "b", "Q"):
+            values = np.zeros((len(chain), *self.parameters[one].shape))
+            values[there] = self.at(one, u[there])
+            matrices.append(values)
+        found = LongRun(p, chain.transition, *matrices)
+        radius = found.radius if settles else found.mean_radius
+        if not radius < 1.0 - STATIONARY:
+            what = "second moments of the state" if settles else "means of the state"
+            raise NotStableError(
+                f"{name}: has to be given, since F is not stable: {what} grow by {radius:.6g} a step, "
+                "expected less than 1"
+            )
+        return found
+
+    def state_at(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean (..., m) and covariance (..., m, m) of the first state at values of the switch."""
+        given = self.parameters.keys() >= {"x0", "P0"}
+        mean, covariance = (None, None) if given else self._nearest(shares)
+        mean = self.at("x0", shares) if mean is None or "x0" in self.parameters else mean
+        covariance = self.at("P0", shares) if covariance is None or "P0" in self.parameters else covariance
+        return mean, covariance
+
+    def _nearest(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Moments of the first state at the nearest value of the chain, over all nodes that have it."""
+        nodes = np.flatnonzero(self.chain.initial > 0.0)
+        off = shares[..., None, :] - self.chain.class_weights[nodes]
+        distance = (off * off).sum(axis=-1)
+        near = distance <= distance.min(axis=-1, keepdims=True) + SAME_VALUE
+        weights = near * self.chain.initial[nodes]
+        weights /= weights.sum(axis=-1, keepdims=True)
+        mean, covariance = (moment[nodes] for moment in self._first)
+        lead = weights.shape[:-1]
+        mean = np.broadcast_to(mean, (*lead, *mean.shape))
+        return mixture_moments(weights, mean, np.broadcast_to(covariance, (*lead, *covariance.shape)))
+
+    def marginal(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and covariance of Z_1 given the shares of r_1."""
+        return joint_moments(*self.state_at(u), *(self.at(name, u) for name in ("H", "d", "R")))
+
+    # ------------------------------------------------------------------ placed
+
+    def placed(self, chain: SwitchChain) -> SpaceSystem:  # type: ignore[override]
+        """Return the form on the nodes of a chain."""
+        return SpaceSystem(chain, self)
+
+    def along(self, shares: FloatArray, r: FloatArray, start: int = 0) -> SpacePath:
+        """Return the form along a known path of the switch, the same wherever it starts."""
+        return SpacePath(self, shares, r)
+
+    def simulate(self, shares: FloatArray, r: FloatArray, rng: np.random.Generator) -> Simulation:
+        """Draw states and observations along a path of the switch, without controls."""
+        n, m, q = len(r), self.dim_x, self.dim_z
+        noise = rng.standard_normal((n, m + q))
+        x, y = np.empty((n, m)), np.empty((n, q))
+        if not n:
+            return Simulation(x, y, r)
+        values, which = np.unique(shares, axis=0, return_inverse=True)
+        which = which.reshape(-1)
+        F, b, Q, H, d, R = (self.at(name, values) for name in ("F", "b", "Q", "H", "d", "R"))
+        moved = b[which] + (semidefinite_root(Q)[which] @ noise[:, :m, None])[..., 0]
+        mean, covariance = self.state_at(shares[0])
+        x[0] = mean + semidefinite_root(covariance) @ noise[0, :m]
+        for k in range(1, n):
+            x[k] = F[which[k]] @ x[k - 1] + moved[k]
+        seen = H[which] @ x[..., None] + semidefinite_root(R)[which] @ noise[:, m:, None]
+        y[:] = seen[..., 0] + d[which]
+        return Simulation(x, y, r)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the parameters that were given as plain lists, without the switch."""
+        optional: dict[str, Any] = dict.fromkeys(("x0", "P0", "B"))
+        values = {name: one.to_list() for name, one in self.parameters.items()}
+        return optional | values | {"mix": self.mix}

@@ -1,0 +1,125 @@
+"""A switching state-space model placed on the nodes of a chain, or on a known path of the switch."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+import numpy as np
+
+from fuzzykf.reprs import reprs
+from fuzzykf.switching.dynamics.nodes import NodeLaw, NodeTables
+from fuzzykf.switching.dynamics.placed import KnownPath
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.laws.chain import SwitchChain
+
+__all__ = ["SpacePath", "SpaceSystem"]
+
+#: The parameters of a step.
+NAMES = ("F", "b", "Q", "H", "d", "R")
+
+
+class _Form(Protocol):
+    """What a `StateSpaceForm` says of values of the switch."""
+
+    dim_x: int
+    dim_z: int
+    dim_u: int | None
+
+    def at(self, name: str, shares: FloatArray) -> FloatArray: ...
+
+    def first_moments(self, chain: SwitchChain) -> tuple[FloatArray, FloatArray]: ...
+
+    def state_at(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]: ...
+
+
+@reprs("chain", "form")
+class SpaceSystem:
+    """A form on the nodes of a chain; without controls its tables do not depend on time.
+
+    Parameters
+    ----------
+    chain : SwitchChain
+    form : StateSpaceForm
+
+    Raises
+    ------
+    ShapeError, ParameterError, NotPositiveDefiniteError
+        If a function of the class weights is not sound at a node that can occur.
+    """
+
+    order: int = 1
+    steady_from: int | None = 0
+
+    def __init__(self, chain: SwitchChain, form: _Form) -> None:
+        self.chain, self.form = chain, form
+        self.dim_x, self.dim_z, self.dim_u = form.dim_x, form.dim_z, form.dim_u
+        there = chain.reachable
+        names = NAMES if form.dim_u is None else (*NAMES, "B")
+        parameters = {name: self._on_nodes(name, there) for name in names}
+        #: How controls move the state at each node, (M, m, k); None without controls.
+        self.B = parameters.pop("B", None)
+        self.tables = NodeTables(chain.transition, **parameters)
+        self.first = NodeLaw.of_state(
+            chain.initial, *form.first_moments(chain), *(parameters[name] for name in ("H", "d", "R"))
+        )
+
+    def _on_nodes(self, name: str, there: Any) -> FloatArray:
+        """Return a parameter at every node; something harmless where no path leads."""
+        found = self.form.at(name, self.chain.class_weights[there])
+        values = np.zeros((len(there), *found.shape[1:]))
+        if name in ("Q", "R"):
+            values[:] = np.eye(found.shape[-1])
+        values[there] = found
+        return values
+
+    def initial(self) -> NodeLaw:
+        """Return the law of (r_1, Z_1)."""
+        return self.first
+
+    def pair_tables(self, n: int) -> NodeTables:
+        """Return the tables of the step from observation ``n``, without controls the same for all."""
+        return self.tables
+
+    def law_to_dict(self, n: int) -> None:
+        """Return what a file has to keep of the law at observation ``n``: nothing."""
+
+    def restore_law(self, n: int, values: Mapping[str, Any] | None) -> None:
+        """Take the law at observation ``n`` from a file: there is nothing to take."""
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+
+class SpacePath(KnownPath):
+    """A form along a known path of the switch.
+
+    Parameters
+    ----------
+    form : StateSpaceForm
+    shares : ndarray, shape (n, K)
+        Shares of the classes at each observation.
+    r : ndarray, shape (n,) or (n, K)
+        Values of the switch.
+    """
+
+    def __init__(self, form: _Form, shares: FloatArray, r: FloatArray) -> None:
+        super().__init__(form.dim_x, form.dim_z, r)
+        self.form, self.shares = form, shares
+
+    def initial(self) -> NodeLaw:
+        """Return the law of Z_1 at the first value of the switch."""
+        u = self.shares[:1]
+        seen = (self.form.at(name, u) for name in ("H", "d", "R"))
+        return NodeLaw.of_state(np.ones(1), *self.form.state_at(u), *seen)
+
+    def pair_tables(self, n: int) -> NodeTables:  # type: ignore[override]
+        """Return the tables of the step from the ``n``-th value of the path to the next."""
+        u = self.shares[n + 1, None]
+        return NodeTables(np.ones((1, 1)), **{name: self.form.at(name, u) for name in NAMES})

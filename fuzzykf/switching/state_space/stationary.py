@@ -1,0 +1,99 @@
+"""Moments of the state in the long run, given each node of the switch.
+
+With p the stationary law of the nodes, T their transition matrix and beta_ij = p_i T_ij / p_j the
+probability of node i before node j,
+
+    mbar_j = sum_i beta_ij m_i,    m_j = F_j mbar_j + b_j,
+    P_j = F_j sum_i beta_ij [P_i + (m_i - mbar_j)(m_i - mbar_j)'] F_j' + Q_j,
+
+two linear systems.  They have a solution that is a law if the spectral radius of the second, the growth of
+second moments a step, is below one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.gaussian import symmetrize
+from fuzzykf.immutable import cached_property
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import FloatArray
+
+__all__ = ["LongRun"]
+
+
+class LongRun:
+    """The state in the long run.
+
+    Parameters
+    ----------
+    p : ndarray, shape (M,)
+        Stationary; nodes without mass are left out, and have mean zero and covariance one.
+    transition : ndarray, shape (M, M)
+    F, b, Q : ndarray, shapes (M, m, m), (M, m), (M, m, m)
+    """
+
+    def __init__(
+        self, p: FloatArray, transition: FloatArray, F: FloatArray, b: FloatArray, Q: FloatArray
+    ) -> None:
+        self._there = np.flatnonzero(p > 0.0)
+        mass, arrows = p[self._there], transition[np.ix_(self._there, self._there)]
+        self._before = mass[:, None] * arrows / mass
+        self._F, self._b, self._Q = F[self._there], b[self._there], Q[self._there]
+        self._size = F.shape[:2]
+
+    @cached_property
+    def radius(self) -> float:
+        """Growth of the second moments a step: they settle if it is below one."""
+        return float(np.abs(np.linalg.eigvals(self._operator)).max())
+
+    @cached_property
+    def _operator(self) -> FloatArray:
+        """The linear part of the equation of second moments, on the upper triangles of P_i (N, N)."""
+        M, m, _ = self._F.shape
+        rows, columns = np.triu_indices(m)
+        whole = np.zeros((m, m, len(rows)))  # from an upper triangle to the matrix
+        whole[rows, columns, range(len(rows))] = whole[columns, rows, range(len(rows))] = 1.0
+        twice = np.einsum("jab,jcd,bdt->jact", self._F, self._F, whole)[:, rows, columns]
+        operator: FloatArray = np.einsum("ij,jst->jsit", self._before, twice).reshape(M * len(rows), -1)
+        return operator
+
+    @cached_property
+    def mean_radius(self) -> float:
+        """Growth of the means a step: they settle if it is below one, as it is where `radius` is."""
+        return float(np.abs(np.linalg.eigvals(self._moved)).max())
+
+    @cached_property
+    def _moved(self) -> FloatArray:
+        """The linear part of the equation of means, (N, N)."""
+        M, m, _ = self._F.shape
+        moved: FloatArray = np.einsum("ij,jab->jaib", self._before, self._F).reshape(M * m, M * m)
+        return moved
+
+    @cached_property
+    def mean(self) -> FloatArray:
+        """Mean of the state given each node, (M, m)."""
+        M, m, _ = self._F.shape
+        found = np.linalg.solve(np.eye(M * m) - self._moved, self._b.reshape(-1))
+        mean = np.zeros(self._size)
+        mean[self._there] = found.reshape(M, m)
+        return mean
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Covariance of the state given each node, (M, m, m)."""
+        M, m, _ = self._F.shape
+        mean = self.mean[self._there]
+        off = mean[:, None] - np.einsum("ij,ia->ja", self._before, mean)  # (i, j)
+        spread = np.einsum("ij,ija,ijb->jab", self._before, off, off)
+        noise = symmetrize(self._F @ spread @ np.swapaxes(self._F, -1, -2) + self._Q)
+        rows, columns = np.triu_indices(m)
+        found = np.linalg.solve(np.eye(len(self._operator)) - self._operator, noise[:, rows, columns].ravel())
+        covariance = np.broadcast_to(np.eye(m), (*self._size, m)).copy()
+        part = np.empty((M, m, m))
+        part[:, rows, columns] = part[:, columns, rows] = found.reshape(M, -1)
+        covariance[self._there] = part
+        return covariance
