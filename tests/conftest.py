@@ -17,7 +17,13 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import is_hypothesis_test, settings  # noqa: E402
 
-from fuzzykf import CGOFMSModel, CGOMSModel, FuzzyMarkovLaw  # noqa: E402
+from fuzzykf import (  # noqa: E402
+    CGOFMSModel,
+    CGOMSModel,
+    FadeLaw,
+    FuzzyMarkovLaw,
+    SwitchingStateSpace,
+)
 
 try:
     from fuzzykf.engine.compiled import processor
@@ -68,6 +74,27 @@ def instructions(request):
     processor.use_instructions(request.param)
     yield request.param
     processor.use_instructions(before)
+
+
+@pytest.fixture(scope="session")
+def ssm_cases():
+    """The reference cases of switching state-space models, with the model of each."""
+    cases = json.loads((DATA / "ssm.json").read_text())["cases"]
+    return [(case, SwitchingStateSpace(_law(case["law"]), **{k: case[k] for k in SPACE})) for case in cases]
+
+
+#: Arguments of a switching state-space model that the reference cases have.
+SPACE = ("F", "H", "Q", "R", "b", "d", "x0", "P0")
+
+
+def _law(law):
+    if law["type"] == "matrix":
+        return law["T"]
+    if law["type"] == "fmc1":
+        return FuzzyMarkovLaw.fmc1(law["alpha"], law["delta"], law["eta"])
+    fades = {tuple(pair): tuple(how) for pair, how in law["fades"]}
+    jumps = {tuple(pair): p for pair, p in law["jumps"]}
+    return FadeLaw(law["K"], fades, jumps=jumps, turn_back=law["turn_back"])
 
 
 @pytest.fixture(scope="session")
