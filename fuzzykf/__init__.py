@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         KnownSwitchFilter,
         OFSRFilter,
         SwitchChain,
+        SwitchingKalmanFilter,
         SwitchingStateSpace,
     )
 
@@ -63,7 +64,7 @@ _HOMES = {
         "fuzzykf.results": "FilterResult",
         "fuzzykf.switching": (
             "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FadeLaw FuzzyMarkovLaw GraphLaw KnownSwitchFilter "
-            "OFSRFilter SwitchChain SwitchingStateSpace"
+            "OFSRFilter SwitchChain SwitchingKalmanFilter SwitchingStateSpace"
         ),
     }.items()
     for name in names.split()
@@ -96,6 +97,7 @@ __all__ = [
     "SingletonMembership",
     "Standardizer",
     "SwitchChain",
+    "SwitchingKalmanFilter",
     "SwitchingStateSpace",
     "TriangularMembership",
     "__version__",

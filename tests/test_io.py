@@ -575,7 +575,7 @@ def test_a_gap_between_versions_is_noticed(tmp_path, monkeypatch):
 def test_a_model_is_no_filter(hard_model, tmp_path):
     path = tmp_path / "model.json"
     hard_model.save(path)
-    with pytest.raises(FileFormatError, match="cls: got CGOMSModel, expected 'OFSRFilter' or 'CGOMSMFilter'"):
+    with pytest.raises(FileFormatError, match="cls: got CGOMSModel, expected 'OFSRFilter', 'CGOM"):
         io.load_filter(path, CGOMSModel)
     with pytest.raises(FileFormatError, match="cls: got CGOMSMFilter, expected 'CGOFMSModel', "):
         io.load_model(path, CGOMSMFilter)

@@ -46,6 +46,7 @@ from fuzzykf import (
     SingletonMembership,
     Standardizer,
     SwitchChain,
+    SwitchingKalmanFilter,
     SwitchingStateSpace,
     TriangularMembership,
     engine,
@@ -233,6 +234,10 @@ SPECIMENS = {
     SwitchingStateSpace: [space, lambda: SwitchingStateSpace([[1.0]], lambda w: [[0.9]], 1.0, 1.0, 1.0)],
     OFSRFilter: [lambda: OFSRFilter(fuzzy()), lambda: stepped(OFSRFilter(fuzzy(), 2))],
     CGOMSMFilter: [lambda: CGOMSMFilter(hard()), lambda: stepped(CGOMSMFilter(hard()))],
+    SwitchingKalmanFilter: [
+        lambda: SwitchingKalmanFilter(space()),
+        lambda: stepped(SwitchingKalmanFilter(space(), method="gpb2")),
+    ],
     KnownSwitchFilter: [
         lambda: KnownSwitchFilter(hard()),
         lambda: stepped(KnownSwitchFilter(fuzzy()), 0.5),

@@ -9,6 +9,7 @@ from fuzzykf import (
     CGOMSMFilter,
     CGOMSModel,
     ExtendedKalmanFilter,
+    FadeLaw,
     Filter,
     FuzzyRelationEstimator,
     GaussianMembership,
@@ -16,6 +17,8 @@ from fuzzykf import (
     KalmanFilter,
     KnownSwitchFilter,
     OFSRFilter,
+    SwitchingKalmanFilter,
+    SwitchingStateSpace,
 )
 from fuzzykf.base import as_observation
 from fuzzykf.errors import ParameterError
@@ -76,6 +79,13 @@ def from_cglssm(order=1, **options):
     return CGOMSModel.from_cglssm([[0.9, 0.1], [0.2, 0.8]], *scalars(), order=order, **options)
 
 
+def space():
+    law = FadeLaw.between(10, 4, jump=0.02)
+    return SwitchingStateSpace(
+        law, F=[[[0.9]], [[0.5]]], H=[[[1.0]], [[0.7]]], Q=0.2, R=0.4, d=[[0.0], [1.0]]
+    )
+
+
 def linear(q=0.1):
     return KalmanFilter(2, 1, F=[[1.0, 1.0], [0.0, 1.0]], H=[[1.0, 0.0]], Q=q * np.eye(2), R=0.5)
 
@@ -129,6 +139,8 @@ MAKES = {
     "moving, order 3": lambda m: CGOMSMFilter(m["moving, order 3"]),
     "own method": lambda m: SwitchingFilter(m["order 3"].placed(), Plain()),
     "known": lambda m: KnownSwitchFilter(m["fuzzy"]),
+    "state space": lambda m: SwitchingKalmanFilter(space(), n_nodes=3),
+    "state space, gpb2": lambda m: SwitchingKalmanFilter(space(), method="gpb2", n_nodes=3),
     "known, moving, order 3": lambda m: KnownSwitchFilter(m["moving, order 3"]),
 }
 

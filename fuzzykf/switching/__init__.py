@@ -8,10 +8,17 @@ from fuzzykf import moved
 from fuzzykf.results import Simulation
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables, SwitchingSystem
 from fuzzykf.switching.dynamics.placed import StationarySystem
-from fuzzykf.switching.filters import CGOMSMFilter, KnownSwitchFilter, OFSRFilter, SwitchingFilter
+from fuzzykf.switching.filters import (
+    CGOMSMFilter,
+    KnownSwitchFilter,
+    OFSRFilter,
+    SwitchingFilter,
+    SwitchingKalmanFilter,
+)
 from fuzzykf.switching.inference.exact import EXACT
 from fuzzykf.switching.inference.method import Method
 from fuzzykf.switching.inference.mixture import Mixture
+from fuzzykf.switching.inference.on_nodes import GPB2, IMM
 from fuzzykf.switching.laws import FuzzyMarkovLaw, SwitchChain
 from fuzzykf.switching.laws.fades import FadeLaw
 from fuzzykf.switching.laws.graph import GraphLaw
@@ -24,6 +31,8 @@ from fuzzykf.switching.state_space.model import SwitchingStateSpace
 __all__ = [
     "CGLSSM",
     "EXACT",
+    "GPB2",
+    "IMM",
     "CGOFMSModel",
     "CGOMSMFilter",
     "CGOMSModel",
@@ -41,6 +50,7 @@ __all__ = [
     "StationarySystem",
     "SwitchChain",
     "SwitchingFilter",
+    "SwitchingKalmanFilter",
     "SwitchingStateSpace",
     "SwitchingSystem",
     "shrink_covariances",

@@ -102,6 +102,11 @@ class AtOneSwitch(fuzzykf.KnownSwitchFilter):
         return super().filter_many(zs, keep, r=np.full(np.shape(zs)[:2], self.R), resume=resume)
 
 
+def state_space():
+    law = fuzzykf.FadeLaw.between(10, 4, jump=0.02)
+    return fuzzykf.SwitchingStateSpace(law, F=0.9, H=[[[1.0], [0.5]], [[0.3], [0.5]]], Q=0.2, R=np.eye(2))
+
+
 FILTERS = {
     "KalmanFilter": velocity,
     "KalmanFilter, flat": lambda: velocity(flat=True),
@@ -119,6 +124,7 @@ FILTERS = {
     "OFSRFilter, product rule": lambda: fuzzykf.OFSRFilter(fuzzy_model(), rule="product"),
     "CGOMSMFilter": lambda: fuzzykf.CGOMSMFilter(hard_model()),
     "CGOMSMFilter, two observations": lambda: fuzzykf.CGOMSMFilter(two_observations()),
+    "SwitchingKalmanFilter": lambda: fuzzykf.SwitchingKalmanFilter(state_space(), n_nodes=2),
     "KnownSwitchFilter": lambda: AtOneSwitch(fuzzy_model()),
     # on grids and intervals: tests/possibility/test_estimator.py
     "FuzzyRelationEstimator, Gaussian": lambda: fuzzykf.FuzzyRelationEstimator(2, 2),

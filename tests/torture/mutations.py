@@ -6,7 +6,17 @@ import json
 
 import numpy as np
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, io
+from fuzzykf import (
+    CGOFMSModel,
+    CGOMSMFilter,
+    CGOMSModel,
+    FadeLaw,
+    FuzzyMarkovLaw,
+    OFSRFilter,
+    SwitchingKalmanFilter,
+    SwitchingStateSpace,
+    io,
+)
 from fuzzykf.switching import CGLSSM
 from fuzzykf.switching.laws.cells import CellLaw
 
@@ -51,6 +61,8 @@ def things():
     hard = CGOMSModel.from_regressions([[0.9, 0.1], [0.2, 0.8]], **regressions(2))
     steady = CGOMSModel.from_cglssm(**LINEAR, order=2)
     moving = CGOMSModel.from_cglssm(**LINEAR, mode="time_varying", initial_probability=[1.0, 0.0])
+    fades = FadeLaw.between(10, 4, jump=0.02)
+    space = SwitchingStateSpace(fades, F=[[[0.9]], [[0.5]]], H=1.0, Q=0.2, R=0.4, B=[[1.0]], initial=[1, 0])
     found = {
         "fmc1": fuzzy,
         "fmc2": banded,
@@ -62,6 +74,7 @@ def things():
         "moving": moving,
         "labelled": fuzzy.labelled(states=["load"], units={"load": "GW"}, step=np.timedelta64(1, "h")),
         "CGLSSM": CGLSSM(**LINEAR),
+        "space": space,
         "fresh": OFSRFilter(fuzzy, 3),
     }
     filters = {
@@ -70,6 +83,7 @@ def things():
         "hard filter": CGOMSMFilter(hard),
         "steady filter": CGOMSMFilter(steady),
         "moving filter": CGOMSMFilter(moving),
+        "space filter": SwitchingKalmanFilter(space, method="gpb2", n_nodes=3),
     }
     for name, f in filters.items():
         f.filter(rng.normal(size=70 if name == "moving filter" else 5))

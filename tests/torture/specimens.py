@@ -101,6 +101,14 @@ def hard_model(m: int = 2, q: int = 1) -> Any:
 
 
 @cache
+def space(q: int = 1) -> Any:
+    """Return a state-space model whose gain fades."""
+    law = fuzzykf.FadeLaw.between(10, 6, jump=0.02)
+    H = np.array([np.eye(2)[:q], 0.3 * np.eye(2)[:q]])
+    return fuzzykf.SwitchingStateSpace(law, F=[[0.9, 0.1], [0.0, 0.8]], H=H, Q=np.eye(2), R=np.eye(q))
+
+
+@cache
 def converted(mode: str) -> Any:
     """Return a converted state-space model."""
     start = [0.5, 0.5] if mode == "time_varying" else None
@@ -174,6 +182,11 @@ FILTERS: dict[str, tuple[int, Callable[[], Any]]] = {
     "CGOMSMFilter, wide": (2, lambda: fuzzykf.CGOMSMFilter(hard_model(1, 2))),
     "CGOMSMFilter, steady": (1, lambda: fuzzykf.CGOMSMFilter(converted("stationary"))),
     "CGOMSMFilter, moving": (1, lambda: fuzzykf.CGOMSMFilter(converted("time_varying"))),
+    "SwitchingKalmanFilter": (1, lambda: fuzzykf.SwitchingKalmanFilter(space(), n_nodes=3)),
+    "SwitchingKalmanFilter, gpb2": (
+        2,
+        lambda: fuzzykf.SwitchingKalmanFilter(space(2), method="gpb2", n_nodes=3),
+    ),
     "KnownSwitchFilter": (1, lambda: fuzzykf.KnownSwitchFilter(fuzzy_model())),
     "KnownSwitchFilter, wide": (2, lambda: fuzzykf.KnownSwitchFilter(hard_model(1, 2))),
     "KalmanFilter": (1, kalman),
@@ -252,6 +265,7 @@ OTHERS: dict[str, Callable[[], Any]] = {
     "CGOMSModel, moving": lambda: converted("time_varying"),
     "CGOMSModel, hardened": lambda: fuzzy_model().harden(),
     "CGLSSM": lambda: CGLSSM(**LINEAR),
+    "SwitchingStateSpace": lambda: space(),
     "FuzzyMarkovLaw, fmc1": law,
     "FuzzyMarkovLaw, fmc2": lambda: law("fmc2"),
     "FuzzyMarkovLaw, cells": lambda: law("cells"),

@@ -174,7 +174,7 @@ def _merged_pairs(
     # from the likeliest on: what all have in common then cancels to the last bit, however large
     likeliest = share >= np.maximum.reduceat(share, begins, axis=1)[:, j]
     number = np.where(likeliest, np.arange(len(j)), len(j))
-    reference = np.minimum.reduceat(number, begins, axis=1)
+    reference = np.minimum(np.minimum.reduceat(number, begins, axis=1), len(j) - 1)  # where all is NaN
     centre = np.take_along_axis(x, reference[..., None], axis=1)
     off = x - centre[:, j]
     beyond = np.add.reduceat(share[..., None] * off, begins, axis=1)

@@ -11,19 +11,20 @@ Unlike in `fuzzykf.switching.dynamics.pairs`, the past of Y says nothing beside 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
 from fuzzykf.gaussian import symmetrize
 from fuzzykf.immutable import cached_property
 from fuzzykf.reprs import reprs
-from fuzzykf.switching.dynamics.pairs import InitialLaw
+from fuzzykf.switching.dynamics.pairs import InitialLaw, log_probability
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.laws.chain import SwitchChain
 
-__all__ = ["NodeLaw", "NodeTables"]
+__all__ = ["NodeLaw", "NodeSystem", "NodeTables", "joint_moments"]
 
 
 @reprs()
@@ -55,6 +56,11 @@ class NodeTables:
         with np.errstate(divide="ignore"):
             return np.log(self.transition)
 
+    @property
+    def space(self) -> tuple[FloatArray, ...]:
+        """F, b, Q, H, d and R as engines take them, with axes for series and steps: (1, 1, M2, ...)."""
+        return tuple(one[None, None] for one in (self.F, self.b, self.Q, self.H, self.d, self.R))
+
     def __copy__(self) -> Self:
         return self
 
@@ -78,6 +84,20 @@ class NodeLaw(InitialLaw):
     d: FloatArray
     R: FloatArray
 
+    @cached_property
+    def table(self) -> FloatArray:
+        """The law of (r_1, X_1) as engines take it, (1 + m + m*m, M); made once."""
+        m = self.H.shape[-1]
+        rows = self.mean[:, :m].T, self.covariance[:, :m, :m].reshape(len(self.mean), m * m).T
+        return np.concatenate([log_probability(self.probability)[None], *rows])
+
+    def seen_by(self, H: FloatArray | None, R: FloatArray | None) -> NodeLaw:
+        """Return the law where something else is seen of X_1, as far as it is told."""
+        m = self.H.shape[-1]
+        state = self.mean[:, :m], self.covariance[:, :m, :m]
+        H, R = self.H if H is None else H, self.R if R is None else R
+        return NodeLaw.of_state(self.probability, *state, H, self.d, R)
+
     @classmethod
     def of_state(
         cls,
@@ -90,6 +110,39 @@ class NodeLaw(InitialLaw):
     ) -> Self:
         """Make it from mean (M, m) and covariance (M, m, m) of X_1 alone."""
         return cls(probability, *joint_moments(mean, covariance, H, d, R), H, d, R)
+
+
+class NodeSystem(Protocol):
+    """A state-space model placed on the nodes of a chain: what the recursions on nodes ask.
+
+    Attributes
+    ----------
+    chain : SwitchChain
+    dim_x, dim_z : int
+    order : int
+        How many past observations a step conditions on: none.
+    steady_from : int or None
+        From which n on `pair_tables` is always the same; None if it never is.
+    """
+
+    chain: SwitchChain
+    dim_x: int
+    dim_z: int
+    order: int
+    steady_from: int | None
+
+    def initial(self) -> NodeLaw:
+        """Return the law of (r_1, Z_1)."""
+
+    def pair_tables(self, n: int) -> NodeTables:
+        """Return the tables of the step from observation ``n`` to ``n + 1`` (n = 0, 1, ...)."""
+
+    def steps(self, start: int, n: int) -> tuple[FloatArray, ...]:
+        """Return F, b, Q, H, d and R of the steps to observations start, ..., start + n - 1.
+
+        Arrays (s, n, M, ...) with an axis for series and one for steps, each of length 1 where it is shared.
+        Nothing moves to observation 0, of which H, d and R count.
+        """
 
 
 def joint_moments(

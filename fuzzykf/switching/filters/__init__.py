@@ -4,5 +4,6 @@ from fuzzykf.switching.filters.cgomsm import CGOMSMFilter
 from fuzzykf.switching.filters.known_switch import KnownSwitchFilter
 from fuzzykf.switching.filters.ofsr import OFSRFilter
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
+from fuzzykf.switching.filters.switching_kalman import SwitchingKalmanFilter
 
-__all__ = ["CGOMSMFilter", "KnownSwitchFilter", "OFSRFilter", "SwitchingFilter"]
+__all__ = ["CGOMSMFilter", "KnownSwitchFilter", "OFSRFilter", "SwitchingFilter", "SwitchingKalmanFilter"]

@@ -26,7 +26,6 @@ from fuzzykf.switching.inference.series import (
     Stand,
     Trajectory,
     check_explained,
-    filter_one,
     result_of,
     smoothed_result,
 )
@@ -268,7 +267,7 @@ class KnownSwitchFilter(SwitchingFilter):
         r = path.r[len(path.r) - len(ys) :]
         if self._is_plain():
             stand = self._stand() if resume else None
-            trajectory = filter_one(self._method, path, ys, FOUND, states=keep_nodes, stand=stand)
+            trajectory = self._method.run(path, ys, FOUND, states=keep_nodes, stand=stand)
             if len(ys) or not resume:
                 self._adopt_path(trajectory, ys, path, stand)
         else:
@@ -295,13 +294,13 @@ class KnownSwitchFilter(SwitchingFilter):
         ys, path = self._read(zs, r)
         keep_nodes = as_flag("keep_nodes", keep_nodes)
         if self._is_plain():
-            trajectory = filter_one(self._method, path, ys, ("log_likelihood",), states=True)
+            trajectory = self._method.run(path, ys, ("log_likelihood",), states=True)
             smoothed = self._method.smooth(path, trajectory, ys)
             self._adopt_path(trajectory, ys, path)
         else:
             with self._as_it_was_on_error():
                 walked, ys = self._by_verbs(ys, path.r)
-                trajectory = filter_one(self._method, path, ys, FOUND, states=True)
+                trajectory = self._method.run(path, ys, FOUND, states=True)
                 check_explained(type(self).__name__, walked, trajectory)
                 smoothed = self._method.smooth(path, trajectory, ys)
         self._follow(index_of(zs))

@@ -37,8 +37,6 @@ from fuzzykf.switching.inference.series import (
     Trajectory,
     check_explained,
     class_weights_of,
-    filter_many,
-    filter_one,
     result_of,
     smoothed_result,
 )
@@ -311,7 +309,7 @@ class SwitchingFilter(Stepper, Filter):
         sequel = self.__dict__.get("_sequel") if resume else None
         if self._is_plain():
             stand = self._stand() if resume else None
-            trajectory = filter_one(self._method, self._system, ys, FOUND, states=keep_nodes, stand=stand)
+            trajectory = self._method.run(self._system, ys, FOUND, states=keep_nodes, stand=stand)
             if len(ys) or not resume:
                 self._adopt(trajectory, ys, stand)
         else:
@@ -339,13 +337,13 @@ class SwitchingFilter(Stepper, Filter):
         return read_many(zs, self.dim_z, by, self._named if labels else None)
 
     def _by_verbs(
-        self, ys: FloatArray, moves: FloatArray | None = None, *, states: bool = False, resume: bool = False
+        self, ys: FloatArray, *given: Any, states: bool = False, resume: bool = False
     ) -> tuple[Trajectory, FloatArray]:
         """Filter a series by the verbs, which somebody has changed; an error leaves the filter as it was."""
         with self._as_it_was_on_error():
             if not resume:
                 self.reset()
-            return walk(self, self._system, ys, moves, states)
+            return walk(self, self._system, ys, states, *given)
 
     def _stand(self) -> Stand | None:
         """Return where the filter stands; None before any observation, where the initial law is."""
@@ -386,13 +384,13 @@ class SwitchingFilter(Stepper, Filter):
         ys, index = as_observations(zs, self.dim_z), index_of(zs)
         keep_nodes = as_flag("keep_nodes", keep_nodes)
         if self._is_plain():
-            trajectory = filter_one(self._method, self._system, ys, ("log_likelihood",), states=True)
+            trajectory = self._method.run(self._system, ys, ("log_likelihood",), states=True)
             smoothed = self._method.smooth(self._system, trajectory, ys)
             self._adopt(trajectory, ys)
         else:
             with self._as_it_was_on_error():
                 walked, ys = self._by_verbs(ys)
-                trajectory = filter_one(self._method, self._system, ys, FOUND, states=True)
+                trajectory = self._method.run(self._system, ys, FOUND, states=True)
                 check_explained(type(self).__name__, walked, trajectory)
                 smoothed = self._method.smooth(self._system, trajectory, ys)
         if index is not None:
@@ -454,7 +452,7 @@ class SwitchingFilter(Stepper, Filter):
 
         def several(series: FloatArray, _: Any) -> dict[str, FloatArray]:
             if self._is_plain() or not len(series):
-                return filter_many(self._method, self._system, series, names, threads, stand)
+                return self._method.run_many(self._system, series, names, threads, stand)
             given = {"resume": True} if resume else {}
             return stacked(self._filter_each(series, [given] * len(series)), names)
 

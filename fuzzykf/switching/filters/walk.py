@@ -10,6 +10,8 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.switching.inference.series import FOUND, Trajectory, allocate
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
 
@@ -17,7 +19,12 @@ __all__ = ["walk"]
 
 
 def walk(
-    f: Any, system: SwitchingSystem, ys: FloatArray, moves: FloatArray | None, states: bool
+    f: Any,
+    system: SwitchingSystem,
+    ys: FloatArray,
+    states: bool,
+    moves: Sequence[Any] | FloatArray | None = None,
+    looks: Sequence[dict[str, Any]] | None = None,
 ) -> tuple[Trajectory, FloatArray]:
     """Filter a series by the verbs, which somebody has changed.
 
@@ -27,10 +34,12 @@ def walk(
     system : SwitchingSystem
         Of the filter.
     ys : ndarray, shape (n, dim_z)
-    moves : ndarray, shape (n,), or None
-        What `predict` is given.
     states : bool
         Whether the states of the nodes are wanted as well.
+    moves : sequence of n, optional
+        What `predict` is given.
+    looks : sequence of n dicts, optional
+        What `update` is given besides the observation.
 
     Returns
     -------
@@ -41,7 +50,7 @@ def walk(
     out, taken = allocate(system, (1, len(ys)), FOUND, states), np.empty_like(ys)
     for n, y in enumerate(ys):
         f.predict(*(() if moves is None else (moves[n],)))
-        f.update(y)
+        f.update(y, **(looks[n] if looks else {}))
         for name in FOUND:
             value = f._switch_key if name == "switch" else getattr(f, name)
             if value is not None:  # there is no mean between more than two classes

@@ -9,11 +9,12 @@ import numpy as np
 from fuzzykf.engine import selected as engine
 from fuzzykf.errors import NumericalRangeError, ParameterError
 from fuzzykf.switching.inference.mixture import Mixture
+from fuzzykf.switching.inference.series import filter_many, filter_one
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables, SwitchingSystem
-    from fuzzykf.switching.inference.series import Trajectory
+    from fuzzykf.switching.inference.series import Stand, Trajectory
 
 __all__ = ["Method", "Smoothed", "out_of_range"]
 
@@ -121,6 +122,34 @@ class Method(Protocol):
             )
         assert mixture is not None
         return (mixture if before is None else before).table, mixture.table
+
+    if TYPE_CHECKING:
+
+        def run(
+            self,
+            system: SwitchingSystem,
+            ys: FloatArray,
+            names: tuple[str, ...],
+            *,
+            states: bool = False,
+            stand: Stand | None = None,
+        ) -> Trajectory:
+            """Filter a series (n, q), as `fuzzykf.switching.inference.series.filter_one` says."""
+            return filter_one(self, system, ys, names, states=states, stand=stand)
+
+        def run_many(
+            self,
+            system: SwitchingSystem,
+            series: FloatArray,
+            names: tuple[str, ...],
+            threads: int = 1,
+            stand: Stand | None = None,
+        ) -> dict[str, FloatArray]:
+            """Filter series (s, n, q), as `fuzzykf.switching.inference.series.filter_many` says."""
+            return filter_many(self, system, series, names, threads, stand)
+
+    else:  # no calls that do no more than call another
+        run, run_many = filter_one, filter_many
 
     def smooth(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> Smoothed:
         """Estimate every state of a filtered series (n, q) from all of it.

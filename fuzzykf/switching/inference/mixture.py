@@ -119,7 +119,7 @@ class Mixture:
         known = int(np.isfinite(self.window).sum()) == w - self.unknown
         shaped &= self.root is None or self.root.shape == (M, e, e)
         finite = all(a is None or np.isfinite(a).all() for a in (self.table, self.sign, self.root))
-        return bool(shaped and known and finite and w % q == 0 and 0 < w <= order * q)
+        return bool(shaped and known and finite and w % q == 0 and w <= order * q)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

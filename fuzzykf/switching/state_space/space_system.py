@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.laws.chain import SwitchChain
 
-__all__ = ["SpacePath", "SpaceSystem"]
+__all__ = ["DrivenSystem", "SpacePath", "SpaceSystem"]
 
 #: The parameters of a step.
 NAMES = ("F", "b", "Q", "H", "d", "R")
@@ -51,7 +51,7 @@ class SpaceSystem:
         If a function of the class weights is not sound at a node that can occur.
     """
 
-    order: int = 1
+    order: int = 0
     steady_from: int | None = 0
 
     def __init__(self, chain: SwitchChain, form: _Form) -> None:
@@ -84,6 +84,10 @@ class SpaceSystem:
         """Return the tables of the step from observation ``n``, without controls the same for all."""
         return self.tables
 
+    def steps(self, start: int, n: int) -> tuple[FloatArray, ...]:
+        """Return F, b, Q, H, d and R of any steps, (1, 1, M, ...)."""
+        return self.tables.space
+
     def law_to_dict(self, n: int) -> None:
         """Return what a file has to keep of the law at observation ``n``: nothing."""
 
@@ -95,6 +99,59 @@ class SpaceSystem:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self
+
+
+@reprs("chain")
+class DrivenSystem:
+    """A system along a series of which it is told what moves and what sees the state.
+
+    Parameters
+    ----------
+    system : SpaceSystem
+    origin : int
+        Number of the observation that what is given begins with.
+    us : ndarray, shape (s, n, k), or None
+        The controls that lead to each observation, s being 1 where all series share them.
+    Hs, Rs : ndarray, shapes (s, n, M, q, m) and (s, n, M, q, q), or None
+        In place of those of the model.
+    """
+
+    order: int = 0
+    steady_from: int | None = None
+
+    def __init__(
+        self,
+        system: SpaceSystem,
+        origin: int,
+        us: FloatArray | None = None,
+        Hs: FloatArray | None = None,
+        Rs: FloatArray | None = None,
+    ) -> None:
+        self.chain, self.dim_x, self.dim_z = system.chain, system.dim_x, system.dim_z
+        self._system, self._origin, self._us, self._Hs, self._Rs = system, origin, us, Hs, Rs
+
+    def initial(self) -> NodeLaw:
+        """Return the law of (r_1, Z_1); of several series, the first one's."""
+        if self._origin or (self._Hs is None and self._Rs is None):
+            return self._system.initial()
+        H, R = (None if one is None else one[0, 0] for one in (self._Hs, self._Rs))
+        return self._system.initial().seen_by(H, R)
+
+    def pair_tables(self, n: int) -> NodeTables:
+        """Return the tables of the step from observation ``n``; of several series, the first one's."""
+        parts = (one[0, 0] for one in self.steps(n + 1, 1))
+        return NodeTables(self.chain.transition, *parts)
+
+    def steps(self, start: int, n: int) -> tuple[FloatArray, ...]:
+        """Return F, b, Q, H, d and R of steps, (s, n, M, ...)."""
+        F, b, Q, H, d, R = self._system.steps(start, n)
+        part = slice(start - self._origin, start - self._origin + n)
+        if self._us is not None:
+            assert self._system.B is not None
+            b = b + np.einsum("mak,snk->snma", self._system.B, self._us[:, part])
+        H = H if self._Hs is None else self._Hs[:, part]
+        R = R if self._Rs is None else self._Rs[:, part]
+        return F, b, Q, H, d, R
 
 
 class SpacePath(KnownPath):
@@ -110,7 +167,7 @@ class SpacePath(KnownPath):
     """
 
     def __init__(self, form: _Form, shares: FloatArray, r: FloatArray) -> None:
-        super().__init__(form.dim_x, form.dim_z, r)
+        super().__init__(form.dim_x, form.dim_z, r, order=0)
         self.form, self.shares = form, shares
 
     def initial(self) -> NodeLaw:
@@ -123,3 +180,8 @@ class SpacePath(KnownPath):
         """Return the tables of the step from the ``n``-th value of the path to the next."""
         u = self.shares[n + 1, None]
         return NodeTables(np.ones((1, 1)), **{name: self.form.at(name, u) for name in NAMES})
+
+    def steps(self, start: int, n: int) -> tuple[FloatArray, ...]:
+        """Return F, b, Q, H, d and R of the steps to values start, ..., start + n - 1, (1, n, 1, ...)."""
+        u = self.shares[start : start + n]
+        return tuple(self.form.at(name, u)[None, :, None] for name in NAMES)

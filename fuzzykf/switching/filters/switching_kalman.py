@@ -1,0 +1,427 @@
+"""The filter of switching state-space models."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from fuzzykf.base import (
+    MOST_THREADS,
+    FilterResult,
+    as_observation,
+    as_observations,
+    check_keep,
+    index_of,
+)
+from fuzzykf.errors import FileFormatError, ParameterError
+from fuzzykf.gaussian import as_choice, as_count, as_flag
+from fuzzykf.io import decode, encode
+from fuzzykf.labels import labels_of, match_row
+from fuzzykf.many import stacked
+from fuzzykf.observations import check_aligned
+from fuzzykf.overrides import lookups, overrides
+from fuzzykf.sequel import warn_of_steps
+from fuzzykf.switching.filters.inputs import (
+    Inputs,
+    read_control,
+    read_controls,
+    read_controls_of_many,
+    read_each,
+    read_seen,
+)
+from fuzzykf.switching.filters.saved import SavedFilter
+from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
+from fuzzykf.switching.inference.forecast import MOST_STEPS, forecast
+from fuzzykf.switching.inference.mixture import Source
+from fuzzykf.switching.inference.registry import METHODS
+from fuzzykf.switching.inference.series import FOUND, SHOWN, result_of
+from fuzzykf.switching.state_space.model import SwitchingStateSpace
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Iterable
+
+    from numpy.typing import ArrayLike
+
+    from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
+    from fuzzykf.switching.dynamics.nodes import NodeLaw, NodeTables
+    from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
+
+__all__ = ["SwitchingKalmanFilter"]
+
+#: Methods of filtering a state-space model.
+CHOICES = ("imm", "gpb2")
+
+
+class SwitchingKalmanFilter(SavedFilter):
+    """Kalman filters on the nodes of a switch, hard or fuzzy, that interact.
+
+    It begins at the first observation, to which nothing moves: a control that is given with it is not used.
+
+    Parameters
+    ----------
+    model : SwitchingStateSpace
+    method : {"imm", "gpb2"}
+        "imm" merges what leads to a node before each step; "gpb2" updates every pair of nodes and merges
+        after it, which is better where offsets or gains fade and the law is poor, and has the better
+        likelihood.
+    n_nodes : int
+        Number of nodes between the classes, of fades and edges each; none count for a chain or a matrix.
+    rule : {"cell", "midpoint", "gauss", "product"}
+        How the law is discretised, see `FuzzyMarkovLaw.discretize`.
+
+    Raises
+    ------
+    ParameterError
+        If ``model`` is another one, the law cannot have so many nodes, or an option is unknown.
+    NotStableError
+        If the first state is to be stationary on these nodes, and is not.
+
+    Notes
+    -----
+    Neither method is exact: the posterior of a state-space model has more and more components.  Missing
+    observations and components, in any pattern and at any time, need no approximation of their own.  If the
+    covariance of an observation is singular, a `NotPositiveDefiniteError` names the node.
+
+    See Also
+    --------
+    fuzzykf.switching.filters.switching_filter.SwitchingFilter : Verbs and attributes.
+    KnownSwitchFilter : The bound.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import FadeLaw, SwitchingKalmanFilter, SwitchingStateSpace
+    >>> model = SwitchingStateSpace(
+    ...     FadeLaw.between(60, 20), F=0.99, b=[0.1], Q=0.09, H=[[[1.0]], [[0.3]]], R=0.25, x0=[10.0], P0=4.0
+    ... )
+    >>> f = SwitchingKalmanFilter(model)
+    >>> f.step(9.5).shape, f.mu.shape
+    ((1, 1), (12,))
+    >>> truth = model.simulate(200, np.random.default_rng(1))
+    >>> result = f.filter(truth.y)
+    >>> result.x.shape, result.class_weights.shape
+    ((200, 1), (200, 2))
+    """
+
+    model: SwitchingStateSpace
+    _system: Any  # a SpaceSystem
+
+    def __init__(
+        self,
+        model: SwitchingStateSpace,
+        *,
+        method: Literal["imm", "gpb2"] = "imm",
+        n_nodes: int = 5,
+        rule: str = "cell",
+    ) -> None:
+        if not isinstance(model, SwitchingStateSpace):
+            raise ParameterError(f"model: got {type(model).__name__}, expected a SwitchingStateSpace")
+        as_choice("method", method, CHOICES)
+        self.model, self.method, self.n_nodes, self.rule = model, method, n_nodes, rule
+        system: Any = model.placed(n_nodes, rule)
+        super().__init__(system, METHODS[method])
+
+    def _options(self) -> dict[str, Any]:
+        # where there are no fewer classes than nodes none lie between, whatever is asked for
+        n_nodes = int(self.n_nodes) if self.n_nodes < len(self._system.chain) else 0
+        return {"method": self.method, "n_nodes": n_nodes, "rule": self.rule}
+
+    def _start(self) -> None:
+        super()._start()
+        self._u_next: FloatArray | None = None  # control that leads to the next observation
+        self._R_next: FloatArray | None = None  # how that is seen, (M, ...), while it is taken
+        self._H_next: FloatArray | None = None
+        self._R: FloatArray | None = None  # how the latest one was seen
+        self._H: FloatArray | None = None
+
+    # ------------------------------------------------------------------ tables
+
+    def _initial_law(self) -> InitialLaw:
+        law: NodeLaw = self._system.initial()
+        first = self._mixture is None
+        H, R = (self._H_next, self._R_next) if first else (self._H, self._R)
+        return law if H is None and R is None else law.seen_by(H, R)
+
+    def _next_tables(self) -> PairTables:
+        own: Any = super()._next_tables()
+        tables: PairTables = self._told(own, self._u_next, self._H_next, self._R_next)
+        return tables
+
+    def _told(
+        self, tables: NodeTables, u: FloatArray | None, H: FloatArray | None, R: FloatArray | None
+    ) -> Any:
+        """Return the tables of a step with what is told of it."""
+        changed = {name: one for name, one in (("H", H), ("R", R)) if one is not None}
+        if u is not None:
+            changed["b"] = tables.b + self._system.B @ u
+        return replace(tables, **changed) if changed else tables
+
+    # ------------------------------------------------------------------ verbs
+
+    def predict(self, u: ArrayLike | None = None) -> None:
+        """Move to the time of the next observation.
+
+        Before the first observation nothing moves, and this may be repeated.  Later, a predict that follows a
+        predict says that the observation in between is missing.
+
+        Parameters
+        ----------
+        u : array_like, shape (k,) or (k, 1), optional
+            Control that leads there; a number if there is one.  By default none acts.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If ``u`` has a wrong shape, is not finite, or the model has no ``B``.
+        """
+        control = read_control(u, self._system)
+        super().predict()
+        self._u_next = control if self._n else None
+
+    def update(self, z: Numbers, R: Any = None, H: Any = None) -> None:
+        """Take the observation ``z`` into account.
+
+        Parameters
+        ----------
+        z : array_like or None
+            Scalar (if dim_z is 1), or shape (dim_z,), (dim_z, 1) or (1, dim_z).  None or NaN where it, or a
+            part of it, is missing.
+        R : array_like, shape (q, q) or (K, q, q), or callable, optional
+            Used instead of that of the model; a number means that multiple of the identity.
+        H : array_like, shape (q, m) or (K, q, m), or callable, optional
+            Used instead of that of the model.
+
+        Raises
+        ------
+        SequenceError
+            If no `predict` came since the last update.
+        ShapeError, ParameterError
+            If ``z``, ``R`` or ``H`` has a wrong shape or is infinite.
+        NotPositiveDefiniteError
+            If ``R`` is indefinite, or the covariance of the observation is singular at a node.
+        """
+        noise, seen = (read_seen(*one, self._system, self.model.form.mix) for one in (("R", R), ("H", H)))
+        self._R_next, self._H_next = noise, seen
+        try:
+            super().update(z)
+        finally:
+            self._R_next = self._H_next = None
+
+    def _take(self, y: FloatArray) -> None:
+        super()._take(y)
+        self._R, self._H, self._u_next = self._R_next, self._H_next, None
+
+    def step(self, z: Numbers, u: ArrayLike | None = None, R: Any = None, H: Any = None) -> FloatArray:
+        """Predict, then update with ``z``; an error leaves the filter as it was.
+
+        Parameters
+        ----------
+        z, R, H
+            As in `update`.
+        u
+            As in `predict`.
+
+        Returns
+        -------
+        ndarray, shape (dim_x, 1)
+        """
+        z = z if isinstance(z, float | np.ndarray) else match_row(z, labels_of(self))
+        as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
+        look = {name: one for name, one in (("R", R), ("H", H)) if one is not None}
+        with self._as_it_was_on_error():
+            self.predict(*(() if u is None else (u,)))
+            self.update(z, **look)
+        return self.x
+
+    @classmethod
+    def _overrides(cls) -> bool:
+        return SwitchingFilter._overrides() or overrides(cls, _OWN)
+
+    # ------------------------------------------------------------------ whole series
+
+    def filter(
+        self,
+        zs: ManyNumbers,
+        us: Any = None,
+        Rs: Any = None,
+        Hs: Any = None,
+        *,
+        keep_nodes: bool = False,
+        resume: bool = False,
+    ) -> FilterResult:
+        """Filter a whole series from the first law on, or with ``resume`` from where the filter stands.
+
+        Parameters
+        ----------
+        zs : array_like
+            Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
+        us : array_like, shape (n, k), or (n,) if there is one control, optional
+            ``us[n]`` moves to observation n; ``us[0]`` is not used, unless the filter resumes.  None in a
+            list means that none acts.
+        Rs, Hs : sequence of n, optional
+            Given to `update` one by one; None for that of the model.
+        keep_nodes, resume : bool
+            As in `SwitchingFilter.filter`.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``nodes``, ``class_weights``, ``switch``,
+            ``switch_mean`` and ``log_likelihood``.  The filter stays at the last observation, so that
+            `step` continues.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `predict` and `update`, or if what is given has not one value for each observation; the
+            filter is then as it was before.
+        """
+        zs = self._named(zs)
+        check_aligned(zs=zs, us=us, Rs=Rs, Hs=Hs)
+        ys, index = as_observations(zs, self.dim_z), index_of(zs)
+        keep_nodes, resume = as_flag("keep_nodes", keep_nodes), as_flag("resume", resume)
+        if resume:
+            self._check_next(index)
+        sequel = self.__dict__.get("_sequel") if resume else None
+        stand = self._stand() if resume else None
+        inputs = self._read(len(ys), us, Rs, Hs, begins=stand is None)
+        if self._is_plain():
+            system = self._driven(inputs, stand, len(ys))
+            trajectory = self._method.run(system, ys, FOUND, states=keep_nodes, stand=stand)
+            if len(ys) or not resume:
+                self._adopt(trajectory, ys, stand)
+                if len(ys):
+                    self._R, self._H = (None if a is None else a[-1, -1] for a in (inputs.Rs, inputs.Hs))
+        else:
+            moves = None if inputs.us is None else inputs.us[0]
+            looks = [{k: a[n] for k, a in (("R", Rs), ("H", Hs)) if a is not None} for n in range(len(ys))]
+            trajectory, _ = self._by_verbs(ys, moves, looks, states=keep_nodes, resume=resume)
+        if sequel is not None:  # the count of observations goes on as well
+            self._sequel = sequel
+        if index is not None:
+            self._follow(index)
+            warn_of_steps(index)
+        result = result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index)
+        return result.with_coords(zs) if hasattr(zs, "coords") else result
+
+    def filter_many(
+        self,
+        zs: ManySeriesLike,
+        keep: Iterable[str] = ("x", "P", "log_likelihood"),
+        us: Any = None,
+        Rs: Any = None,
+        Hs: Any = None,
+        *,
+        by: Hashable | None = None,
+        threads: int = 1,
+        resume: bool = False,
+    ) -> FilterResult:
+        """Filter many series side by side, each as `filter` would; the filter stays as it is.
+
+        Parameters
+        ----------
+        zs, keep, by, threads, resume
+            As in `SwitchingFilter.filter_many`.
+        us : array_like, DataFrame, list, tuple or mapping, optional
+            Controls: of shape (n, k) for all series, or for each its own, in the forms of ``zs``.
+        Rs, Hs : sequence of n, optional
+            As in `filter`, for all series.
+
+        Returns
+        -------
+        FilterResult
+            The fields in ``keep``, each with a leading axis for the series.
+        """
+        threads = as_count("threads", threads, 1, MOST_THREADS)
+        names = check_keep(keep, SHOWN)
+        many = self._read_many(zs, by)
+        resume = as_flag("resume", resume)
+        stand = self._stand() if resume else None
+        controls = read_controls_of_many(us, many, self._system, stand is None)
+        told = self._read(many.values.shape[1], None, Rs, Hs)._replace(us=controls)
+
+        def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
+            s, n = series.shape[:2]
+            inputs = told.rows(rows, n)
+            if self._is_plain() or not s:
+                return self._method.run_many(self._driven(inputs, stand, n), series, names, threads, stand)
+            looks = {name: a[:n] for name, a in (("Rs", Rs), ("Hs", Hs)) if a is not None}
+            us = [None] * s if inputs.us is None else np.broadcast_to(inputs.us, (s, *inputs.us.shape[1:]))
+            each = [looks | ({} if u is None else {"us": u}) | {"resume": resume} for u in us]
+            return stacked(self._filter_each(series, each), names)
+
+        return many.filtered(several, self.nodes)
+
+    def forecast(self, steps: int, us: Any = None) -> FilterResult:
+        """Predict states and observations ahead; the filter stays where it is.
+
+        Parameters
+        ----------
+        steps : int
+            Number of steps ahead of the latest observation, whether `predict` was called since or not.
+        us : array_like, shape (steps, k), optional
+            The controls that lead to each.  By default none acts, but one that `predict` was given for the
+            first step.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, ``z_prior``, ``S`` (mean and covariance of the observations), ``mu``,
+            ``nodes``, ``class_weights``, ``switch`` and ``switch_mean``.
+        """
+        steps = as_count("steps", steps, 1, MOST_STEPS)
+        check_aligned(us=us)
+        controls = read_controls(us, steps, self._system, begins=self._n == 0)
+        if controls is None and self._u_next is not None:
+            controls = np.zeros((1, steps, len(self._u_next)))
+            controls[0, 0] = self._u_next
+        system: Any = Inputs(controls).drive(self._system, self._n)
+        found = forecast(self._method, system, self._mixture, self._n, steps)
+        return replace(found, index=self._index_ahead(steps))
+
+    def _read(self, n: int, us: Any, Rs: Any, Hs: Any, begins: bool = True) -> Inputs:
+        """Return what is told along a series."""
+        system, mix = self._system, self.model.form.mix
+        noise, seen = (read_each(*one, n, system, mix) for one in (("Rs", Rs), ("Hs", Hs)))
+        return Inputs(read_controls(us, n, system, begins), seen, noise)
+
+    def _driven(self, inputs: Inputs, stand: Any, n: int) -> Any:
+        """Return the system along series of n observations that go on from where the filter stands."""
+        if stand is not None and stand.skips:
+            inputs = inputs.after(self._u_next, self._system, n)
+        return inputs.drive(self._system, 0 if stand is None else stand.n)
+
+    # ------------------------------------------------------------------ files
+
+    def _export_state(self) -> dict[str, Any]:
+        own = self._system.tables
+        before: Any = None if self._before is None else self._before.tables
+        told = {} if before is None else {
+            name: getattr(before, name).tolist()
+            for name in ("b", "H", "R")
+            if not np.array_equal(getattr(before, name), getattr(own, name))
+        }  # fmt: skip
+        seen = {"R": encode(self._R), "H": encode(self._H), "u": encode(self._u_next), "before_told": told}
+        return super()._export_state() | seen
+
+    def _import_state(self, values: dict[str, Any]) -> None:
+        super()._import_state(values)
+        own = self._system.tables
+        told = {name: decode(value, 2 if name == "b" else 3) for name, value in values["before_told"].items()}
+        R, H, u = (decode(values[name], ndim) for name, ndim in (("R", 3), ("H", 3), ("u", 1)))
+        shapes = {"R": R, "H": H} | {f"before_told {name}": one for name, one in told.items()}
+        for name, one in shapes.items():
+            if one is not None and one.shape != getattr(own, name[-1]).shape:
+                raise FileFormatError(f"{name}: got shape {one.shape}, which does not fit the model")
+        if u is not None and (u.size != self._system.dim_u or not self._predicted):
+            raise FileFormatError(f"u: got {u.tolist()}, which does not fit the model")
+        self._R, self._H, self._u_next = R, H, u
+        if self._before is not None and told:
+            tables: Any = self._before.tables
+            self._before = Source(self._before.mixture, replace(tables, **told))
+
+
+#: What the verbs are, what they call and what is read after each, before anybody changes it.
+_OWN = lookups(SwitchingKalmanFilter, READ)
