@@ -141,6 +141,7 @@ MAKES = {
     "known": lambda m: KnownSwitchFilter(m["fuzzy"]),
     "state space": lambda m: SwitchingKalmanFilter(space(), n_nodes=3),
     "state space, gpb2": lambda m: SwitchingKalmanFilter(space(), method="gpb2", n_nodes=3),
+    "known, state space": lambda m: KnownSwitchFilter(space()),
     "known, moving, order 3": lambda m: KnownSwitchFilter(m["moving, order 3"]),
 }
 

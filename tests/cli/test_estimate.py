@@ -175,12 +175,20 @@ def test_a_free_law_is_filtered_on_the_nodes_that_it_was_learned_on(
 # ------------------------------------------------------------------ bad input
 
 
-def test_a_state_space_model_has_no_filter_yet(data, tmp_path) -> None:
+def test_a_state_space_model_has_a_filter_and_no_smoother_yet(data, tmp_path) -> None:
     matrices = {"A": [[[0.9]]], "B": [[[1.0]]], "C": [[[0.3]]], "D": [[[0.5]]]}
     CGLSSM([[1.0]], **matrices).save(tmp_path / "model.json")
-    result = run("filter", tmp_path / "model.json", data, "--obs", "temperature", "-o", tmp_path / "out.csv")
+    given = tmp_path / "model.json", data, "--obs", "temperature", "-o"
+    assert run("filter", *given, tmp_path / "out.csv").exit_code == 0
+    assert (tmp_path / "out.csv").read_text().splitlines()[0].split(",")[-3:] == [
+        "switch",
+        "regime_0",
+        "log_likelihood",
+    ]
+    result = run("smooth", *given, tmp_path / "smooth.csv")
     assert result.exit_code == 1
-    assert "model: got CGLSSM, expected a CGOFMSModel or CGOMSModel" in " ".join(result.output.split())
+    assert "smooth: the method OnNodes has no smoother" in " ".join(result.output.split())
+    assert not (tmp_path / "smooth.csv").exists()
 
 
 @pytest.mark.parametrize("verb", ["filter", "smooth"])

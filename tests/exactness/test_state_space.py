@@ -14,6 +14,7 @@ from fuzzykf import (
     FuzzyMarkovLaw,
     IMMEstimator,
     KalmanFilter,
+    KnownSwitchFilter,
     SwitchChain,
     SwitchingKalmanFilter,
     SwitchingStateSpace,
@@ -154,6 +155,23 @@ def test_classes_that_are_alike_are_one(seed, method):
     np.testing.assert_allclose(found.log_likelihood.sum(), value, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found.x[-1], x, rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(found.P[-1], P, rtol=1e-8, atol=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS, m=st.integers(1, 3), q=st.integers(1, 2), K=st.integers(2, 3))
+def test_a_known_switch_is_the_kalman_filter_along_it_whatever_is_missing(seed, m, q, K):
+    rng = np.random.default_rng(seed)
+    each, ys, us = parameters(rng, K, m, q), holes(rng, 5, q), rng.normal(size=(5, 1))
+    law = FadeLaw(K, {(a, (a + 1) % K): (0.1, 8.0) for a in range(K)})
+    w = rng.dirichlet(np.ones(K), 5)  # any class weights, whatever the law has on its way
+    there = {name: np.tensordot(w, value, 1) for name, value in each.items()}
+    f = KnownSwitchFilter(SwitchingStateSpace(law, **each))
+    found = f.filter(ys, w, us)
+    for n in range(1, 6):
+        value, x, P = along(range(n), there, ys[:n], us)
+        np.testing.assert_allclose(found.log_likelihood[:n].sum(), value, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found.x[n - 1], x, rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(found.P[n - 1], P, rtol=1e-8, atol=1e-9)
 
 
 def test_the_likelihood_of_gpb2_is_nearer_than_that_of_imm():

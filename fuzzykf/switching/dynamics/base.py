@@ -38,6 +38,8 @@ class Dynamics(Immutable, ABC):
 
     #: Name under which they are written to a file.
     kind: ClassVar[str]
+    #: Name of the method that is exact along a known path of the switch.
+    known_method: ClassVar[str] = "exact"
     n_classes: int
     dim_x: int
     dim_z: int

@@ -87,6 +87,11 @@ class SwitchingModel(Immutable, Document):
         """Return the mean of the first (X, Y) in each regime: (K, dim_x + dim_z)."""
         return self.form.marginal(np.eye(self.n_classes))[0]
 
+    @property
+    def takes_weights(self) -> bool:
+        """Whether values of the switch are class weights: those of a fuzzy one between more than two."""
+        return self.is_fuzzy and self.n_classes > 2
+
     @abstractmethod
     def class_weights(self, r: ArrayLike) -> FloatArray:
         """Return the shares of the regimes in values of the switch: (..., K)."""

@@ -119,6 +119,8 @@ class KnownPath(ABC):
     """
 
     steady_from: int | None = None
+    #: Number of controls; None where there are none.
+    dim_u: int | None = None
 
     def __init__(self, dim_x: int, dim_z: int, r: FloatArray, order: int = 1) -> None:
         self.dim_x, self.dim_z, self.order, self.r = dim_x, dim_z, order, r

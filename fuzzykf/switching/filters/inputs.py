@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from fuzzykf.switching.state_space.space_system import SpaceSystem
 
 __all__ = ["Inputs", "read_control", "read_controls", "read_controls_of_many", "read_each", "read_seen"]
+
+
+class _Controlled(Protocol):
+    """A system that may have controls: so many, or None."""
+
+    @property
+    def dim_u(self) -> int | None: ...
 
 
 class Inputs(NamedTuple):
@@ -41,6 +48,11 @@ class Inputs(NamedTuple):
         """Return those of some series, up to observation ``n``."""
         return Inputs(*(None if a is None else (a if len(a) == 1 else a[rows])[:, :n] for a in self))
 
+    def arguments(self, s: int) -> list[dict[str, FloatArray]]:
+        """Return the controls of each of s series as arguments of `filter`."""
+        us = self.us
+        return [{} if us is None else {"us": us[min(k, len(us) - 1)]} for k in range(s)]
+
     def drive(self, system: SpaceSystem, origin: int) -> SpaceSystem | DrivenSystem:
         """Return a system that is told them from observation ``origin`` on."""
         told = any(one is not None for one in self)
@@ -55,7 +67,7 @@ def _led(values: FloatArray, first: FloatArray) -> FloatArray:
 # --------------------------------------------------------------------------- of one step
 
 
-def read_control(u: Any, system: SpaceSystem, name: str = "u") -> FloatArray | None:
+def read_control(u: Any, system: _Controlled, name: str = "u") -> FloatArray | None:
     """Return a control (k,), None where there is none.
 
     Raises
@@ -100,7 +112,7 @@ def read_seen(name: str, given: Any, system: SpaceSystem, mix: str) -> FloatArra
 # --------------------------------------------------------------------------- of each step
 
 
-def read_controls(us: Any, n: int, system: SpaceSystem, begins: bool) -> FloatArray | None:
+def read_controls(us: Any, n: int, system: _Controlled, begins: bool) -> FloatArray | None:
     """Return controls (1, n, k) of a series; that of its first observation is not used if it ``begins``."""
     if us is None:
         return None
@@ -118,7 +130,7 @@ def read_controls(us: Any, n: int, system: SpaceSystem, begins: bool) -> FloatAr
     return _checked(array.reshape(1, n, k), begins)
 
 
-def read_controls_of_many(us: Any, many: ManySeries, system: SpaceSystem, begins: bool) -> FloatArray | None:
+def read_controls_of_many(us: Any, many: ManySeries, system: _Controlled, begins: bool) -> FloatArray | None:
     """Return controls of many series, (series, n, k), or (1, n, k) where these share them."""
     if us is None:
         return None

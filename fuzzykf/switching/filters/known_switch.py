@@ -19,7 +19,9 @@ from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.sequel import warn_of_steps
 from fuzzykf.switching.dynamics.model import SwitchingModel
 from fuzzykf.switching.dynamics.pairs import Ahead
+from fuzzykf.switching.filters.inputs import Inputs, read_control, read_controls, read_controls_of_many
 from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
+from fuzzykf.switching.inference.registry import METHODS
 from fuzzykf.switching.inference.series import (
     FOUND,
     SHOWN,
@@ -29,6 +31,7 @@ from fuzzykf.switching.inference.series import (
     result_of,
     smoothed_result,
 )
+from fuzzykf.switching.laws.chain import shares_of
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Sequence
@@ -38,7 +41,6 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.many import ManySeries
     from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
-    from fuzzykf.switching.dynamics.placed import KnownPath
 
 __all__ = ["KnownSwitchFilter"]
 
@@ -51,12 +53,13 @@ class KnownSwitchFilter(SwitchingFilter):
 
     Parameters
     ----------
-    model : CGOFMSModel or CGOMSModel
+    model : CGOFMSModel, CGOMSModel or SwitchingStateSpace
 
     Notes
     -----
     The value of the switch goes with each observation: to `predict`, or to `update`.
-    Without it at `predict`, ``x_prior`` and ``P_prior`` are NaN.
+    Without it at `predict`, ``x_prior`` and ``P_prior`` are NaN.  Of a state-space model it is the Kalman
+    filter along the switch; where controls act, they go to `predict`, as `SwitchingKalmanFilter` takes them.
 
     See Also
     --------
@@ -79,11 +82,16 @@ class KnownSwitchFilter(SwitchingFilter):
     (50, 1)
     """
 
+    _system: Any  # a KnownPath
+
     def __init__(self, model: SwitchingModel) -> None:
         if not isinstance(model, SwitchingModel):
-            raise ParameterError(f"model: got {type(model).__name__}, expected a CGOFMSModel or CGOMSModel")
+            raise ParameterError(
+                f"model: got {type(model).__name__}, expected a CGOFMSModel, CGOMSModel or a "
+                "SwitchingStateSpace"
+            )
         self.model = model
-        super().__init__(model.along(np.empty(0)))
+        super().__init__(model.along(np.empty(0)), METHODS[model.form.known_method])
 
     def _start(self) -> None:
         super()._start()
@@ -91,6 +99,7 @@ class KnownSwitchFilter(SwitchingFilter):
             np.nan
         )  # value of the switch at the latest observation: a number, or class weights (K,)
         self._r_next: Any = None  # at the next one, once known
+        self._u_next: FloatArray | None = None  # control that leads there
         self._tables: PairTables | None = None  # of the step between them
         self._told_at_predict = False
 
@@ -105,10 +114,12 @@ class KnownSwitchFilter(SwitchingFilter):
             raise ParameterError("r: the value of the switch at the next observation is not known yet")
         return self._tables
 
-    def _tables_between(self, n: int, before: Any, after: Any) -> PairTables | None:
+    def _tables_between(self, n: int, before: Any, after: Any, u: FloatArray | None) -> Any:
         """Prove the step from observation ``n`` - 1 to ``n``; nothing changes if it is refused."""
-        path = self.model.along(np.array([before, after]), start=n - 1) if n else None
-        return None if path is None else path.pair_tables(0)
+        if not n:
+            return None
+        path: Any = self.model.along(np.array([before, after]), start=n - 1)
+        return (path if u is None else path.driven(np.stack([0.0 * u, u]))).pair_tables(0)
 
     def _ahead(self) -> Ahead:
         if self._told_at_predict:
@@ -123,7 +134,7 @@ class KnownSwitchFilter(SwitchingFilter):
 
     # ------------------------------------------------------------------ verbs
 
-    def predict(self, r: ArrayLike | None = None) -> None:
+    def predict(self, r: ArrayLike | None = None, u: ArrayLike | None = None) -> None:
         """Move to the time of the next observation.
 
         Parameters
@@ -131,6 +142,8 @@ class KnownSwitchFilter(SwitchingFilter):
         r : float or array_like, optional
             Value of the switch at that time; else it has to come with `update`.  Of a fuzzy switch between
             more than two classes, class weights (K,) or the number of a class.
+        u : array_like, shape (k,) or (k, 1), optional
+            Control that leads there, of a state-space model that has such; a number if there is one.
 
         Raises
         ------
@@ -139,6 +152,7 @@ class KnownSwitchFilter(SwitchingFilter):
         NotPositiveDefiniteError
             If the noise of the model is indefinite between the values.
         """
+        control = read_control(u, self._system)
         value, n, now = None if r is None else self._checked(r), self._n, self._r
         if self._predicted and n > 0:  # the observation at the value given before is missing
             if self._r_next is None:
@@ -146,8 +160,9 @@ class KnownSwitchFilter(SwitchingFilter):
             n, now = n + 1, self._r_next
         elif value is not None and not _may_be(value, self._r_next):
             raise ParameterError(_GIVEN_ONCE.format(value, self._r_next))
-        tables = self._tables if value is None else self._tables_between(n, now, value)
+        tables = self._tables if value is None else self._tables_between(n, now, value, control)
         super().predict()
+        self._u_next = control if self._n else None
         if value is not None:
             self._r_next, self._tables = value, tables
         self._told_at_predict = self._r_next is not None
@@ -177,7 +192,7 @@ class KnownSwitchFilter(SwitchingFilter):
             value = self._checked(r)
             if self._r_next is not None:
                 raise ParameterError(_GIVEN_ONCE.format(value, self._r_next))
-            self._tables = self._tables_between(self._n, self._r, value)
+            self._tables = self._tables_between(self._n, self._r, value, self._u_next)
             self._r_next = value
         try:
             super().update(z)
@@ -188,9 +203,9 @@ class KnownSwitchFilter(SwitchingFilter):
     def _take(self, y: FloatArray) -> None:
         super()._take(y)
         assert self._r_next is not None
-        self._r, self._r_next, self._tables = self._r_next, None, None
+        self._r, self._r_next, self._tables, self._u_next = self._r_next, None, None, None
 
-    def step(self, z: Numbers, r: ArrayLike | None = None) -> FloatArray:
+    def step(self, z: Numbers, r: ArrayLike | None = None, u: ArrayLike | None = None) -> FloatArray:
         """Predict, then update with ``z``, at the value ``r`` of the switch.
 
         Parameters
@@ -199,6 +214,8 @@ class KnownSwitchFilter(SwitchingFilter):
             The observation.
         r : float or array_like
             Value of the switch at its time, as for `predict`.
+        u : array_like, optional
+            As for `predict`.
 
         Returns
         -------
@@ -209,20 +226,19 @@ class KnownSwitchFilter(SwitchingFilter):
         z = z if isinstance(z, float | np.ndarray) else match_row(z, labels_of(self))
         as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
         with self._as_it_was_on_error():
-            self.predict(r)
+            self.predict(r, *(() if u is None else (u,)))
             self.update(z)
         return self.x
 
-    _STATE = (*SwitchingFilter._STATE, "_r", "_r_next", "_tables", "_told_at_predict")
+    _STATE = (*SwitchingFilter._STATE, "_r", "_r_next", "_u_next", "_tables", "_told_at_predict")
 
     @property
     def _takes_weights(self) -> bool:
-        """Whether values of the switch are class weights."""
-        return self.model.is_fuzzy and self.model.n_classes > 2
+        return self.model.takes_weights
 
     def _checked(self, r: Any) -> Any:
         """Return one value of the switch: a number, or class weights (K,)."""
-        value = _as_switches(r)
+        value = self._of_weights(_as_switches(r), 1)
         if self._takes_weights and value.size == self.model.n_classes:
             return self.model.class_weights(value.reshape(1, -1))[0]
         if value.size != 1:
@@ -231,10 +247,31 @@ class KnownSwitchFilter(SwitchingFilter):
         shares = self.model.class_weights(value.reshape(1))
         return shares[0] if self._takes_weights else float(value.reshape(()))
 
+    def _of_weights(self, r: FloatArray, ndim: int) -> FloatArray:
+        """Return values of the switch, where class weights (K,), (n, K), ... with ``ndim`` axes were given.
+
+        Between two classes that is the share of the second, of a hard switch the number of the class.
+        """
+        K = self.model.n_classes
+        if self._takes_weights or K == 1 or r.ndim != ndim or r.shape[-1] != K:
+            return r
+        shares: FloatArray = shares_of(np.atleast_2d(r), K).reshape(r.shape)
+        if K == 2:
+            between: FloatArray = shares[..., 1]
+            return between
+        number = shares.argmax(axis=-1)
+        if (np.take_along_axis(shares, number[..., None], axis=-1) < 1.0).any():
+            raise ParameterError(
+                f"r: got {brief(r.tolist())}, expected regimes 0 to {K - 1}, or class weights of 0 and 1"
+            )
+        regime: FloatArray = number.astype(np.float64)
+        return regime
+
     def filter(  # type: ignore[override]
         self,
         zs: ManyNumbers,
         r: ArrayLike,
+        us: Any = None,
         *,
         keep_nodes: bool = False,
         resume: bool = False,
@@ -246,8 +283,11 @@ class KnownSwitchFilter(SwitchingFilter):
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1.
         r : array_like, shape (n,)
-            Values of the switch.  Between more than two classes, class weights (n, K) or numbers of
-            classes (n,).
+            Values of the switch, or class weights (n, K).  Of a fuzzy switch between more than two classes
+            these, or numbers of classes (n,).
+        us : array_like, shape (n, k), optional
+            Controls of a state-space model: ``us[n]`` moves to observation n, ``us[0]`` is not used, unless
+            the filter resumes.
         keep_nodes, resume : bool
             As in `SwitchingFilter.filter`.
 
@@ -263,19 +303,21 @@ class KnownSwitchFilter(SwitchingFilter):
         keep_nodes, resume = as_flag("keep_nodes", keep_nodes), as_flag("resume", resume)
         if resume:
             self._check_next(index_of(zs))
-        ys, path = self._read(zs, r, resume)
-        r = path.r[len(path.r) - len(ys) :]
+        ys, path = self._read(zs, r, us, resume)
+        told: FloatArray = path.r[len(path.r) - len(ys) :]
         if self._is_plain():
             stand = self._stand() if resume else None
             trajectory = self._method.run(path, ys, FOUND, states=keep_nodes, stand=stand)
             if len(ys) or not resume:
                 self._adopt_path(trajectory, ys, path, stand)
         else:
-            trajectory, _ = self._by_verbs(ys, r, states=keep_nodes, resume=resume)
+            controls = [] if us is None else [path.us[len(path.r) - len(ys) :]]
+            moves = list(zip(told, *controls, strict=True))
+            trajectory, _ = self._by_verbs(ys, moves, states=keep_nodes, resume=resume)
         self._follow(index_of(zs))
         warn_of_steps(index_of(zs))
         result = result_of(path.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))
-        return self._told(result, r).with_coords(zs)
+        return self._told(result, told).with_coords(zs)
 
     def smooth(  # type: ignore[override]
         self, zs: ManyNumbers, r: ArrayLike, *, keep_nodes: bool = False
@@ -299,7 +341,7 @@ class KnownSwitchFilter(SwitchingFilter):
             self._adopt_path(trajectory, ys, path)
         else:
             with self._as_it_was_on_error():
-                walked, ys = self._by_verbs(ys, path.r)
+                walked, ys = self._by_verbs(ys, [(one,) for one in path.r])
                 trajectory = self._method.run(path, ys, FOUND, states=True)
                 check_explained(type(self).__name__, walked, trajectory)
                 smoothed = self._method.smooth(path, trajectory, ys)
@@ -314,6 +356,7 @@ class KnownSwitchFilter(SwitchingFilter):
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
         *,
         r: ManySeriesLike | str | Sequence[str] = None,
+        us: Any = None,
         by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
@@ -328,6 +371,8 @@ class KnownSwitchFilter(SwitchingFilter):
             fuzzy switch between more than two classes, numbers of classes, or class weights
             (series, n, K), which several components of an observation could be; with ``by`` the names
             of their columns.
+        us : array_like, DataFrame, list, tuple or mapping, optional
+            Controls of a state-space model: of shape (n, k) for all series, or for each its own.
         resume : bool
             As in `filter`.
 
@@ -338,10 +383,13 @@ class KnownSwitchFilter(SwitchingFilter):
         names = check_keep(keep, SHOWN)
         many, switches = self._read_many_and_switches(zs, r, by)
         given: dict[str, Any] = {"resume": True} if as_flag("resume", resume) else {}
+        told = Inputs(read_controls_of_many(us, many, self._system, not (resume and self._n)))
 
         def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
             paths = switches[rows][:, : series.shape[1]]
-            return stacked(self._filter_each(series, [{"r": path, **given} for path in paths]), names)
+            each = told.rows(rows, series.shape[1]).arguments(len(series))
+            arguments = [{"r": path, **given, **one} for path, one in zip(paths, each, strict=True)]
+            return stacked(self._filter_each(series, arguments), names)
 
         return many.filtered(several, self._no_nodes())
 
@@ -389,32 +437,42 @@ class KnownSwitchFilter(SwitchingFilter):
         """Return what results have for nodes: none that stays, but class weights (1, K) show their shape."""
         return np.full((1, self.model.n_classes), np.nan) if self._takes_weights else None
 
-    def _read(self, zs: ManyNumbers, r: ArrayLike, resume: bool = False) -> tuple[FloatArray, KnownPath]:
+    def _read(
+        self, zs: ManyNumbers, r: ArrayLike, us: Any = None, resume: bool = False
+    ) -> tuple[FloatArray, Any]:
         """Return observations and path of the switch, which begins where the filter is if it resumes."""
         zs = self._named(zs)
-        check_aligned(zs=zs, r=r)
+        check_aligned(zs=zs, r=r, us=us)
         ys = as_observations(zs, self.dim_z)
-        switches = _as_switches(r)
+        switches = self._of_weights(_as_switches(r), 2)
         switches = self.model.class_weights(switches) if self._takes_weights else switches.reshape(-1)
         if len(switches) != len(ys):
             raise ShapeError(f"r: got {len(switches)} values, expected {len(ys)}, one per observation")
-        if not resume:
-            return ys, self.model.along(switches)
-        if self._n == 0:
-            if len(switches) and not _may_be(switches[0], self._r_next):
+        begins = not resume or self._n == 0
+        controls = read_controls(us, len(ys), self._system, begins)
+        if begins:
+            if resume and len(switches) and not _may_be(switches[0], self._r_next):
                 raise ParameterError(_GIVEN_ONCE.format(switches[0], self._r_next))
-            return ys, self.model.along(switches)
+            path: Any = self.model.along(switches)
+            return ys, path if controls is None else path.driven(controls[0])
         if self._predicted and self._r_next is None:
             raise ParameterError(_NEVER_GIVEN)
         begin = [self._r] if self._r_next is None else [self._r, self._r_next]
-        return ys, self.model.along(np.concatenate([begin, switches]), start=self._n - 1)
+        path = self.model.along(np.concatenate([begin, switches]), start=self._n - 1)
+        if controls is None and self._u_next is None:
+            return ys, path
+        moves = np.zeros((len(path.r), self._system.dim_u))
+        if self._u_next is not None:
+            moves[1] = self._u_next
+        moves[len(begin) :] = 0.0 if controls is None else controls[0]
+        return ys, path.driven(moves)
 
     def _stand(self) -> Stand | None:
         stand = super()._stand()
         return None if stand is None else replace(stand, origin=stand.n - 1)
 
     def _adopt_path(
-        self, trajectory: Trajectory, ys: FloatArray, path: KnownPath, stand: Stand | None = None
+        self, trajectory: Trajectory, ys: FloatArray, path: Any, stand: Stand | None = None
     ) -> None:
         self._adopt(trajectory, ys, stand)
         if len(ys):

@@ -295,7 +295,7 @@ class SwitchingKalmanFilter(SavedFilter):
                 if len(ys):
                     self._R, self._H = (None if a is None else a[-1, -1] for a in (inputs.Rs, inputs.Hs))
         else:
-            moves = None if inputs.us is None else inputs.us[0]
+            moves = None if inputs.us is None else [(u,) for u in inputs.us[0]]
             looks = [{k: a[n] for k, a in (("R", Rs), ("H", Hs)) if a is not None} for n in range(len(ys))]
             trajectory, _ = self._by_verbs(ys, moves, looks, states=keep_nodes, resume=resume)
         if sequel is not None:  # the count of observations goes on as well
@@ -348,8 +348,7 @@ class SwitchingKalmanFilter(SavedFilter):
             if self._is_plain() or not s:
                 return self._method.run_many(self._driven(inputs, stand, n), series, names, threads, stand)
             looks = {name: a[:n] for name, a in (("Rs", Rs), ("Hs", Hs)) if a is not None}
-            us = [None] * s if inputs.us is None else np.broadcast_to(inputs.us, (s, *inputs.us.shape[1:]))
-            each = [looks | ({} if u is None else {"us": u}) | {"resume": resume} for u in us]
+            each = [looks | one | {"resume": resume} for one in inputs.arguments(s)]
             return stacked(self._filter_each(series, each), names)
 
         return many.filtered(several, self.nodes)

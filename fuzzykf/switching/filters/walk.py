@@ -23,7 +23,7 @@ def walk(
     system: SwitchingSystem,
     ys: FloatArray,
     states: bool,
-    moves: Sequence[Any] | FloatArray | None = None,
+    moves: Sequence[tuple[Any, ...]] | None = None,
     looks: Sequence[dict[str, Any]] | None = None,
 ) -> tuple[Trajectory, FloatArray]:
     """Filter a series by the verbs, which somebody has changed.
@@ -36,7 +36,7 @@ def walk(
     ys : ndarray, shape (n, dim_z)
     states : bool
         Whether the states of the nodes are wanted as well.
-    moves : sequence of n, optional
+    moves : sequence of n tuples, optional
         What `predict` is given.
     looks : sequence of n dicts, optional
         What `update` is given besides the observation.
@@ -49,7 +49,7 @@ def walk(
     """
     out, taken = allocate(system, (1, len(ys)), FOUND, states), np.empty_like(ys)
     for n, y in enumerate(ys):
-        f.predict(*(() if moves is None else (moves[n],)))
+        f.predict(*(() if moves is None else moves[n]))
         f.update(y, **(looks[n] if looks else {}))
         for name in FOUND:
             value = f._switch_key if name == "switch" else getattr(f, name)

@@ -152,29 +152,27 @@ class OnNodes(Method):
         stand: Stand | None,
     ) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
         """Filter series (s, n, q) and return fields (s, n, ...), and the states before and after the last."""
-        s, given = len(series), series.shape[1]
-        lead = 0
-        if stand is not None and stand.skips:  # the observation of the time in between is missing
-            lead = 1
-            series = np.concatenate([np.full((s, 1, series.shape[2]), np.nan), series], axis=1)
+        if not (len(series) and series.shape[1]):  # nothing to begin with, and no way of a known switch
+            return allocate(cast("Any", system), series.shape[:2], names, states), _NONE, _NONE
+        lead = 0 if stand is None else int(stand.skips)
+        if lead:  # the observation of the time in between is missing
+            series = np.concatenate([np.full_like(series[:, :1], np.nan), series], axis=1)
         out = allocate(cast("Any", system), series.shape[:2], names, states)
         begin = system.initial().table if stand is None else stand.mixture.table
-        table = np.repeat(begin[None], s, axis=0)
-        before = last = table
+        table = np.repeat(begin[None], len(series), axis=0)
         chain = system.chain
-        if s and given:
-            start = 0 if stand is None else stand.n - stand.origin
-            space = engine.NodeSpace(*system.steps(start, series.shape[1]))
-            with np.errstate(divide="ignore"):
-                log_transition = np.log(chain.transition)
-            switch = chain.keys, chain.weights, chain.atoms, chain.ranking
-            arguments = space, log_transition, self.every_pair, table, stand is None, series, out, switch
-            try:
-                before, last = engine.filter_nodes(*arguments)
-            except np.linalg.LinAlgError as error:
-                self._walk(system, series, stand)  # says which node it is
-                raise _SINGULAR from error
-            _check_range(out, last, series)
+        start = 0 if stand is None else stand.n - stand.origin
+        space = engine.NodeSpace(*system.steps(start, series.shape[1]))
+        with np.errstate(divide="ignore"):
+            log_transition = np.log(chain.transition)
+        switch = chain.keys, chain.weights, chain.atoms, chain.ranking
+        arguments = space, log_transition, self.every_pair, table, stand is None, series, out, switch
+        try:
+            before, last = engine.filter_nodes(*arguments)
+        except np.linalg.LinAlgError as error:
+            self._walk(system, series, stand)  # says which node it is
+            raise _SINGULAR from error
+        _check_range(out, last, series)
         return {name: values[:, lead:] for name, values in out.items()}, before, last
 
     def _walk(self, system: NodeSystem, series: FloatArray, stand: Stand | None) -> None:
@@ -187,6 +185,8 @@ class OnNodes(Method):
                 else:
                     mixture, _ = self.advance(system.pair_tables(k - 1), mixture, y, 0)
 
+
+_NONE = np.empty(0)
 
 _SINGULAR = NotPositiveDefiniteError(
     "S = H P H' + R: expected a positive definite matrix, got one that is not (to rounding error)"

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from fuzzykf.errors import NotStableError, ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, check_covariance, semidefinite_root
-from fuzzykf.io import Document
+from fuzzykf.gaussian import as_array, check_covariance, semidefinite_root, square
 from fuzzykf.reprs import shown
 from fuzzykf.results import Simulation
 from fuzzykf.switching.laws.chain import SUM_TOLERANCE, SwitchChain, stationary_distribution
 from fuzzykf.switching.state_space import conversion
 from fuzzykf.switching.state_space.conversion import StateSpace
+from fuzzykf.switching.state_space.model import SwitchingStateSpace
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 __all__ = ["CGLSSM"]
 
 
-class CGLSSM(Document):
+class CGLSSM(SwitchingStateSpace):
     """Conditionally Gaussian linear state-space model: a linear system whose regime is a Markov chain.
+
+    It is the hard `SwitchingStateSpace` without offsets, in the notation of the papers.
 
     With j the regime of the new time,
 
@@ -114,13 +116,13 @@ class CGLSSM(Document):
             name = "A" if m == 0 else "B"
             raise ShapeError(f"{name}: got no components, expected at least one state and one observation")
         self.space = StateSpace(state, seen, as_array("C", C, (K, m, None)), as_array("D", D, (K, q, None)))
-        self.n_classes, self.dim_x, self.dim_z = K, m, q
         if initial_covariance is None:
-            self.initial_covariance = self._default_covariance()
+            covariance = self._default_covariance()
         else:
-            self.initial_covariance = check_covariance("initial_covariance", initial_covariance, (K, m, m))
-        for array in (*self.space, self.initial_covariance):
-            array.flags.writeable = False
+            covariance = check_covariance("initial_covariance", initial_covariance, (K, m, m))
+        self.initial_covariance = covariance
+        noise = square(self.space.C), square(self.space.D)
+        super().__init__(self.chain, state, seen, *noise, x0=np.zeros(m), P0=covariance)
 
     @property
     def transition(self) -> FloatArray:
@@ -238,7 +240,7 @@ class CGLSSM(Document):
 
     # ------------------------------------------------------------------ simulation
 
-    def simulate(self, n: int, rng: np.random.Generator) -> Simulation:
+    def simulate(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> Simulation:
         """Draw a series of regimes, states and observations.
 
         Parameters
@@ -246,6 +248,8 @@ class CGLSSM(Document):
         n : int
             Number of observations.
         rng : numpy.random.Generator
+        n_nodes : int, optional
+            For models whose switch has values between the regimes.
 
         Returns
         -------
@@ -272,19 +276,13 @@ class CGLSSM(Document):
             **{name: getattr(self, name).tolist() for name in "ABCD"},
             "initial_probability": self.initial_probability.tolist(),
             "initial_covariance": self.initial_covariance.tolist(),
-        }
+        } | self._labels_to_dict()
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Make a model from what `to_dict` returned."""
         names = ("transition", *"ABCD", "initial_probability", "initial_covariance")
-        return cls(**{name: values[name] for name in names})
-
-    def __copy__(self) -> Self:
-        return self
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self
+        return cls(**{name: values[name] for name in names})._labelled_from(values)
 
     @shown
     def __repr__(self) -> str:

@@ -239,6 +239,11 @@ class SwitchingStateSpace(SwitchingModel):
             return float(self.law.initial[self.law.atoms].sum())
         return self.law.p_hard
 
+    @property
+    def takes_weights(self) -> bool:
+        """Whether values of the switch are class weights, as those of its nodes are."""
+        return self.form.chain.nodes.ndim == 2
+
     def describe_switch(self) -> str:
         """Say in words how the switch moves."""
         if isinstance(self.law, SwitchChain):

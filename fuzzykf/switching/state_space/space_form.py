@@ -40,6 +40,7 @@ class StateSpaceForm(Dynamics):
     """
 
     kind = "state_space"
+    known_method = "imm"  # of one node, which is the Kalman filter
 
     def __init__(
         self,

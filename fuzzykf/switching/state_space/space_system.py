@@ -164,11 +164,17 @@ class SpacePath(KnownPath):
         Shares of the classes at each observation.
     r : ndarray, shape (n,) or (n, K)
         Values of the switch.
+    us : ndarray, shape (n, k), optional
+        The control that leads to each.
     """
 
-    def __init__(self, form: _Form, shares: FloatArray, r: FloatArray) -> None:
+    def __init__(self, form: _Form, shares: FloatArray, r: FloatArray, us: FloatArray | None = None) -> None:
         super().__init__(form.dim_x, form.dim_z, r, order=0)
-        self.form, self.shares = form, shares
+        self.form, self.shares, self.us, self.dim_u = form, shares, us, form.dim_u
+
+    def driven(self, us: FloatArray) -> SpacePath:
+        """Return the same path with controls (n, k)."""
+        return SpacePath(self.form, self.shares, self.r, us)
 
     def initial(self) -> NodeLaw:
         """Return the law of Z_1 at the first value of the switch."""
@@ -178,10 +184,13 @@ class SpacePath(KnownPath):
 
     def pair_tables(self, n: int) -> NodeTables:  # type: ignore[override]
         """Return the tables of the step from the ``n``-th value of the path to the next."""
-        u = self.shares[n + 1, None]
-        return NodeTables(np.ones((1, 1)), **{name: self.form.at(name, u) for name in NAMES})
+        return NodeTables(np.ones((1, 1)), *(one[0, 0] for one in self.steps(n + 1, 1)))
 
     def steps(self, start: int, n: int) -> tuple[FloatArray, ...]:
         """Return F, b, Q, H, d and R of the steps to values start, ..., start + n - 1, (1, n, 1, ...)."""
-        u = self.shares[start : start + n]
-        return tuple(self.form.at(name, u)[None, :, None] for name in NAMES)
+        part = slice(start, start + n)
+        u = self.shares[part]
+        F, b, *rest = (self.form.at(name, u) for name in NAMES)
+        if self.us is not None:
+            b = b + (self.form.at("B", u) @ self.us[part, :, None])[..., 0]
+        return tuple(one[None, :, None] for one in (F, b, *rest))

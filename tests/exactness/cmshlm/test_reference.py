@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fuzzykf import CGOMSMFilter, CGOMSModel, KnownSwitchFilter
+from fuzzykf import CGLSSM, CGOMSMFilter, CGOMSModel, KnownSwitchFilter, SwitchingKalmanFilter
 
 CASES = json.loads((Path(__file__).parents[2] / "data" / "cmshlm.json").read_text())["cases"]
 
@@ -52,6 +52,27 @@ def test_filter_with_known_regimes_of_a_reference_case(case):
     expected = case["expected_known_switches"]
     for got, name in ((result.x, "mean"), (result.P, "cov"), (result.log_likelihood, "loglik_step")):
         np.testing.assert_allclose(got, expected[name], rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "case", [case for case in CASES if "reference_model1" in case], ids=lambda case: case["name"]
+)
+@pytest.mark.parametrize("method", ["imm", "gpb2", "kf_known_switches"])
+def test_filters_of_the_state_space_model_itself(case, method):
+    model = CGLSSM(
+        *(case[name] for name in ("trans", "A", "B", "C", "D")),
+        initial_probability=case["p0"],
+        initial_covariance=case["GX0"],
+    )
+    ys, expected = np.array(case["y"]), case["reference_model1"][method]
+    if method == "kf_known_switches":
+        result = KnownSwitchFilter(model).filter(ys, case["r_known"])
+        np.testing.assert_allclose(result.P, expected["cov"], rtol=1e-9, atol=1e-12)
+    else:
+        result = SwitchingKalmanFilter(model, method=method).filter(ys)
+        np.testing.assert_allclose(result.mu, expected["prob"], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(result.x, expected["mean"], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(result.log_likelihood, expected["loglik_step"], rtol=1e-9)
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"])
