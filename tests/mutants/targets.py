@@ -88,6 +88,13 @@ STATE_SPACE = (
     "switching/state_space/test_converted.py",
     "switching/state_space/test_closeness.py",
 )
+ON_NODES = (
+    "engine/numpy/test_nodes.py",
+    "exactness/test_state_space.py",
+    "switching/filters/test_switching_kalman.py",
+    "switching/filters/test_known_switch.py",
+    "switching/state_space/test_model.py",
+)
 CLOSED = ("possibility/test_closed_form.py", "possibility/test_norms.py", "possibility/memberships")
 KALMAN = (
     "kalman/test_fields.py",
@@ -180,6 +187,12 @@ TARGETS = (
     Target(SPACE + "converted.py", 3, STATE_SPACE),
     Target(SPACE + "closeness.py", 3, STATE_SPACE[::-1]),
     Target(SPACE + "cglssm.py", 3, STATE_SPACE),
+    Target(SPACE + "space_form.py", 3, ON_NODES[::-1]),
+    Target(SPACE + "space_system.py", 3, ON_NODES[1:]),
+    Target(SPACE + "parameters.py", 2, ON_NODES[::-1]),
+    Target(SPACE + "stationary.py", 4, ON_NODES[::-1]),
+    Target(ENGINE + "nodes.py", 10, ON_NODES),
+    Target(INFERENCE + "on_nodes.py", 5, ON_NODES[1:]),
     Target("possibility/closed_form.py", 5, CLOSED),
     Target("possibility/norms.py", 6, CLOSED[1:] + CLOSED[:1]),
     Target("possibility/memberships/elliptical.py", 4, CLOSED[::-1]),

@@ -12,6 +12,7 @@ from fuzzykf import (
     CGOMSModel,
     DailyProfile,
     ExtendedKalmanFilter,
+    FadeLaw,
     Filter,
     FilterResult,
     FuzzyRelationEstimator,
@@ -20,6 +21,8 @@ from fuzzykf import (
     KnownSwitchFilter,
     OFSRFilter,
     Standardizer,
+    SwitchingKalmanFilter,
+    SwitchingStateSpace,
 )
 from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
 
@@ -112,6 +115,20 @@ def results(
     assert_type(known.filter([1.0], [0.5], resume=True), FilterResult)
     assert_type(est.filter([1.0], resume=True), FilterResult)
     assert_type(own.filter_many([[1.0]], resume=True), FilterResult)
+
+
+def state_space(column: pd.Series[float], law: FadeLaw, kf: KalmanFilter) -> None:
+    """Make a state-space model in every form, and filter with it."""
+    SwitchingStateSpace([[0.9, 0.1], [0.2, 0.8]], F=0.9, H=[[[1.0]], [[0.3]]], Q=np.eye(1), R=1)
+    SwitchingStateSpace(law, lambda w: np.eye(2) * w[0], np.eye(2), np.eye(2), 1.0, initial=[1, 0], mix="log")
+    SwitchingStateSpace(law.discretize(3), F=0.9, H=1, Q=1, R=1, b=[1.0], B=[[1.0]], x0=[0.0], P0=1.0)
+    f = SwitchingKalmanFilter(SwitchingStateSpace.from_filters([kf, kf], law), method="gpb2", n_nodes=3)
+    f.predict([1.0])
+    f.update([1.0, None], R=2.0, H=lambda w: np.eye(2))
+    assert_type(f.step(1.0, 2.0, R=np.eye(2)), FloatArray)
+    assert_type(f.filter(column, us=column, Rs=[None, 2.0]), FilterResult)
+    f.filter_many({"east": column}, ["x"], {"east": column}, threads=2)
+    f.forecast(2, us=[1.0, 2.0])
 
 
 class Gated(KalmanFilter):

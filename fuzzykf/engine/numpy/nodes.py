@@ -40,8 +40,8 @@ __all__ = [
 #: Numbers that the states of a chunk of observations, which are summarised at once, may hold.
 _NUMBERS = 1 << 18
 
-#: Numbers that the pairs of a block of series may hold.
-_BLOCK = 1 << 16
+#: Numbers that the pairs of nodes of a block of series may hold.
+_BLOCK = 1 << 20
 
 
 class NodeSpace(NamedTuple):
@@ -252,7 +252,7 @@ def filter_nodes(
     s, n, _ = ys.shape
     rows, M = table.shape[1:]
     pairs = _pairs_of(log_transition) if every_pair else None
-    size = max(1, _BLOCK // (rows * (M if pairs is None else len(pairs.after))))
+    size = max(1, _BLOCK // (rows * (M * M if pairs is None else len(pairs.after))))
     before, last = np.empty_like(table), np.empty_like(table)
     for a in range(0, s, size):
         block = slice(a, min(a + size, s))

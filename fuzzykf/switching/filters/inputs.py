@@ -9,7 +9,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_numbers, brief, check_covariance
-from fuzzykf.observations import index_of
+from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.switching.state_space.parameters import Parameter
 from fuzzykf.switching.state_space.space_system import DrivenSystem
 
@@ -137,8 +137,12 @@ def read_controls_of_many(us: Any, many: ManySeries, system: _Controlled, begins
     k, n = system.dim_u, many.values.shape[1]
     if k is None:
         raise ParameterError(f"us: got {brief(us)}, but the model has no B; expected None")
-    if not hasattr(us, "columns") and not isinstance(us, dict):
-        shape = np.shape(us) if all(np.ndim(u) == np.ndim(us[0]) for u in us) else ()
+    if index_of(us) is not None and not hasattr(us, "columns"):
+        own = many.index.to_series() if hasattr(many.index, "to_series") else None
+        check_aligned(zs=own, us=us)
+        return read_controls(us, n, system, begins)
+    if isinstance(us, np.ndarray) or (isinstance(us, list | tuple) and len({np.shape(u) for u in us}) == 1):
+        shape = np.shape(us)
         if shape in {(n, k), (n, k, 1)} or (k == 1 and shape == (n,)):
             return read_controls(us, n, system, begins)
     found = many.beside("us", us, k)

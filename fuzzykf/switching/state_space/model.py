@@ -204,9 +204,10 @@ class SwitchingStateSpace(SwitchingModel):
         else:
             chain = self.law.discretize(self._nodes(n_nodes), rule)
         if chain.is_signed:
+            got = "law: got a chain" if chain is self.law else f"rule: got {rule!r}"
             raise ParameterError(
-                f"rule: got {rule!r}, by which some transition probabilities are negative; expected 'cell' "
-                "(or another chain)"
+                f"{got}, by which some transition probabilities are negative; expected "
+                f"{'others' if chain is self.law else repr('cell')}"
             )
         if self.initial is None:
             return chain

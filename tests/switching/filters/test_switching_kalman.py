@@ -261,6 +261,8 @@ def test_series_of_any_length_have_controls_of_their_own():
         np.testing.assert_array_equal(found.x[k, :n], one.x)
         np.testing.assert_array_equal(found.log_likelihood[k, :n], one.log_likelihood)
         assert np.isnan(found.x[k, n:]).all()
+    shared = f.filter_many(np.stack([zs, zs]), us=pd.Series(us[1]))
+    np.testing.assert_array_equal(shared.x[0], f.filter(zs, us[1]).x)
     both = f.filter_many(np.stack([zs, zs]), us=us[:2, :, None])
     np.testing.assert_array_equal(both.x[1], f.filter(zs, us[1]).x)
 
@@ -458,6 +460,8 @@ def stepped(f=None):
             r"us: row 1 is \[nan",
         ),
         (lambda f: f.filter(1e200 + data()), NumericalRangeError, "observation: got"),
+        (lambda f: f.filter_many(data()[None], us=3.0), ShapeError, "us: got shape"),
+        (lambda f: f.filter_many(data()[None], us="on"), ShapeError, "us: "),
         (lambda f: f.filter_many(data()[None], threads=0), ParameterError, "threads: got 0"),
         (lambda f: f.filter_many(data()[None], keep="z"), ParameterError, "keep: got 'z'"),
         (lambda f: f.forecast(3, np.ones(2)), ShapeError, r"us: got shape \(2,\), expected \(3, 1\)"),
@@ -491,6 +495,11 @@ def test_calls_that_are_refused_leave_it_as_it_was(call, error, message, method)
             lambda: SwitchingKalmanFilter(made(SIGNED), n_nodes=8, rule="product"),
             ParameterError,
             "rule: got 'product', by which some transition probabilities are negative",
+        ),
+        (
+            lambda: made(SIGNED.discretize(8, "product")),
+            ParameterError,
+            "law: got a chain, by which some transition probabilities are negative; expected others",
         ),
         (lambda: filters(B=None).predict(1.0), ParameterError, "u: got 1.0, but the model has no B"),
         (lambda: filters(B=None).filter(data(), np.ones(12)), ParameterError, "us: got .* has no B"),
