@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fuzzykf.engine.numpy.imm import log_mixing, merge_modes, mix_modes, weigh_modes
+from fuzzykf.engine.numpy.imm import weigh_modes
 from fuzzykf.engine.numpy.outliers import QUIET
 from fuzzykf.engine.numpy.series import summarise
 from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
@@ -131,56 +131,9 @@ def node_step(
     numpy.linalg.LinAlgError
         As from `first_node_step`.
     """
-    if every_pair:
-        return _pair_step(space, log_transition, _pairs_of(log_transition), table, ys)
-    log_c, x, P = _predicted(space, log_transition, table)
-    _, _, _, H, d, R = space.take()
-    return _weighed(log_c, *_updated(x, P, ys, H, d, R, log_c > -np.inf), ys)
-
-
-def _pair_step(
-    space: NodeSpace, log_transition: FloatArray, pairs: _Pairs, table: FloatArray, ys: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Update every pair that is possible, and merge those that end in one node."""
-    log_p, x, P = _unpacked(table)
-    i, j, begins = pairs
-    log_joint = log_p[:, i] + log_transition[i, j]
-    F, b, Q, H, d, R = space.take(j)
-    possible = log_joint > -np.inf
-    x, P, log_density = _updated(*_moved(x[:, i], P[:, i], F, b, Q), ys, H, d, R, possible)
-    best = np.maximum.reduceat(np.where(possible, log_density, -np.inf), begins, axis=1)
-    best = np.where(np.isneginf(best), 0.0, best)
-    within = log_joint + (log_density - best[:, j])
-    top = np.maximum.reduceat(within, begins, axis=1)
-    there = ~np.isneginf(top)
-    floor = np.where(there, top, 0.0)
-    share = np.exp(within - floor[:, j])
-    total = np.add.reduceat(share, begins, axis=1)
-    # a node that no path reaches takes over its first pair, whatever that is
-    first = np.zeros_like(share)
-    first[:, begins] = 1.0
-    share = np.where(there[:, j], share / np.where(there, total, 1.0)[:, j], first)
-    with np.errstate(divide="ignore"):
-        column = np.log(total) + floor
-    merged = _merged_pairs(share, x, P, pairs)
-    return _weighed(np.where(there, column, -np.inf), *merged, best, ys)
-
-
-def _merged_pairs(
-    share: FloatArray, x: FloatArray, P: FloatArray, pairs: _Pairs
-) -> tuple[FloatArray, FloatArray]:
-    """Mean (s, M, m) and covariance of the pairs that end in each node, by central moments."""
-    _, j, begins = pairs
-    # from the likeliest on: what all have in common then cancels to the last bit, however large
-    likeliest = share >= np.maximum.reduceat(share, begins, axis=1)[:, j]
-    number = np.where(likeliest, np.arange(len(j)), len(j))
-    reference = np.minimum(np.minimum.reduceat(number, begins, axis=1), len(j) - 1)  # where all is NaN
-    centre = np.take_along_axis(x, reference[..., None], axis=1)
-    off = x - centre[:, j]
-    beyond = np.add.reduceat(share[..., None] * off, begins, axis=1)
-    off -= beyond[:, j]
-    spread = P + off[..., :, None] * off[..., None, :]
-    return centre + beyond, np.add.reduceat(share[..., None, None] * spread, begins, axis=1)
+    pairs = _pairs_of(log_transition)
+    predicted = _predicted(space, log_transition, pairs, every_pair, table)
+    return _seen(space, pairs, every_pair, predicted, ys)
 
 
 @QUIET
@@ -200,7 +153,7 @@ def before_node_step(
     x, P : ndarray, shapes (s, M, m) and (s, M, m, m)
         Given each node.
     """
-    log_c, x, P = _predicted(space, log_transition, table)
+    log_c, x, P = _predicted(space, log_transition, _pairs_of(log_transition), False, table)
     return np.exp(log_c), x, P
 
 
@@ -251,8 +204,8 @@ def filter_nodes(
     """
     s, n, _ = ys.shape
     rows, M = table.shape[1:]
-    pairs = _pairs_of(log_transition) if every_pair else None
-    size = max(1, _BLOCK // (rows * (M * M if pairs is None else len(pairs.after))))
+    pairs = _pairs_of(log_transition)
+    size = max(1, _BLOCK // (rows * len(pairs.after)))
     before, last = np.empty_like(table), np.empty_like(table)
     for a in range(0, s, size):
         block = slice(a, min(a + size, s))
@@ -266,14 +219,13 @@ def filter_nodes(
             for k in range(start, stop):
                 here, y = space.at(k, block), ys[block, k]
                 before[block] = now
-                is_first = begins and k == 0
-                _store_prior(part, k, here, log_transition, now, is_first)
-                if is_first:
+                if begins and k == 0:
+                    _store_prior(part, k, _unpacked(now))
                     now, found = first_node_step(here, now, y)
-                elif pairs is None:
-                    now, found = node_step(here, log_transition, False, now, y)
                 else:
-                    now, found = _pair_step(here, log_transition, pairs, now, y)
+                    predicted = _predicted(here, log_transition, pairs, every_pair, now)
+                    _store_prior(part, k, predicted)
+                    now, found = _seen(here, pairs, every_pair, predicted, y)
                 tables[:, k - start], log_likelihood[:, k - start] = now, found
             summarise(part, slice(start, stop), tables, None, log_likelihood, switch)
         last[block] = now
@@ -281,20 +233,17 @@ def filter_nodes(
 
 
 def _store_prior(
-    out: dict[str, FloatArray],
-    k: int,
-    space: NodeSpace,
-    log_transition: FloatArray,
-    table: FloatArray,
-    is_first: bool,
+    out: dict[str, FloatArray], k: int, predicted: tuple[FloatArray, FloatArray, FloatArray]
 ) -> None:
     """Fill in the moments of the state before observation ``k``."""
     if "x_prior" not in out and "P_prior" not in out:
         return
-    log_c, x, P = _unpacked(table) if is_first else _predicted(space, log_transition, table)
-    for name, moment in zip(("x_prior", "P_prior"), merge_modes(np.exp(log_c), x, P), strict=True):
+    log_w, x, P = predicted
+    one = np.zeros(log_w.shape[1], dtype=np.intp)
+    moments = _merged(np.exp(log_w), x, P, _Pairs(one, one, one[:1]))
+    for name, moment in zip(("x_prior", "P_prior"), moments, strict=True):
         if name in out:
-            out[name][:, k] = moment if name == "x_prior" else symmetrize(moment)
+            out[name][:, k] = moment[:, 0]
 
 
 # --------------------------------------------------------------------------- parts of a step
@@ -317,13 +266,76 @@ def _moved(
 
 
 def _predicted(
-    space: NodeSpace, log_transition: FloatArray, table: FloatArray
+    space: NodeSpace, log_transition: FloatArray, pairs: _Pairs, every_pair: bool, table: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Merge what leads to each node, and move it: log-probabilities, means and covariances."""
+    """Move states (GPB2: of every pair) to the next time; log-probabilities, means and covariances there.
+
+    What leads to one node is merged before it moves (IMM), or not at all yet (GPB2).
+    """
     log_p, x, P = _unpacked(table)
-    _, log_c, share = log_mixing(log_p, log_transition)
-    F, b, Q, *_ = space.take()
-    return log_c, *_moved(*mix_modes(share, x, P), F, b, Q)
+    i, j, _ = pairs
+    log_w, x, P = log_p[:, i] + log_transition[i, j], x[:, i], P[:, i]
+    if not every_pair:
+        log_w, share = _shares(log_w, pairs)
+        x, P = _merged(share, x, P, pairs)
+    F, b, Q, *_ = space.take(j if every_pair else slice(None))
+    return log_w, *_moved(x, P, F, b, Q)
+
+
+def _seen(
+    space: NodeSpace,
+    pairs: _Pairs,
+    every_pair: bool,
+    predicted: tuple[FloatArray, FloatArray, FloatArray],
+    ys: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Take observations (s, q) into account, and merge the pairs that end in one node (GPB2)."""
+    log_w, x, P = predicted
+    j = pairs.after
+    _, _, _, H, d, R = space.take(j if every_pair else slice(None))
+    possible = log_w > -np.inf
+    x, P, log_density = _updated(x, P, ys, H, d, R, possible)
+    if every_pair:
+        best = np.maximum.reduceat(np.where(possible, log_density, -np.inf), pairs.begins, axis=1)
+        best = np.where(np.isneginf(best), 0.0, best)
+        log_w, share = _shares(log_w + (log_density - best[:, j]), pairs)
+        x, P = _merged(share, x, P, pairs)
+        log_density = best
+    return _weighed(log_w, x, P, log_density, ys)
+
+
+def _shares(log_w: FloatArray, pairs: _Pairs) -> tuple[FloatArray, FloatArray]:
+    """Logarithms of the sums of weights (s, N) that end in each node, (s, M), and their shares in these.
+
+    A node that no path reaches takes over its first pair, whatever that is.
+    """
+    _, j, begins = pairs
+    top = np.maximum.reduceat(log_w, begins, axis=1)
+    there = ~np.isneginf(top)
+    floor = np.where(there, top, 0.0)
+    share = np.exp(log_w - floor[:, j])
+    total = np.add.reduceat(share, begins, axis=1)
+    if there.all():
+        return np.log(total) + floor, share / total[:, j]
+    first = np.zeros_like(share)
+    first[:, begins] = 1.0
+    share = np.where(there[:, j], share / np.where(there, total, 1.0)[:, j], first)
+    return np.where(there, np.log(np.where(there, total, 1.0)) + floor, -np.inf), share
+
+
+def _merged(share: FloatArray, x: FloatArray, P: FloatArray, pairs: _Pairs) -> tuple[FloatArray, FloatArray]:
+    """Mean (s, M, m) and covariance of the pairs that end in each node, by central moments."""
+    _, j, begins = pairs
+    # from the likeliest on: what all have in common then cancels to the last bit, however large
+    likeliest = share >= np.maximum.reduceat(share, begins, axis=1)[:, j]
+    number = np.where(likeliest, np.arange(len(j)), len(j))
+    reference = np.minimum(np.minimum.reduceat(number, begins, axis=1), len(j) - 1)  # where all is NaN
+    centre = np.take_along_axis(x, reference[..., None], axis=1)
+    off = x - centre[:, j]
+    beyond = np.add.reduceat(share[..., None] * off, begins, axis=1)
+    off -= beyond[:, j]
+    spread = P + off[..., :, None] * off[..., None, :]
+    return centre + beyond, np.add.reduceat(share[..., None, None] * spread, begins, axis=1)
 
 
 def _updated(

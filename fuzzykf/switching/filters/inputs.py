@@ -102,8 +102,9 @@ def read_seen(name: str, given: Any, system: SpaceSystem, mix: str) -> FloatArra
         return None
     q, chain = system.dim_z, system.chain
     is_noise = name.startswith("R")
-    if is_noise and not callable(given) and np.ndim(given) == 0:
-        given = as_numbers(name, given) * np.eye(q)
+    if is_noise and not callable(given):
+        given = as_numbers(name, given)
+        given = given * np.eye(q) if given.ndim == 0 else given
     shape = (q, q) if is_noise else (q, system.dim_x)
     parameter = Parameter(name, given, chain.n_classes, shape, mix if is_noise else None)
     return parameter.at(chain.class_weights)
@@ -175,7 +176,8 @@ def read_each(name: str, given: Any, n: int, system: SpaceSystem, mix: str) -> F
     if given is None:
         return None
     listed = isinstance(given, Sequence) or (hasattr(given, "__len__") and hasattr(given, "__array__"))
-    if not listed or isinstance(given, str | bytes) or np.shape(given) == () or len(given) != n:
+    listed = listed and not isinstance(given, str | bytes) and getattr(given, "ndim", 1) > 0
+    if not listed or len(given) != n:
         got = brief(given) if not listed else f"{len(given)} values"
         raise ShapeError(f"{name}: got {got}, expected one for each of the {n} observations")
     M, one = len(system.chain), name[0]

@@ -227,7 +227,7 @@ def _singular(p: FloatArray, covariance: FloatArray, y: FloatArray) -> NotPositi
     covariance : ndarray, shape (M, m + q, m + q)
         Of (X, Y) given each.
     """
-    seen = np.flatnonzero(~np.isnan(y)) + covariance.shape[-1] - y.size
+    seen = np.flatnonzero(~np.isnan(y)) - y.size  # from the end, where Y stands
     try:
         check_definite(
             covariance[:, seen[:, None], seen],

@@ -182,7 +182,8 @@ def test_series_side_by_side_and_in_parts_are_each_alone_to_the_bit(method):
             np.testing.assert_array_equal(values[one], parts, err_msg=name)
         np.testing.assert_array_equal(ends, (before[one], last[one]))
     assert not any(np.isnan(values).any() for values in whole.values())
-    np.testing.assert_array_equal(whole["P"], np.swapaxes(whole["P"], -1, -2))
+    for name in ("P", "P_prior"):
+        np.testing.assert_array_equal(whole[name], np.swapaxes(whole[name], -1, -2))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -232,6 +233,17 @@ def test_what_no_path_reaches_keeps_no_mass_and_is_asked_for_no_density(method):
     table = states(rng, p=[0.0, 0.5, 0.5])
     with pytest.raises(np.linalg.LinAlgError):
         node_step(parameters, log(T), METHODS[method], table, np.array([[0.1, 0.2]]))
+
+
+def test_pairs_that_cannot_be_cost_nothing():
+    from fuzzykf.engine.numpy.nodes import _pairs_of
+
+    unreached = np.array([[0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [1.0, 0.0, 0.0]])
+    for transition, expected in ((T, 6), (unreached, 6)):  # of nine; the last node then stays alone
+        pairs = _pairs_of(log(transition))
+        assert len(pairs.after) == expected
+        assert pairs.after[pairs.begins].tolist() == [0, 1, 2]
+    assert (pairs.before[-1], pairs.after[-1]) == (2, 2)
 
 
 def test_a_scalar_observation_without_spread_is_refused_as_others_are():

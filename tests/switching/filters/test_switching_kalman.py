@@ -411,6 +411,11 @@ def stepped(f=None):
             ShapeError,
             r"R: got shape \(3, 3\), expected \(2, 2\)",
         ),
+        (
+            lambda f: f.update([1.0, 2.0], R=[[1.0], [1.0, 2.0]]),
+            ShapeError,
+            "R: expected an array of numbers",
+        ),
         (lambda f: f.update([1.0, 2.0], R="one"), ShapeError, "R: expected an array of numbers"),
         (
             lambda f: f.update([1.0, 2.0], H=np.eye(2)[0]),
@@ -451,6 +456,20 @@ def stepped(f=None):
             lambda f: f.filter(data(), Hs=[np.zeros((2, 2))] * 12, Rs=[0.0] * 12),
             NotPositiveDefiniteError,
             "at the node 0",
+        ),
+        (
+            lambda f: f.filter(
+                data(), Hs=[None] * 7 + [np.zeros((2, 2))] + [None] * 4, Rs=[None] * 7 + [0.0] * 5
+            ),
+            NotPositiveDefiniteError,
+            "at the node 0",
+        ),
+        (
+            lambda f: f.filter(
+                data(), Hs=[None] * 6 + [[[1, 1], [0, 0]]] + [None] * 5, Rs=[None] * 6 + [0.0] * 6
+            ),
+            NotPositiveDefiniteError,
+            "at the node 0: .*the eigenvalue 0",  # of what is there of it: the first component is missing
         ),
         (lambda f: f.filter([*data(), [1e200, 0.0]]), NumericalRangeError, "observation: got"),
         (lambda f: f.filter_many(data()[None], us=np.ones((2, 12))), ShapeError, "us: got 2 series of 12"),
