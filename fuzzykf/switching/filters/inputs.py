@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_numbers, brief, check_covariance
 from fuzzykf.observations import check_aligned, index_of
+from fuzzykf.reprs import reprs
 from fuzzykf.switching.state_space.parameters import Parameter
 from fuzzykf.switching.state_space.space_system import DrivenSystem
 
@@ -18,7 +20,16 @@ if TYPE_CHECKING:
     from fuzzykf.many import ManySeries
     from fuzzykf.switching.state_space.space_system import SpaceSystem
 
-__all__ = ["Inputs", "read_control", "read_controls", "read_controls_of_many", "read_each", "read_seen"]
+__all__ = [
+    "NOTHING",
+    "Inputs",
+    "Told",
+    "read_control",
+    "read_controls",
+    "read_controls_of_many",
+    "read_each",
+    "read_seen",
+]
 
 
 class _Controlled(Protocol):
@@ -26,6 +37,29 @@ class _Controlled(Protocol):
 
     @property
     def dim_u(self) -> int | None: ...
+
+
+# no arrays that may be None: filterpy's Saver makes an array of what a filter holds at all times
+@reprs()
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """What a filter is told of one step; None where it is not.
+
+    Attributes
+    ----------
+    u : ndarray, shape (k,), or None
+        The control that leads to the observation.
+    H, R : ndarray, shapes (M, q, m) and (M, q, q), or None
+        How it is seen.
+    """
+
+    u: FloatArray | None = None
+    H: FloatArray | None = None
+    R: FloatArray | None = None
+
+
+#: Nothing that is told of a step.
+NOTHING = Told()
 
 
 class Inputs(NamedTuple):
@@ -52,6 +86,10 @@ class Inputs(NamedTuple):
         """Return the controls of each of s series as arguments of `filter`."""
         us = self.us
         return [{} if us is None else {"us": us[min(k, len(us) - 1)]} for k in range(s)]
+
+    def told(self, n: int) -> Told:
+        """Return what is told of step ``n`` of the first series."""
+        return Told(*(None if one is None else one[0, n] for one in self))
 
     def drive(self, system: SpaceSystem, origin: int) -> SpaceSystem | DrivenSystem:
         """Return a system that is told them from observation ``origin`` on."""

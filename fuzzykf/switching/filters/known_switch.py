@@ -19,7 +19,14 @@ from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.sequel import warn_of_steps
 from fuzzykf.switching.dynamics.model import SwitchingModel
 from fuzzykf.switching.dynamics.pairs import Ahead
-from fuzzykf.switching.filters.inputs import Inputs, read_control, read_controls, read_controls_of_many
+from fuzzykf.switching.filters.inputs import (
+    NOTHING,
+    Inputs,
+    Told,
+    read_control,
+    read_controls,
+    read_controls_of_many,
+)
 from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
 from fuzzykf.switching.inference.registry import METHODS
 from fuzzykf.switching.inference.series import (
@@ -99,7 +106,7 @@ class KnownSwitchFilter(SwitchingFilter):
             np.nan
         )  # value of the switch at the latest observation: a number, or class weights (K,)
         self._r_next: Any = None  # at the next one, once known
-        self._u_next: FloatArray | None = None  # control that leads there
+        self._next = NOTHING  # what else is told of the step there: a control
         self._tables: PairTables | None = None  # of the step between them
         self._told_at_predict = False
 
@@ -162,7 +169,7 @@ class KnownSwitchFilter(SwitchingFilter):
             raise ParameterError(_GIVEN_ONCE.format(value, self._r_next))
         tables = self._tables if value is None else self._tables_between(n, now, value, control)
         super().predict()
-        self._u_next = control if self._n else None
+        self._next = Told(control) if self._n else NOTHING
         if value is not None:
             self._r_next, self._tables = value, tables
         self._told_at_predict = self._r_next is not None
@@ -192,7 +199,7 @@ class KnownSwitchFilter(SwitchingFilter):
             value = self._checked(r)
             if self._r_next is not None:
                 raise ParameterError(_GIVEN_ONCE.format(value, self._r_next))
-            self._tables = self._tables_between(self._n, self._r, value, self._u_next)
+            self._tables = self._tables_between(self._n, self._r, value, self._next.u)
             self._r_next = value
         try:
             super().update(z)
@@ -203,7 +210,7 @@ class KnownSwitchFilter(SwitchingFilter):
     def _take(self, y: FloatArray) -> None:
         super()._take(y)
         assert self._r_next is not None
-        self._r, self._r_next, self._tables, self._u_next = self._r_next, None, None, None
+        self._r, self._r_next, self._tables, self._next = self._r_next, None, None, NOTHING
 
     def step(self, z: Numbers, r: ArrayLike | None = None, u: ArrayLike | None = None) -> FloatArray:
         """Predict, then update with ``z``, at the value ``r`` of the switch.
@@ -230,7 +237,7 @@ class KnownSwitchFilter(SwitchingFilter):
             self.update(z)
         return self.x
 
-    _STATE = (*SwitchingFilter._STATE, "_r", "_r_next", "_u_next", "_tables", "_told_at_predict")
+    _STATE = (*SwitchingFilter._STATE, "_r", "_r_next", "_next", "_tables", "_told_at_predict")
 
     @property
     def _takes_weights(self) -> bool:
@@ -459,11 +466,11 @@ class KnownSwitchFilter(SwitchingFilter):
             raise ParameterError(_NEVER_GIVEN)
         begin = [self._r] if self._r_next is None else [self._r, self._r_next]
         path = self.model.along(np.concatenate([begin, switches]), start=self._n - 1)
-        if controls is None and self._u_next is None:
+        if controls is None and self._next.u is None:
             return ys, path
         moves = np.zeros((len(path.r), self._system.dim_u))
-        if self._u_next is not None:
-            moves[1] = self._u_next
+        if self._next.u is not None:
+            moves[1] = self._next.u
         moves[len(begin) :] = 0.0 if controls is None else controls[0]
         return ys, path.driven(moves)
 

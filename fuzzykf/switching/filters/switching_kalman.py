@@ -24,7 +24,9 @@ from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import lookups, overrides
 from fuzzykf.sequel import warn_of_steps
 from fuzzykf.switching.filters.inputs import (
+    NOTHING,
     Inputs,
+    Told,
     read_control,
     read_controls,
     read_controls_of_many,
@@ -45,7 +47,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
-    from fuzzykf.switching.dynamics.nodes import NodeLaw, NodeTables
+    from fuzzykf.switching.dynamics.nodes import NodeLaw
     from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables
 
 __all__ = ["SwitchingKalmanFilter"]
@@ -130,33 +132,24 @@ class SwitchingKalmanFilter(SavedFilter):
 
     def _start(self) -> None:
         super()._start()
-        self._u_next: FloatArray | None = None  # control that leads to the next observation
-        self._R_next: FloatArray | None = None  # how that is seen, (M, ...), while it is taken
-        self._H_next: FloatArray | None = None
-        self._R: FloatArray | None = None  # how the latest one was seen
-        self._H: FloatArray | None = None
+        self._next = NOTHING  # of the step to the next observation, and how that is seen while it is taken
+        self._latest = NOTHING  # of that to the latest one
 
     # ------------------------------------------------------------------ tables
 
     def _initial_law(self) -> InitialLaw:
         law: NodeLaw = self._system.initial()
-        first = self._mixture is None
-        H, R = (self._H_next, self._R_next) if first else (self._H, self._R)
-        return law if H is None and R is None else law.seen_by(H, R)
+        told = self._next if self._mixture is None else self._latest
+        return law if told.H is None and told.R is None else law.seen_by(told.H, told.R)
 
     def _next_tables(self) -> PairTables:
-        own: Any = super()._next_tables()
-        tables: PairTables = self._told(own, self._u_next, self._H_next, self._R_next)
-        return tables
-
-    def _told(
-        self, tables: NodeTables, u: FloatArray | None, H: FloatArray | None, R: FloatArray | None
-    ) -> Any:
-        """Return the tables of a step with what is told of it."""
-        changed = {name: one for name, one in (("H", H), ("R", R)) if one is not None}
-        if u is not None:
-            changed["b"] = tables.b + self._system.B @ u
-        return replace(tables, **changed) if changed else tables
+        tables: Any = super()._next_tables()
+        told = self._next
+        changed = {name: one for name, one in (("H", told.H), ("R", told.R)) if one is not None}
+        if told.u is not None:
+            changed["b"] = tables.b + self._system.B @ told.u
+        found: PairTables = replace(tables, **changed) if changed else tables
+        return found
 
     # ------------------------------------------------------------------ verbs
 
@@ -178,7 +171,7 @@ class SwitchingKalmanFilter(SavedFilter):
         """
         control = read_control(u, self._system)
         super().predict()
-        self._u_next = control if self._n else None
+        self._next = Told(control) if self._n else NOTHING
 
     def update(self, z: Numbers, R: Any = None, H: Any = None) -> None:
         """Take the observation ``z`` into account.
@@ -203,15 +196,17 @@ class SwitchingKalmanFilter(SavedFilter):
             If ``R`` is indefinite, or the covariance of the observation is singular at a node.
         """
         noise, seen = (read_seen(*one, self._system, self.model.form.mix) for one in (("R", R), ("H", H)))
-        self._R_next, self._H_next = noise, seen
+        before = self._next
+        self._next = Told(before.u, seen, noise)
         try:
             super().update(z)
-        finally:
-            self._R_next = self._H_next = None
+        except BaseException:
+            self._next = before
+            raise
 
     def _take(self, y: FloatArray) -> None:
         super()._take(y)
-        self._R, self._H, self._u_next = self._R_next, self._H_next, None
+        self._latest, self._next = self._next, NOTHING
 
     def step(self, z: Numbers, u: ArrayLike | None = None, R: Any = None, H: Any = None) -> FloatArray:
         """Predict, then update with ``z``; an error leaves the filter as it was.
@@ -293,7 +288,7 @@ class SwitchingKalmanFilter(SavedFilter):
             if len(ys) or not resume:
                 self._adopt(trajectory, ys, stand)
                 if len(ys):
-                    self._R, self._H = (None if a is None else a[-1, -1] for a in (inputs.Rs, inputs.Hs))
+                    self._latest = inputs.told(-1)
         else:
             moves = None if inputs.us is None else [(u,) for u in inputs.us[0]]
             looks = [{k: a[n] for k, a in (("R", Rs), ("H", Hs)) if a is not None} for n in range(len(ys))]
@@ -373,9 +368,9 @@ class SwitchingKalmanFilter(SavedFilter):
         steps = as_count("steps", steps, 1, MOST_STEPS)
         check_aligned(us=us)
         controls = read_controls(us, steps, self._system, begins=self._n == 0)
-        if controls is None and self._u_next is not None:
-            controls = np.zeros((1, steps, len(self._u_next)))
-            controls[0, 0] = self._u_next
+        if controls is None and self._next.u is not None:
+            controls = np.zeros((1, steps, len(self._next.u)))
+            controls[0, 0] = self._next.u
         system: Any = Inputs(controls).drive(self._system, self._n)
         found = forecast(self._method, system, self._mixture, self._n, steps)
         return replace(found, index=self._index_ahead(steps))
@@ -389,7 +384,7 @@ class SwitchingKalmanFilter(SavedFilter):
     def _driven(self, inputs: Inputs, stand: Any, n: int) -> Any:
         """Return the system along series of n observations that go on from where the filter stands."""
         if stand is not None and stand.skips:
-            inputs = inputs.after(self._u_next, self._system, n)
+            inputs = inputs.after(self._next.u, self._system, n)
         return inputs.drive(self._system, 0 if stand is None else stand.n)
 
     # ------------------------------------------------------------------ files
@@ -402,7 +397,8 @@ class SwitchingKalmanFilter(SavedFilter):
             for name in ("b", "H", "R")
             if not np.array_equal(getattr(before, name), getattr(own, name))
         }  # fmt: skip
-        seen = {"R": encode(self._R), "H": encode(self._H), "u": encode(self._u_next), "before_told": told}
+        seen = {"R": encode(self._latest.R), "H": encode(self._latest.H)}
+        seen |= {"u": encode(self._next.u), "before_told": told}
         return super()._export_state() | seen
 
     def _import_state(self, values: dict[str, Any]) -> None:
@@ -416,7 +412,7 @@ class SwitchingKalmanFilter(SavedFilter):
                 raise FileFormatError(f"{name}: got shape {one.shape}, which does not fit the model")
         if u is not None and (u.size != self._system.dim_u or not self._predicted):
             raise FileFormatError(f"u: got {u.tolist()}, which does not fit the model")
-        self._R, self._H, self._u_next = R, H, u
+        self._latest, self._next = Told(None, H, R), Told(u)
         if self._before is not None and told:
             tables: Any = self._before.tables
             self._before = Source(self._before.mixture, replace(tables, **told))

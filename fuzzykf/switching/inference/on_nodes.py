@@ -17,7 +17,7 @@ out, in any pattern; the state is X alone at all times, as the past of Y says no
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, cast, final
 
 import numpy as np
 
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["GPB2", "IMM", "OnNodes"]
 
 
+@final
 class OnNodes(Method):
     """Approximate filtering of state-space models on the nodes of a switch; see `Method`.
 
@@ -171,7 +172,7 @@ class OnNodes(Method):
             before, last = engine.filter_nodes(*arguments)
         except np.linalg.LinAlgError as error:
             self._walk(system, series, stand)  # says which node it is
-            raise _SINGULAR from error
+            raise NotPositiveDefiniteError(_SINGULAR) from error
         _check_range(out, last, series)
         return {name: values[:, lead:] for name, values in out.items()}, before, last
 
@@ -188,9 +189,8 @@ class OnNodes(Method):
 
 _NONE = np.empty(0)
 
-_SINGULAR = NotPositiveDefiniteError(
-    "S = H P H' + R: expected a positive definite matrix, got one that is not (to rounding error)"
-)
+#: Said where the pair of nodes is not found, of which S is singular.
+_SINGULAR = "S = H P H' + R: expected a positive definite matrix, got one that is not (to rounding error)"
 
 
 def _mixture(table: FloatArray) -> Mixture:
@@ -237,7 +237,7 @@ def _singular(p: FloatArray, covariance: FloatArray, y: FloatArray) -> NotPositi
         )
     except NotPositiveDefiniteError as error:
         return error
-    return _SINGULAR
+    return NotPositiveDefiniteError(_SINGULAR)
 
 
 #: Interacting multiple models: merged before each step.

@@ -373,12 +373,13 @@ def test_damaged_files_are_refused(change, message, tmp_path):
 def test_filterpys_saver_records_it():
     f, zs, us = filters(), data(), np.ones(12)
     saver = filterpy.common.Saver(f)
-    for z, u in zip(zs, us, strict=True):
-        f.predict(u)
-        f.update(z, R=2.0)
+    for n, z in enumerate(zs):  # what is told at some steps alone does not stand in its way
+        f.predict(*([us[n]] if n % 3 else []))
+        saver.save()
+        f.update(z, R=2.0 if n % 2 else None, H=np.eye(2) if n % 4 else None)
         saver.save()
     saver.to_array()
-    assert saver.x.shape == (12, 2, 1)
+    assert saver.x.shape == (24, 2, 1)
     np.testing.assert_allclose(saver.class_weights.sum(axis=1), 1.0)
 
 
