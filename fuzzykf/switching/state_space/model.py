@@ -242,8 +242,17 @@ class SwitchingStateSpace(SwitchingModel):
 
     @property
     def takes_weights(self) -> bool:
-        """Whether values of the switch are class weights, as those of its nodes are."""
-        return self.form.chain.nodes.ndim == 2
+        """Whether values of the switch are class weights, as those of its nodes are or may be."""
+        return self.form.chain.nodes.ndim == 2 or (self.is_fuzzy and not self._lies_between)
+
+    @property
+    def _lies_between(self) -> bool:
+        """Whether a value r of the switch stands for the class weights (1 - r, r)."""
+        chain = self.form.chain
+        if chain.nodes.ndim == 2 or self.n_classes != 2:
+            return False
+        between = np.stack([1.0 - chain.nodes, chain.nodes], axis=-1)
+        return bool(np.abs(chain.class_weights - between).max() <= SAME_VALUE)
 
     def describe_switch(self) -> str:
         """Say in words how the switch moves."""
@@ -257,15 +266,14 @@ class SwitchingStateSpace(SwitchingModel):
         Parameters
         ----------
         r : array_like
-            Numbers in [0, 1] between two classes, regimes 0, ..., K - 1 of a hard switch, values of the
-            nodes of a chain of your own; of a fuzzy switch between more than two, class weights (..., K) or
-            a number or a flat array of classes.
+            Numbers in [0, 1] between two classes, regimes 0, ..., K - 1 of a hard switch.  Of a fuzzy switch
+            between more than two, class weights (..., K) or a number or a flat array of classes; of a chain
+            of your own whose nodes have other values these, or class weights.
         """
         value, chain = as_numbers("r", r), self.form.chain
-        if chain.nodes.ndim == 2:
+        if chain.nodes.ndim == 2 or (self.takes_weights and value.ndim > 1):
             return shares_of(value, self.n_classes)
-        between = np.stack([1.0 - chain.nodes, chain.nodes], axis=-1)
-        if self.n_classes == 2 and np.abs(chain.class_weights - between).max() <= SAME_VALUE:
+        if self._lies_between:
             if not ((value >= 0.0) & (value <= 1.0)).all():
                 raise ParameterError(f"r: got values from {value.min()} to {value.max()}, expected [0, 1]")
             return np.stack([1.0 - value, value], axis=-1)

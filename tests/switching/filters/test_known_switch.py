@@ -10,6 +10,7 @@ from fuzzykf import (
     CGOMSMFilter,
     FadeLaw,
     KnownSwitchFilter,
+    SwitchChain,
     SwitchingKalmanFilter,
     SwitchingStateSpace,
 )
@@ -208,10 +209,17 @@ def space(law, seed=0):
 
 
 HARD3 = np.full((3, 3), 0.1) + 0.7 * np.eye(3)
+#: Chains whose nodes are called something else.
+CHAIN = SwitchChain(
+    [3.0, 5.0, 7.0], np.ones(3), np.ones(3) / 3, HARD3, np.full((3, 3), 0.2) + 0.4 * np.eye(3)
+)
+PAIR = SwitchChain([3.0, 7.0], np.ones(2), np.ones(2) / 2, np.full((2, 2), 0.5), [[0.9, 0.1], [0.3, 0.7]])
 TOLD = {  # law: values of the switch, and the same as class weights
     "fades": (FADES, [0.0, 0.25, 0.5, 1.0, 1.0, 0.7], None),
     "hard": ([[0.9, 0.1], [0.2, 0.8]], [0, 1, 1, 0, 0, 1], None),
     "three": (HARD3, [0, 2, 1, 1, 0, 2], np.eye(3)[[0, 2, 1, 1, 0, 2]]),
+    "chain": (CHAIN, [3.0, 5.0, 7.0, 7.0, 3.0, 5.0], CHAIN.class_weights[[0, 1, 2, 2, 0, 1]]),
+    "chain of two": (PAIR, [3.0, 7.0, 7.0, 3.0, 3.0, 7.0], PAIR.class_weights[[0, 1, 1, 0, 0, 1]]),
     "ring": (RING, [0, 2, 1, 1, 0, 2], np.eye(3)[[0, 2, 1, 1, 0, 2]]),
 }
 
