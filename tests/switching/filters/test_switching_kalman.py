@@ -95,13 +95,13 @@ def same(f, g, **tolerance):
 
 
 @pytest.mark.parametrize(
-    ("law", "method", "q"),
-    [("matrix", "imm", 2), ("fades", "gpb2", 1), ("ring", "imm", 1), ("chain", "gpb2", 2)],
+    ("law", "method", "q"), [("matrix", "imm", 2), ("fades", "gpb2", 1), ("ring", "imm", 1)]
 )
 def test_it_keeps_the_contract_of_filters(law, method, q):
-    report = check_filter(lambda: filters(law, method, q=q))
-    assert "saver" in report.passed
-    assert "save" in report.passed
+    # six observations are the fewest that will do
+    zs = 0.5 * np.sin(1.3 * np.arange(6)[:, None] + 0.7 * np.arange(q))
+    report = check_filter(lambda: filters(law, method, q=q), zs)
+    assert {"saver", "save", "resume", "filter_many", "outlier"} <= set(report.passed)
 
 
 @pytest.mark.parametrize("method", METHODS)
