@@ -341,7 +341,7 @@ class SwitchingStateSpace(SwitchingModel):
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Make a model from what `to_dict` returned."""
         law = dict(values["law"])
-        is_chain = law["kind"] == "chain"
+        is_chain = law["kind"] == _NODES
         made = SwitchChain(**{k: law[k] for k in _CHAIN}) if is_chain else part_from_dict(law, LAWS)
         names = ("F", "H", "Q", "R", "initial", "b", "d", "B", "x0", "P0", "mix")
         return cls(made, **{name: values[name] for name in names})._labelled_from(values)
@@ -352,12 +352,15 @@ class SwitchingStateSpace(SwitchingModel):
         return f"{type(self).__name__}({law}, dim_x={self.dim_x}, dim_z={self.dim_z}{self._labels_text()})"
 
 
+#: In files, the kind of a chain that is no law.
+_NODES = "nodes"
+
 #: The arguments of a chain, which a file keeps.
 _CHAIN = ("nodes", "weights", "initial", "transition", "class_weights")
 
 
 def _chain_to_dict(chain: SwitchChain) -> dict[str, Any]:
-    return {"kind": "chain"} | {name: getattr(chain, name).tolist() for name in _CHAIN}
+    return {"kind": _NODES} | {name: getattr(chain, name).tolist() for name in _CHAIN}
 
 
 def _as_law(law: Any, initial: ArrayLike | None) -> Law | SwitchChain:
