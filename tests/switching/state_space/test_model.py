@@ -19,12 +19,14 @@ from fuzzykf import (
     io,
 )
 from fuzzykf.errors import NotPositiveDefiniteError, NotStableError, ParameterError, ShapeError
+from fuzzykf.switching import laws
 
 T = [[0.9, 0.1], [0.3, 0.7]]
 FADES = FadeLaw.between(40, 10)
 FMC1 = FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16)
 RING = FadeLaw(3, {(0, 1): (0.05, 10.0), (1, 2): (0.03, 8.0), (2, 0): (0.06, 6.0)})
 LAWS = {"matrix": T, "fades": FADES, "fmc1": FMC1, "chain": FADES.discretize(3)}
+LAWS["chain law"] = laws.ChainLaw(LAWS["chain"])
 
 #: Each parameter for two classes, of two states, one observation and one control.
 EACH = {
@@ -287,6 +289,7 @@ def test_files_give_it_back_bit_for_bit(law, change, tmp_path):
     model.save(tmp_path / "model.json")
     for loaded in (SwitchingStateSpace.load(tmp_path / "model.json"), io.load_model(tmp_path / "model.json")):
         assert loaded.to_dict() == model.to_dict()
+        assert type(loaded.law) is type(model.law)
         one, other = model.placed(3), loaded.placed(3)
         for name in ("transition", "F", "b", "Q", "H", "d", "R"):
             np.testing.assert_array_equal(getattr(one.tables, name), getattr(other.tables, name))
