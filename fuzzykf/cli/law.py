@@ -94,7 +94,9 @@ def _ways(option: str, text: str | None) -> list[tuple[int, int]]:
                 f"{option}: got {part.strip()!r}, expected pairs of classes such as 0-1,1-2,2-0"
             )
         pair = (int(match[1]), int(match[2]))
-        if pair in found:
+        if pair[0] == pair[1]:
+            raise ParameterError(f"{option}: got {part.strip()!r}, expected two different classes")
+        if pair in found or (option == "--edges" and pair[::-1] in found):
             raise ParameterError(f"{option}: got {part.strip()!r} twice, expected each pair once")
         found.append(pair)
     return found
@@ -114,8 +116,8 @@ def _classes(ways: list[tuple[int, int]]) -> int:
 
 def _check_steps(stay: float, length: float) -> None:
     for option, value in (("--stay", stay), ("--length", length)):
-        if not value >= 1.0:
-            raise ParameterError(f"{option}: got {value:g}, expected a number of steps, at least 1")
+        if not 1.0 <= value < float("inf"):
+            raise ParameterError(f"{option}: got {value:g}, expected a finite number of steps, at least 1")
 
 
 def _between(stay: float, length: float) -> Law:

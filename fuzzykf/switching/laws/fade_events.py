@@ -116,6 +116,8 @@ def _count_stretch(events: FadeEvents, ends: Edge, t: FloatArray) -> None:
     inside = (t[:-1] > 0.0) & (t[:-1] < 1.0)
     if not inside[0]:
         _add(events.begun, fades[float(direction[0])], 1)
+        if 0.0 < t[-1] < 1.0:  # of a fade that is cut off the step from its class is no part of its way
+            move[0] = 0.0
     for way in np.unique(direction).tolist():
         on = direction == way
         _add(events.steps, fades[way], float((inside & on).sum()))

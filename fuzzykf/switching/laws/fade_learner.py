@@ -3,12 +3,16 @@
 A step at a class leaves it, by a fade or a jump, or stays.  A step in a fade turns back with rho, else it
 goes on with q, or stays: F / length = (1 - rho) q.  Each of these is how often it happened, over how often
 it could have.
+
+What the law has, but the data do not, would leave it in parts, or with fades that never end.  So each class,
+each fade and the turning back is taken to have seen one step before the data, in which everything was as
+likely as in the law at which the search began.
 """
 
 from __future__ import annotations
 
 from copy import copy
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -29,6 +33,15 @@ WAITING = 0.1
 
 #: The rate of turning back from which a search begins as well, if it began with less.
 OFTEN = 0.3
+
+
+class Probabilities(NamedTuple):
+    """What may happen at each class, in each fade, and turning back."""
+
+    leave: FloatArray
+    stay: FloatArray
+    advance: FloatArray
+    turn_back: float
 
 
 class FadeChain(ChainFamily):
@@ -69,6 +82,7 @@ class FadeChain(ChainFamily):
         self._transition = chain.transition
         if (self.stay == WAITING).any() or (self.advance == 1.0 - WAITING).any():
             self._settle()
+        self._seen = Probabilities(self.leave, self.stay, self.advance, self.turn_back)
 
     @property
     def initial(self) -> FloatArray:
@@ -80,26 +94,35 @@ class FadeChain(ChainFamily):
         """Transition matrix."""
         return self._transition
 
+    @property
+    def log_prior(self) -> float:
+        """Log-density of the step that each part has seen before the data."""
+        seen, E = self._seen, len(self._cells)
+        terms = [(seen.leave, self.leave), (seen.stay, self.stay)]
+        if E:
+            terms += [(seen.advance, self.advance), (1.0 - seen.advance, 1.0 - self.advance)]
+        if seen.turn_back:
+            rho = np.array([self.turn_back, 1.0 - self.turn_back])
+            terms.append((np.array([seen.turn_back, 1.0 - seen.turn_back]), rho))
+        with np.errstate(divide="ignore"):
+            return float(sum(before[before > 0.0] @ np.log(now[before > 0.0]) for before, now in terms))
+
     def maximise(self, pairs: FloatArray, first: FloatArray) -> None:
-        """Take each event as often as it is expected; what cannot happen, since nothing is there, stays."""
-        K, E = self._law.n_classes, len(self._cells)
+        """Take each event as often as it is expected, the step before the data included."""
+        K, E, seen = self._law.n_classes, len(self._cells), self._seen
         visits = pairs.sum(axis=1)
-        at = visits[:K]
+        at = visits[:K] + 1.0
         begin = self._arrows[:, 0]
-        seen = at > 0.0
-        often = pairs[begin, self._there] / np.where(seen, at, 1.0)[begin]
-        self.leave = np.where(seen[begin], often, self.leave)
-        self.stay = np.where(seen, np.diagonal(pairs)[:K] / np.where(seen, at, 1.0), self.stay)
+        self.leave = (pairs[begin, self._there] + seen.leave) / at[begin]
+        self.stay = (np.diagonal(pairs)[:K] + seen.stay) / at
         if E:
             steps = visits[self._cells].sum(axis=1)
             turned = np.zeros(E)
             if self.turn_back:
                 turned = pairs[self._cells, self._cells[self._back, ::-1]].sum(axis=1)
-                if steps.sum() > 0.0:
-                    self.turn_back = float(turned.sum() / steps.sum())
-            went, could = pairs[self._cells, self._next].sum(axis=1), steps - turned
-            seen = could > 0.0
-            self.advance = np.where(seen, went / np.where(seen, could, 1.0), self.advance)
+                self.turn_back = float((turned.sum() + seen.turn_back) / (steps.sum() + 1.0))
+            went = pairs[self._cells, self._next].sum(axis=1)
+            self.advance = (went + seen.advance) / (steps - turned + 1.0)
         self._first = first / first.sum()
         self._settle()
 

@@ -403,7 +403,9 @@ class FadeLaw(GraphicLaw):
     def likeliest(self, paths: Sequence[FloatArray], n_nodes: int) -> Self:
         """Return the law in which events are as frequent as along paths of a switch that is known.
 
-        It is the same for all numbers of cells: a fade lasts as many steps as it took on average.
+        It is the same for all numbers of cells: a fade lasts as many steps as it took on average.  What the
+        law has but the paths do not is as likely as in one more step, in which it were as before: so it stays
+        one law, and does not fall into parts.
 
         Parameters
         ----------
@@ -418,15 +420,17 @@ class FadeLaw(GraphicLaw):
         """
         events = count_events(paths, self.n_classes)
         self._check_events(events)
+
+        def often(number: float, chances: float, before: float) -> float:
+            return number / chances if number else before / (chances + 1.0)
+
         rates, lengths = [], []
         for pair, (rate, length) in self._fades:
-            visits = events.visits[pair[0]]
-            rates.append(events.begun.get(pair, 0) / visits if visits else rate)
+            rates.append(often(events.begun.get(pair, 0.0), events.visits[pair[0]], rate))
             way = events.way.get(pair, 0.0)
             lengths.append(max(events.steps[pair] / way, 1.0) if way else length)
-        jumps = [events.jumped.get(pair, 0) / (events.visits[pair[0]] or 1.0) for pair, _ in self._jumps]
-        steps = sum(events.steps.values())
-        turned = events.turned / steps if steps else self.turn_back
+        jumps = [often(events.jumped.get(pair, 0.0), events.visits[pair[0]], p) for pair, p in self._jumps]
+        turned = often(float(events.turned), sum(events.steps.values()), self.turn_back)
         try:
             return self.with_numbers(np.array(rates), np.array(lengths), np.array(jumps), turned)
         except ParameterError as error:

@@ -69,9 +69,14 @@ class ChainFamily(ABC):
     def transition(self) -> FloatArray:
         """Transition matrix, (M, M)."""
 
+    @property
+    def log_prior(self) -> float:
+        """Log-density of what the parameters are taken to have seen before the data, but for a constant."""
+        return 0.0
+
     @abstractmethod
     def maximise(self, pairs: FloatArray, first: FloatArray) -> None:
-        """Raise sum pairs log P + sum first log pi.
+        """Raise sum pairs log P + sum first log pi, and the prior.
 
         Parameters
         ----------

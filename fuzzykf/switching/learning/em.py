@@ -175,7 +175,8 @@ def run_em(
 
     def judged(found: Estimate) -> Point:
         posterior = expectation(found, shares, data, v)
-        return Point(found, posterior, posterior.log_likelihood + found.gaussian.log_prior)
+        prior = found.gaussian.log_prior + found.chain.log_prior
+        return Point(found, posterior, posterior.log_likelihood + prior)
 
     path = [judged(estimate)]
     trace = [path[0].value]

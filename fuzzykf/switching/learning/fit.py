@@ -27,6 +27,7 @@ from fuzzykf.switching.learning.notes import (
     hidden_scarcity,
     instability,
     known_scarcity,
+    left_for_good,
     no_shorter,
     proof_values,
     scant_data,
@@ -158,15 +159,15 @@ def fit_fuzzy(data: TrainingData, law: Law, n_nodes: int | None, options: Option
     K = law.n_classes
     shares = _shares(data.r, K)
     fitted = law.likeliest(np.split(shares, data.starts[1:]), nodes)
-    if n_nodes is None:
-        nodes = fitted.nodes_up_to(NODES)
+    nodes = fitted.nodes_up_to(nodes)  # on which the likelihood is told
     estimate = _from_shares(_estimator(options.form, data, K), shares, data, fuzzy=True)
     w = np.concatenate([np.ones((len(data.z), 1)), data.z], axis=1)
     single = Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :])
     model = CGOFMSModel._from_form(fitted, estimate.form(single, data.scale))
     bounds = active_constraint(estimate, K)
     system = model.placed(nodes)
-    notes = known_scarcity(shares, data, ways(system.chain)) + bounds + unlike(law, fitted)
+    notes = known_scarcity(shares, data, ways(system.chain)) + bounds + unlike(law, fitted, shares)
+    notes += left_for_good(system.chain, shares)
     hard = float((shares.max(axis=1) == 1.0).mean())
     if law.kind == "fmc1" and hard < LEAST_HARD:
         notes.append(
@@ -242,6 +243,7 @@ def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Optio
     notes = hidden_scarcity(posterior, shares, ways(system.chain)) + bounds + instability(system)
     notes += stuck(posterior.gamma, system, data) + scant_data(n_parameters, data)
     notes += unfinished(converged, options.max_iter) + no_shorter(model.law, n_nodes)
+    notes += left_for_good(system.chain, posterior.gamma @ shares)
     if law.kind == "fmc1":
         notes += too_gradual(estimate, shares, data)
     weights = posterior.gamma @ shares

@@ -33,7 +33,7 @@ def memory_of_hard(K: int, data: TrainingData, form: str) -> int:
 def memory_of_fuzzy(M: int, K: int, data: TrainingData, form: str) -> int:
     """Return about how many bytes it takes to learn a fuzzy switch of K classes on M nodes."""
     if data.r is not None:
-        return 0  # in proportion to the data
+        return _pass(M, data)  # of the likelihood
     return _regression(K * K, K * K + M * M, data, form) + _pass(M, data)
 
 

@@ -27,6 +27,7 @@ __all__ = [
     "hidden_scarcity",
     "instability",
     "known_scarcity",
+    "left_for_good",
     "no_shorter",
     "one_name",
     "proof_values",
@@ -45,8 +46,11 @@ SCARCE = 5.0
 #: A known switch that turns back in more of its steps between classes is said to.
 RESTLESS = 0.2
 
+#: A regime that has less than this share, in the long run, of what it has in the data is said to be left.
+RARELY = 0.05
+
 #: A learned length is at its bound if it is above by no more than this share.
-AT_BOUND = 1e-3
+AT_BOUND = 0.05
 
 #: Where the noise of the state has less than this share of that elsewhere, it is reported.
 VANISHING = 1e-3
@@ -92,25 +96,44 @@ def ways(chain: SwitchChain) -> BoolArray:
     return found
 
 
-def unlike(start: Law, learned: Law) -> list[str]:
+def unlike(start: Law, learned: Law, shares: FloatArray) -> list[str]:
     """Say what a known switch never did that its law of fades has, or did as fades do not.
 
     Laws of other families have no such numbers.
     """
     numbers, before = learned.numbers(), start.numbers()
     notes = []
-    for name, rate in numbers.items():
-        if name.startswith("rate ") and rate == 0.0 < before[name]:
-            way = name.removeprefix("rate ")
-            notes.append(
-                f"the fade from {way} never begins in r; its length is that of the law which was given"
-            )
+    for name, length in numbers.items():
+        way = name.removeprefix("length ")
+        a = int(way.split(" ")[0]) if name.startswith("length ") else 0
+        often = before.get(f"rate {way}", 0.0) and (shares[:, a] == 1.0).any()
+        if name.startswith("length ") and length == before[name] and often:
+            notes.append(f"no fade from {way} is seen in r; its length is that of the law which was given")
     if numbers.get("turn_back", 0.0) > RESTLESS:
         notes.append(
             f"r turns back in {numbers['turn_back']:.2g} of its steps between classes: is there noise in it? "
             "A law of fades takes each change of direction for a turn; smooth r, or leave it out"
         )
     return notes
+
+
+def left_for_good(chain: SwitchChain, weights: FloatArray) -> list[str]:
+    """Say of which regimes there is much in the data, but next to nothing in the long run of the law.
+
+    Parameters
+    ----------
+    chain : SwitchChain
+        Stationary.
+    weights : ndarray, shape (N, K)
+        Shares of the regimes in the rows.
+    """
+    long_run, seen = chain.initial @ chain.class_weights, weights.mean(axis=0)
+    return [
+        f"the switch hardly ever comes back to the regime {k}, which has {seen[k]:.2g} of the rows, but "
+        f"{long_run[k]:.1g} of the long run: filters begin with the law in the long run, so they do not "
+        "expect it; learn from data in which it comes back"
+        for k in np.flatnonzero((seen * len(weights) >= SCARCE) & (long_run < RARELY * seen))
+    ]
 
 
 def no_shorter(law: Law, n_nodes: int) -> list[str]:

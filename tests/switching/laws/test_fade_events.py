@@ -93,11 +93,27 @@ def test_a_fade_that_turns_back_although_it_cannot():
         FadeLaw.between(20, 10).likeliest([weights([0.0, 0.5, 0.25, 0.0])], 5)
 
 
+def test_what_never_happens_stays_possible():
+    # a step of each class, and none of them leaves: as likely as in one more step of the law before
+    found = FadeLaw.between(20, 10).likeliest([weights([0.0, 0.0]), weights([1.0, 1.0])], 5)
+    assert found.fades == {(0, 1): (pytest.approx(0.05 / 2), 10.0), (1, 0): (pytest.approx(0.05 / 2), 10.0)}
+
+
+def test_fades_that_are_cut_off_keep_their_length():
+    # on cells a fade of 5 steps, of which the third is the last row: 2 steps for 2 of 5 parts of the way
+    found = FadeLaw.between(20, 10).likeliest([weights([0.0, 0.1, 0.3, 0.5])], 5)
+    assert found.fades[0, 1] == (1.0, pytest.approx(5.0))
+
+
 def test_paths_that_make_no_law_say_so():
-    with pytest.raises(ParameterError, match="r: does what makes no law of these fades; fades, jumps: got"):
-        FadeLaw.between(20, 10).likeliest([weights([0.0, 0.0]), weights([1.0, 1.0])], 5)
+    zigzag = weights([0.0, *[0.3, 0.7] * 20, 1.0])
+    with pytest.raises(
+        ParameterError, match=r"r: does what makes no law of these fades; turn_back: got 0\.9"
+    ):
+        FadeLaw.between(20, 10, turn_back=0.1).likeliest([zigzag], 5)
 
 
 def test_classes_that_were_never_visited_keep_their_numbers():
     found = RING.likeliest([np.eye(3)[[0, 0, 0, 0]]], 5)
-    assert found.fades == {(0, 1): (0.0, 10), (1, 2): (0.07, 8), (2, 0): (0.04, 12)}
+    assert found.fades == {(0, 1): (0.05 / 4, 10), (1, 2): (0.07, 8), (2, 0): (0.04, 12)}
+    assert found.jumps == {(0, 2): 0.01 / 4}

@@ -7,7 +7,6 @@ import pytest
 
 from fuzzykf import FadeLaw
 from fuzzykf.errors import ParameterError
-from fuzzykf.switching.laws.fade_learner import LEAST_ADVANCE
 
 RING = {(0, 1): (0.05, 10.0), (1, 2): (0.04, 8.0), (2, 0): (0.1, 12.0)}
 LAWS = {
@@ -32,7 +31,8 @@ def counts(chain, n=1e6):
 
 def expected(learner, pairs):
     with np.errstate(divide="ignore", invalid="ignore"):
-        return float(np.where(pairs > 0.0, pairs * np.log(learner.transition), 0.0).sum())
+        terms = np.where(pairs > 0.0, pairs * np.log(learner.transition), 0.0)
+        return float(terms.sum()) + learner.log_prior
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -50,11 +50,11 @@ def test_expected_numbers_give_the_law_that_was_counted(name):
     learner.maximise(*counts(law.discretize(4)))
     found = learner.law()
     for pair, numbers in law.fades.items():
-        np.testing.assert_allclose(found.fades[pair], numbers, rtol=1e-9)
+        np.testing.assert_allclose(found.fades[pair], numbers, rtol=1e-3)  # one step is seen before
     for pair, p in law.jumps.items():
-        assert found.jumps[pair] == pytest.approx(p, rel=1e-9)
-    assert found.turn_back == pytest.approx(law.turn_back, rel=1e-9)
-    np.testing.assert_allclose(learner.transition, law.discretize(4).transition, rtol=1e-9, atol=1e-14)
+        assert found.jumps[pair] == pytest.approx(p, rel=1e-3)
+    assert found.turn_back == pytest.approx(law.turn_back, rel=1e-3)
+    np.testing.assert_allclose(learner.transition, law.discretize(4).transition, rtol=1e-3, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -92,18 +92,19 @@ def test_what_was_never_visited_stays():
     pairs[0, 0], pairs[0, 3], pairs[3, 3], pairs[3, 4] = 30.0, 10.0, 5.0, 5.0
     learner.maximise(pairs, np.eye(15)[0])
     found = learner.law()
-    assert found.fades[0, 1] == (0.25, 8.0)  # half of the steps go on
-    assert found.fades[1, 2] == law.fades[1, 2]
-    assert found.fades[2, 0] == law.fades[2, 0]
-    assert found.jumps == {(0, 2): 0.0}
+    # 10 of 40 steps at the class, 5 of 10 in the fade, and a step of each before the data
+    assert found.fades[0, 1] == (pytest.approx(10.05 / 41), pytest.approx(4 * 11 / 5.4))
+    assert found.fades[1, 2] == pytest.approx(law.fades[1, 2])
+    assert found.fades[2, 0] == pytest.approx(law.fades[2, 0])
+    assert found.jumps == {(0, 2): pytest.approx(0.01 / 41)}
 
 
-def test_a_fade_that_never_goes_on_has_a_length_all_the_same():
+def test_a_fade_that_never_goes_on_ends_all_the_same():
     learner = LAWS["ring"].learner(4)
     pairs = np.zeros((15, 15))
     pairs[0, 0], pairs[3, 3] = 1.0, 5.0
     learner.maximise(pairs, np.eye(15)[0])
-    assert learner.law().fades[0, 1][1] == pytest.approx(4.0 / LEAST_ADVANCE)
+    assert learner.law().fades[0, 1][1] == pytest.approx(4 * 6 / 0.4)
 
 
 def test_a_fade_cannot_be_shorter_than_its_cells():
@@ -111,7 +112,7 @@ def test_a_fade_cannot_be_shorter_than_its_cells():
     pairs = np.zeros((15, 15))
     pairs[3, 4] = pairs[4, 5] = pairs[5, 6] = pairs[6, 1] = 7.0
     learner.maximise(pairs, np.eye(15)[3])
-    assert learner.law().fades[0, 1][1] == 4.0
+    assert learner.law().fades[0, 1][1] == pytest.approx(4 * 29 / 28.4)
 
 
 def test_one_start_turns_back_often():
@@ -134,7 +135,7 @@ def test_a_search_leaves_the_bounds_at_which_there_is_no_waiting():
     learner = FadeLaw.between(1, 3).learner(3)
     assert learner.law().fades[0, 1] == (pytest.approx(1 / 1.1), pytest.approx(3 / 0.9))
     learner.maximise(*counts(truth))
-    np.testing.assert_allclose(learner.transition, truth.transition, rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(learner.transition, truth.transition, rtol=1e-3, atol=1e-14)
     # what is no bound stays as it was given
     assert FadeLaw.between(10, 3.5).learner(3).law().fades[0, 1] == (0.1, pytest.approx(3.5))
 

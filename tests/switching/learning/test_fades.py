@@ -167,7 +167,7 @@ def test_notes_of_a_known_switch(ring):
     ways = {(a, b): 0.1 for a in range(3) for b in range(3) if a != b}
     law = FadeLaw(3, START.fades, jumps=ways)
     notes = CGOFMSModel.fit(ring.x, ring.y, labels, law=law).warnings
-    assert "the fade from 0 to 1 never begins in r; its length is that of the law which was given" in notes
+    assert "no fade from 0 to 1 is seen in r; its length is that of the law which was given" in notes
 
 
 def test_pairs_that_a_law_does_not_have_are_not_missed(ring):
@@ -191,6 +191,21 @@ def test_a_short_law_takes_as_many_nodes_as_it_has_room_for(ring):
     assert len(model.filter().nodes) == 12  # not 5 nodes each
     with pytest.raises(ParameterError, match="n_nodes: got 5, expected n_nodes=3 at most"):
         OFSRFilter(model)
+
+
+def test_a_switch_that_never_comes_back_is_noted():
+    # each series fades once from 0 to 1, far apart in y
+    rng = np.random.default_rng(0)
+    r = [np.clip((np.arange(120) - start) / 8.0, 0.0, 1.0) for start in (30, 50, 70)]
+    x = [rng.normal(size=120) + 4.0 * one for one in r]
+    y = [rng.normal(size=120) + 6.0 * one for one in r]
+    for switch in (r, None):
+        found = CGOFMSModel.fit(
+            x, y, switch, law="fade", n_nodes=3, n_starts=1, max_iter=12, form="regression"
+        )
+        assert any("hardly ever comes back to the regime 0" in note for note in found.warnings)
+        assert found.model.law.fades[1, 0][0] > 0.0  # one more step at 1, in which it left as in the start
+        assert found.log_likelihood / found.n_observations > -4.0
 
 
 def test_what_more_than_two_classes_cannot_be_learned_with(ring):
