@@ -36,7 +36,7 @@ def fits(draw):
     if draw(st.booleans()):
         K = draw(st.integers(1, 3))
         return lambda x, y, **more: CGOMSModel.fit(x, y, n_switches=K, **options | more)
-    law, nodes = draw(st.sampled_from(["fmc1", "fmc2", "free"])), draw(st.integers(1, 3))
+    law, nodes = draw(st.sampled_from(["fmc1", "fmc2", "free", "fade"])), draw(st.integers(1, 3))
     return lambda x, y, **more: CGOFMSModel.fit(x, y, law=law, n_nodes=nodes, **options | more)
 
 
