@@ -187,7 +187,7 @@ def test_a_state_space_model_has_a_filter_and_no_smoother_yet(data, tmp_path) ->
     ]
     result = run("smooth", *given, tmp_path / "smooth.csv")
     assert result.exit_code == 1
-    assert "smooth: the method OnNodes has no smoother" in " ".join(result.output.split())
+    assert "smooth: the method IMM has no smoother" in " ".join(result.output.split())
     assert not (tmp_path / "smooth.csv").exists()
 
 

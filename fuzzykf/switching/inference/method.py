@@ -159,7 +159,8 @@ class Method(Protocol):
         ParameterError
             If the method has no smoother.
         """
-        raise ParameterError(f"smooth: the method {type(self).__name__} has no smoother")
+        name = getattr(self, "name", type(self).__name__)
+        raise ParameterError(f"smooth: the method {name} has no smoother")
 
 
 def out_of_range(y: FloatArray, limit: float = 1e150) -> NumericalRangeError:
