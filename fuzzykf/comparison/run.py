@@ -132,7 +132,7 @@ def compare(
     methods : sequence of str or Candidate
         By default those of `main_methods`; see `candidate_names`.
     n_nodes : int
-        Nodes of the fuzzy switch between 0 and 1; time grows as ``(n_nodes + 2) ** 2``.
+        Nodes of the fuzzy switch between 0 and 1; time grows with the steps between them.
     n_resamples : int
         Resamples of the bootstrap.
     progress : callable

@@ -56,7 +56,7 @@ class LearningPart:
     r : ndarray, shape (n,), or None
         The switch, if it is given; else it is learned as well.
     n_nodes : int
-        Nodes of a fuzzy switch between 0 and 1; time grows as ``(n_nodes + 2) ** 2``.
+        Nodes of a fuzzy switch between 0 and 1; time grows with the steps between them.
     max_iter : int
         Largest number of iterations.
     tolerance : float

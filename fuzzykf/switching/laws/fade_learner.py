@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["FadeChain"]
 
-#: A fade goes on with at least this probability a step, so that its length is a number.
-LEAST_ADVANCE = 1e-12
-
 #: The least probability, at the start of a search, to stay at a class or in a cell.
 WAITING = 0.1
 
@@ -132,7 +129,7 @@ class FadeChain(ChainFamily):
         begin = self._arrows[:, 0]
         total = self.stay + np.bincount(begin, self.leave, minlength=K)
         self.leave, self.stay = self.leave / total[begin], self.stay / total
-        self.advance = np.clip(self.advance, LEAST_ADVANCE, 1.0)
+        self.advance = np.minimum(self.advance, 1.0)  # rounding may leave more
         P = np.zeros_like(self._transition)
         P[np.arange(K), np.arange(K)] = self.stay
         np.add.at(P, (begin, self._there), self.leave)

@@ -54,15 +54,15 @@ def fit_fuzzy_model(
 
     def check_size(size: Callable[[int], int]) -> None:
         for form in forms_to_try(options["form"], data, K):
-            check_memory(
-                "n_nodes",
-                NODES if nodes is None else nodes,
-                0,
-                lambda n: memory_of_fuzzy(size(n), K, data, form),  # noqa: B023
-            )
+            memory = partial(_memory, size=size, K=K, data=data, form=form)
+            check_memory("n_nodes", NODES if nodes is None else nodes, 0, memory)
 
     start = law_to_learn(law, nodes, check_size, is_hidden=r is None)
     return _learn(partial(fit_fuzzy, law=start, n_nodes=nodes), data, x, y, progress, options, K)
+
+
+def _memory(n_nodes: int, size: Callable[[int], int], K: int, data: TrainingData, form: str) -> int:
+    return memory_of_fuzzy(size(n_nodes), K, data, form)
 
 
 def fit_hard_model(
