@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 #: state, and for each component of an observation.
 _SIZED = {"predict_linear": (1, 1), "update_linear": (1, 4), "filter_linear": (1, 6), "filter_bank": (1, 4)}
 
+#: Kernels that are given what `pack_nodes` returns, which of a system of any size is not compiled.
+_PACKED = ("before_node_step", "filter_nodes", "first_node_step", "node_step")
+
 
 def _up_to(largest: int, compiled: Any, any_size: Any, first: int, second: int) -> Any:
     """Return a compiled kernel that hands larger systems to its NumPy twin; arguments go by position."""
@@ -49,6 +52,27 @@ def _up_to(largest: int, compiled: Any, any_size: Any, first: int, second: int) 
     return kernel
 
 
+def _of_own(own: type, compiled: Any, any_size: Any) -> Any:
+    """Return a kernel that is the compiled one where its first argument is."""
+
+    @wraps(compiled)
+    def kernel(*arguments: Any) -> Any:
+        return (compiled if type(arguments[0]) is own else any_size)(*arguments)
+
+    return kernel
+
+
+def _pack_up_to(largest: int, compiled: Any, any_size: Any) -> Any:
+    """Return `pack_nodes` for systems of any size."""
+
+    @wraps(compiled)
+    def pack(space: NodeSpace, log_transition: FloatArray) -> Any:
+        chosen = compiled if space.H.shape[-1] <= largest >= space.H.shape[-2] else any_size
+        return chosen(space, log_transition)
+
+    return pack
+
+
 def _take_over(names: dict[str, Any]) -> None:
     """Put the compiled kernels in the place of their twins."""
     from fuzzykf.engine.compiled import MODULES
@@ -58,6 +82,10 @@ def _take_over(names: dict[str, Any]) -> None:
             kernel = getattr(module, name)
             if name in _SIZED:
                 kernel = _up_to(MODULES["kalman"].LARGEST, kernel, names[name], *_SIZED[name])
+            elif name in _PACKED:
+                kernel = _of_own(module.NodeKernel, kernel, names[name])
+            elif name == "pack_nodes":
+                kernel = _pack_up_to(module.LARGEST, kernel, names[name])
             names[name] = kernel
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from fuzzykf import engine
 from fuzzykf.engine import selected
-from fuzzykf.engine.numpy import kalman
+from fuzzykf.engine.numpy import kalman, nodes
 
 
 def in_a_new_process(code: str, wanted: str | None) -> subprocess.CompletedProcess[str]:
@@ -156,3 +156,23 @@ def test_importing_the_engine_loads_numpy_and_nothing_heavier() -> None:
         "numpy",
         *sys.stdlib_module_names,
     }
+
+
+@pytest.mark.parametrize(("m", "q"), [(2, 1), (17, 1), (1, 17)])
+def test_state_space_models_of_any_size_have_kernels(m, q) -> None:
+    space = nodes.NodeSpace(
+        *(np.full((1, 1, 2, *shape), 0.5) for shape in ((m, m), (m,))),
+        *(np.ones((1, 1, 2, 1, 1)) * np.eye(m), np.full((1, 1, 2, q, m), 0.1), np.zeros((1, 1, 2, q))),
+        np.ones((1, 1, 2, 1, 1)) * np.eye(q),
+    )
+    log_T = np.log([[0.9, 0.1], [0.2, 0.8]])
+    start = np.concatenate(
+        [np.log([[0.5, 0.5]]), np.ones((m, 2)), np.repeat(np.eye(m).reshape(-1, 1), 2, axis=1)]
+    )
+    for every_pair in (False, True):
+        found, expected = (
+            e.node_step(e.pack_nodes(space, log_T), every_pair, start[None], np.ones((1, q)))
+            for e in (selected, nodes)
+        )
+        for got, wanted in zip(found, expected, strict=True):
+            np.testing.assert_allclose(got, wanted, rtol=1e-10, atol=1e-12)

@@ -8,8 +8,8 @@ from fuzzykf.engine.compiled.arrays cimport Buffer, at, at_or_null, doubles
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
     Kernel, Summary, Workspace, fk_advance, fk_chunk_tables, fk_chunk_weights, fk_engine, fk_filter, fk_first,
-    fk_kernel, fk_log_likelihood, fk_output, fk_padded, fk_room, fk_state, fk_summarise, fk_to_logs, load, start,
-    store, versions,
+    fk_kernel, fk_log_likelihood, fk_output, fk_padded, fk_room, fk_state, fk_summarise, fk_to_logs, load, outputs,
+    start, store, versions,
 )
 
 cimport numpy as cnp
@@ -23,27 +23,6 @@ __all__ = ["filter_series", "run", "step_many"]
 
 cdef inline const fk_engine *engine() noexcept nogil:
     return versions + level
-
-
-cdef fk_output outputs(dict out, Py_ssize_t s, Py_ssize_t n, int m, int M) except *:
-    """Addresses of the arrays to fill, (s, n, ...), after a check of each."""
-    cdef dict shapes = {
-        "x": (m,), "P": (m, m), "x_prior": (m,), "P_prior": (m, m), "mu": (M,), "switch": (),
-        "switch_mean": (), "log_likelihood": (), "table": (1 + m + m * m, M), "sign": (M,),
-    }
-    for name, array in out.items():
-        if not (
-            isinstance(array, np.ndarray) and array.dtype == np.float64 and array.flags.carray
-            and array.shape == (s, n, *shapes[name])
-        ):
-            raise ValueError(f"{name}: expected a contiguous array of float64, shape {(s, n, *shapes[name])}")
-    cdef fk_output o
-    o.x, o.P, o.x_prior = at_or_null(out.get("x")), at_or_null(out.get("P")), at_or_null(out.get("x_prior"))
-    o.P_prior, o.mu = at_or_null(out.get("P_prior")), at_or_null(out.get("mu"))
-    o.modes, o.means = at_or_null(out.get("switch")), at_or_null(out.get("switch_mean"))
-    o.log_likelihood = at_or_null(out.get("log_likelihood"))
-    o.table, o.sign = at_or_null(out.get("table")), at_or_null(out.get("sign"))
-    return o
 
 
 cdef void load_mass(fk_state *state, const double *mass, int M) noexcept nogil:

@@ -65,6 +65,7 @@ cdef extern from "src/series.h" nogil:
             int, int, const fk_arrows *, const double *, const double *, const double *, double *, double *, double *, double *
         ) noexcept nogil
     const double FK_SPARSE
+    const double FK_FARTHEST
     int fk_padded(int) noexcept
     size_t fk_table_size(int, int) noexcept
     size_t fk_scratch_size(int, int) noexcept
@@ -135,3 +136,5 @@ cdef class Workspace:
 cdef void load(double *to, const double *source, int rows, int M) noexcept nogil
 cdef void store(double *to, const double *source, int rows, int M) noexcept nogil
 cdef int start(Workspace work, Kernel kernel, object table, object sign) except -1
+cdef fk_output outputs(dict out, Py_ssize_t s, Py_ssize_t n, int m, int M) except *
+cdef cnp.ndarray rank(fk_summary *s, int M, double *room, nodes, weights, atoms, ranking)

@@ -4,7 +4,7 @@
 from libc.math cimport INFINITY
 from libc.string cimport memcpy
 
-from fuzzykf.engine.compiled.arrays cimport Buffer, at, doubles
+from fuzzykf.engine.compiled.arrays cimport Buffer, at, at_or_null, doubles
 
 cimport numpy as cnp
 
@@ -104,6 +104,52 @@ def pack(transition, factor, Axx, H, G, c, C, Ayy, Ny):
     return kernel
 
 
+cdef fk_output outputs(dict out, Py_ssize_t s, Py_ssize_t n, int m, int M) except *:
+    """Addresses of the arrays to fill, (s, n, ...), after a check of each."""
+    cdef dict shapes = {
+        "x": (m,), "P": (m, m), "x_prior": (m,), "P_prior": (m, m), "mu": (M,), "switch": (),
+        "switch_mean": (), "log_likelihood": (), "table": (1 + m + m * m, M), "sign": (M,),
+    }
+    for name, array in out.items():
+        if not (
+            isinstance(array, np.ndarray) and array.dtype == np.float64 and array.flags.carray
+            and array.shape == (s, n, *shapes[name])
+        ):
+            raise ValueError(f"{name}: expected a contiguous array of float64, shape {(s, n, *shapes[name])}")
+    cdef fk_output o
+    o.x, o.P, o.x_prior = at_or_null(out.get("x")), at_or_null(out.get("P")), at_or_null(out.get("x_prior"))
+    o.P_prior, o.mu = at_or_null(out.get("P_prior")), at_or_null(out.get("mu"))
+    o.modes, o.means = at_or_null(out.get("switch")), at_or_null(out.get("switch_mean"))
+    o.log_likelihood = at_or_null(out.get("log_likelihood"))
+    o.table, o.sign = at_or_null(out.get("table")), at_or_null(out.get("sign"))
+    return o
+
+
+cdef cnp.ndarray rank(fk_summary *s, int M, double *room, nodes, weights, atoms, ranking):
+    """Fill in what the estimate of the switch reads; what is returned, and the 2 padded M numbers, are held by it."""
+    cdef cnp.ndarray nodes_ = doubles(nodes, "nodes", (M,)), weights_ = doubles(weights, "weights", (M,))
+    cdef cnp.ndarray atoms_ = np.array(atoms, dtype=bool), ranking_ = np.array(ranking, dtype=np.intc)
+    cdef int n_atoms = int(np.count_nonzero(atoms_))
+    if np.shape(atoms_) != (M,):
+        raise ValueError(f"atoms: got shape {np.shape(atoms_)}, expected ({M},)")
+    if np.shape(ranking_) != (2, M):
+        raise ValueError(f"ranking: got shape {np.shape(ranking_)}, expected (2, {M})")
+    order, ends = ranking_[0], ranking_[1]
+    if not (
+        np.array_equal(np.sort(order), np.arange(M)) and ends[M - 1] == 2 and atoms_[order][M - n_atoms:].all()
+        and (n_atoms in (0, M) or ends[M - n_atoms - 1] == 2)
+    ):
+        raise ValueError("ranking: expected all nodes, the atoms last, with the ends of values and strata")
+    memcpy(room, at(nodes_), M * sizeof(double))
+    memcpy(room + fk_padded(M), at(weights_), M * sizeof(double))
+    s.n_atoms, s.M, s.nodes, s.weights = n_atoms, M, room, room + fk_padded(M)
+    s.n_edges = int(np.count_nonzero(ends[:M - n_atoms] == 2))
+    s.is_plain = s.n_edges < 2 and bool(ends.all())
+    s.order = <const int *> cnp.PyArray_DATA(ranking_)
+    s.ends = s.order + M
+    return ranking_
+
+
 cdef class Summary:
     def __cinit__(self, Kernel kernel, transition, offset, twice, noise, nodes, weights, atoms, ranking):
         cdef fk_kernel *k = &kernel.k
@@ -113,20 +159,6 @@ cdef class Summary:
         cdef cnp.ndarray b = doubles(offset, "offset", (1 + w, M1 * M2 * m))
         cdef cnp.ndarray twice_ = doubles(twice, "twice", (M1 * m * m, m * m))
         cdef cnp.ndarray noise_ = doubles(noise, "noise", (M1, m * m))
-        cdef cnp.ndarray nodes_ = doubles(nodes, "nodes", (M2,)), weights_ = doubles(weights, "weights", (M2,))
-        cdef cnp.ndarray atoms_ = np.array(atoms, dtype=bool)
-        if np.shape(atoms_) != (M2,):
-            raise ValueError(f"atoms: got shape {np.shape(atoms_)}, expected ({M2},)")
-        self.ranking = np.array(ranking, dtype=np.intc)
-        if np.shape(ranking) != (2, M2):
-            raise ValueError(f"ranking: got shape {np.shape(ranking)}, expected (2, {M2})")
-        order, ends = self.ranking[0], self.ranking[1]
-        n_atoms = int(np.count_nonzero(atoms_))
-        if not (
-            np.array_equal(np.sort(order), np.arange(M2)) and ends[M2 - 1] == 2 and atoms_[order][M2 - n_atoms:].all()
-            and (n_atoms in (0, M2) or ends[M2 - n_atoms - 1] == 2)
-        ):
-            raise ValueError("ranking: expected all nodes, the atoms last, with the ends of values and strata")
         cdef size_t cells = <size_t> fk_slots(k) * size * 8, ld = fk_padded(M1), to = fk_padded(M2)
         self.memory = Buffer(cells + (m * m + m * m * m * m + 9) * ld + 2 * to + 4 * <size_t> M2)
         cdef double *cell
@@ -164,15 +196,10 @@ cdef class Summary:
                     n += 1
             if k.is_scalar:
                 fk_fill_ahead(i, n, <int> ld, moves, pairs, ahead)
-        memcpy(to_nodes, at(nodes_), M2 * sizeof(double))
-        memcpy(to_nodes + to, at(weights_), M2 * sizeof(double))
-        self.s.stride, self.s.n_atoms, self.s.M, self.s.cells = size, n_atoms, M2, self.memory.data
-        self.s.n_edges = int(np.count_nonzero(ends[:M2 - n_atoms] == 2))
-        self.s.is_plain = self.s.n_edges < 2 and bool(ends.all())
+        self.ranking = rank(&self.s, M2, to_nodes, nodes, weights, atoms, ranking)
+        self.s.stride, self.s.cells = size, self.memory.data
         self.s.twice, self.s.noise, self.s.ahead = to_twice, to_noise, ahead
-        self.s.nodes, self.s.weights = to_nodes, to_nodes + to
-        self.s.order = <const int *> cnp.PyArray_DATA(self.ranking)
-        self.s.ends, self.s.widest = self.s.order + M2, to_widest
+        self.s.widest = to_widest
 
 
 cdef class Workspace:

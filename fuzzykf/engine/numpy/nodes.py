@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from fuzzykf.engine.numpy.imm import weigh_modes
+from fuzzykf.engine.numpy.kalman import PIVOT_TOLERANCE
 from fuzzykf.engine.numpy.outliers import QUIET
 from fuzzykf.engine.numpy.series import summarise
 from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
@@ -30,11 +31,13 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = [
+    "NodeKernel",
     "NodeSpace",
     "before_node_step",
     "filter_nodes",
     "first_node_step",
     "node_step",
+    "pack_nodes",
 ]
 
 #: Numbers that the states of a chunk of observations, which are summarised at once, may hold.
@@ -64,6 +67,14 @@ class NodeSpace(NamedTuple):
         return tuple(one[:, 0, nodes] for one in self)
 
 
+class NodeKernel(NamedTuple):
+    """Parameters of steps, and who leads where: made once, whatever the number of steps."""
+
+    space: NodeSpace
+    log_transition: FloatArray  # (M, M)
+    pairs: _Pairs
+
+
 class _Pairs(NamedTuple):
     """The pairs of nodes that can follow one another, sorted by the node of arrival."""
 
@@ -75,13 +86,26 @@ class _Pairs(NamedTuple):
 # --------------------------------------------------------------------------- steps
 
 
-@QUIET
-def first_node_step(space: NodeSpace, table: FloatArray, ys: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Condition the law of the first node and of X_1 on the first observation of each of several series.
+def pack_nodes(space: NodeSpace, log_transition: FloatArray) -> NodeKernel:
+    """Bring parameters into the form that steps read.
 
     Parameters
     ----------
     space : NodeSpace
+        Of one step, or of those into each of a number of observations; of one series, or of each.
+    log_transition : ndarray, shape (M, M)
+        From row i to column j; minus infinity where impossible.
+    """
+    return NodeKernel(space, log_transition, _pairs_of(log_transition))
+
+
+@QUIET
+def first_node_step(kernel: NodeKernel, table: FloatArray, ys: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Condition the law of the first node and of X_1 on the first observation of each of several series.
+
+    Parameters
+    ----------
+    kernel : NodeKernel
         Of one step, of which H, d and R count.
     table : ndarray, shape (s, 1 + m + m*m, M)
         The law before it.
@@ -99,23 +123,19 @@ def first_node_step(space: NodeSpace, table: FloatArray, ys: FloatArray) -> tupl
     numpy.linalg.LinAlgError
         If the covariance of an observation is not positive definite.
     """
-    log_p, x, P = _unpacked(table)
-    _, _, _, H, d, R = space.take()
-    return _weighed(log_p, *_updated(x, P, ys, H, d, R, log_p > -np.inf), ys)
+    return _begun(kernel.space, table, ys)
 
 
 @QUIET
 def node_step(
-    space: NodeSpace, log_transition: FloatArray, every_pair: bool, table: FloatArray, ys: FloatArray
+    kernel: NodeKernel, every_pair: bool, table: FloatArray, ys: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Move the states of several series to their next observations.
 
     Parameters
     ----------
-    space : NodeSpace
+    kernel : NodeKernel
         Of one step.
-    log_transition : ndarray, shape (M, M)
-        From row i to column j; minus infinity where impossible.
     every_pair : bool
         Whether every pair of nodes is updated (GPB2), and not every node (IMM).
     table, ys
@@ -131,20 +151,17 @@ def node_step(
     numpy.linalg.LinAlgError
         As from `first_node_step`.
     """
-    pairs = _pairs_of(log_transition)
-    predicted = _predicted(space, log_transition, pairs, every_pair, table)
-    return _seen(space, pairs, every_pair, predicted, ys)
+    predicted = _predicted(kernel, kernel.space, every_pair, table)
+    return _seen(kernel.space, kernel.pairs, every_pair, predicted, ys)
 
 
 @QUIET
-def before_node_step(
-    space: NodeSpace, log_transition: FloatArray, table: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def before_node_step(kernel: NodeKernel, table: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Say what is known of the next time before its observation is seen: the same for IMM and GPB2.
 
     Parameters
     ----------
-    space, log_transition, table
+    kernel, table
         As in `node_step`.
 
     Returns
@@ -153,7 +170,7 @@ def before_node_step(
     x, P : ndarray, shapes (s, M, m) and (s, M, m, m)
         Given each node.
     """
-    log_c, x, P = _predicted(space, log_transition, _pairs_of(log_transition), False, table)
+    log_c, x, P = _predicted(kernel, kernel.space, False, table)
     return np.exp(log_c), x, P
 
 
@@ -162,8 +179,7 @@ def before_node_step(
 
 @QUIET
 def filter_nodes(
-    space: NodeSpace,
-    log_transition: FloatArray,
+    kernel: NodeKernel,
     every_pair: bool,
     table: FloatArray,
     begins: bool,
@@ -177,9 +193,9 @@ def filter_nodes(
 
     Parameters
     ----------
-    space : NodeSpace
+    kernel : NodeKernel
         Of the steps into these observations.
-    log_transition, every_pair
+    every_pair
         As in `node_step`.
     table : ndarray, shape (s, 1 + m + m*m, M)
         The state of each series before them, or the law of the first node and of X_1.
@@ -204,7 +220,7 @@ def filter_nodes(
     """
     s, n, _ = ys.shape
     rows, M = table.shape[1:]
-    pairs = _pairs_of(log_transition)
+    space, pairs = kernel.space, kernel.pairs
     size = max(1, _BLOCK // (rows * len(pairs.after)))
     before, last = np.empty_like(table), np.empty_like(table)
     for a in range(0, s, size):
@@ -221,9 +237,9 @@ def filter_nodes(
                 before[block] = now
                 if begins and k == 0:
                     _store_prior(part, k, _unpacked(now))
-                    now, found = first_node_step(here, now, y)
+                    now, found = _begun(here, now, y)
                 else:
-                    predicted = _predicted(here, log_transition, pairs, every_pair, now)
+                    predicted = _predicted(kernel, here, every_pair, now)
                     _store_prior(part, k, predicted)
                     now, found = _seen(here, pairs, every_pair, predicted, y)
                 tables[:, k - start], log_likelihood[:, k - start] = now, found
@@ -258,6 +274,13 @@ def _unpacked(table: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return log_p, moments[..., :m], moments[..., m:].reshape(s, M, m, m)
 
 
+def _begun(space: NodeSpace, table: FloatArray, ys: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Take first observations into account, before which nothing moves."""
+    log_p, x, P = _unpacked(table)
+    _, _, _, H, d, R = space.take()
+    return _weighed(log_p, *_updated(x, P, ys, H, d, R, log_p > -np.inf), ys)
+
+
 def _moved(
     x: FloatArray, P: FloatArray, F: FloatArray, b: FloatArray, Q: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -265,21 +288,30 @@ def _moved(
     return (F @ x[..., None])[..., 0] + b, symmetrize(F @ P @ np.swapaxes(F, -1, -2) + Q)
 
 
+def _reached(log_p: FloatArray, x: FloatArray, P: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Moments of nodes, of zero where no path leads: they might grow without bound."""
+    lost = np.isneginf(log_p)
+    if not lost.any():
+        return x, P
+    return np.where(lost[..., None], 0.0, x), np.where(lost[..., None, None], 0.0, P)
+
+
 def _predicted(
-    space: NodeSpace, log_transition: FloatArray, pairs: _Pairs, every_pair: bool, table: FloatArray
+    kernel: NodeKernel, space: NodeSpace, every_pair: bool, table: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Move states (GPB2: of every pair) to the next time; log-probabilities, means and covariances there.
 
     What leads to one node is merged before it moves (IMM), or not at all yet (GPB2).
     """
     log_p, x, P = _unpacked(table)
-    i, j, _ = pairs
-    log_w, x, P = log_p[:, i] + log_transition[i, j], x[:, i], P[:, i]
+    i, j, _ = kernel.pairs
+    log_w, x, P = log_p[:, i] + kernel.log_transition[i, j], x[:, i], P[:, i]
     if not every_pair:
-        log_w, share = _shares(log_w, pairs)
-        x, P = _merged(share, x, P, pairs)
+        log_w, share = _shares(log_w, kernel.pairs)
+        x, P = _merged(share, x, P, kernel.pairs)
     F, b, Q, *_ = space.take(j if every_pair else slice(None))
-    return log_w, *_moved(x, P, F, b, Q)
+    x, P = _moved(x, P, F, b, Q)
+    return log_w, *((x, P) if every_pair else _reached(log_w, x, P))
 
 
 def _seen(
@@ -373,6 +405,9 @@ def _updated(
         distance, log_det = y[..., 0] ** 2 / variance, np.log(variance)
     else:
         L = np.linalg.cholesky(S)
+        pivots = np.diagonal(L, axis1=-2, axis2=-1) ** 2
+        if not (pivots > PIVOT_TOLERANCE * np.diagonal(S, axis1=-2, axis2=-1)).all():
+            raise np.linalg.LinAlgError("the covariance of an observation is singular, to rounding error")
         white = np.linalg.solve(L, np.concatenate([y[..., None], across], axis=-1))
         gain = np.swapaxes(np.linalg.solve(np.swapaxes(L, -1, -2), white[..., 1:]), -1, -2)
         distance = (white[..., 0] ** 2).sum(axis=-1)
@@ -392,6 +427,7 @@ def _weighed(
     log_p = log_p - np.log(np.exp(log_p).sum(axis=1, keepdims=True))  # rounding of large differences
     nothing = np.isnan(ys).all(axis=1)
     s, M, m = x.shape
+    x, P = _reached(log_p, x, P)
     table = np.empty((s, 1 + m + m * m, M))
     table[:, 0] = np.maximum(log_p, LOG_ZERO)  # NaN, where no node gives the observation a density, stays
     table[:, 1 : 1 + m] = np.swapaxes(x, 1, 2)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
+from fuzzykf.engine import selected as engine
 from fuzzykf.gaussian import symmetrize
 from fuzzykf.immutable import cached_property
 from fuzzykf.reprs import reprs
@@ -58,8 +59,17 @@ class NodeTables:
 
     @property
     def space(self) -> tuple[FloatArray, ...]:
-        """F, b, Q, H, d and R as engines take them, with axes for series and steps: (1, 1, M2, ...)."""
+        """F, b, Q, H, d and R with axes for series and steps: (1, 1, M2, ...)."""
         return tuple(one[None, None] for one in (self.F, self.b, self.Q, self.H, self.d, self.R))
+
+    @cached_property
+    def kernel(self) -> Any:
+        """All of it as the engine takes it; made once."""
+        return engine.pack_nodes(engine.NodeSpace(*self.space), self.log_transition)
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
+        # what is cached belongs to one engine
+        return type(self), (self.transition, self.F, self.b, self.Q, self.H, self.d, self.R)
 
     def __copy__(self) -> Self:
         return self
@@ -90,6 +100,18 @@ class NodeLaw(InitialLaw):
         m = self.H.shape[-1]
         rows = self.mean[:, :m].T, self.covariance[:, :m, :m].reshape(len(self.mean), m * m).T
         return np.concatenate([log_probability(self.probability)[None], *rows])
+
+    @cached_property
+    def kernel(self) -> Any:
+        """How Y_1 comes from X_1 as the engine takes it; made once."""
+        M, m = self.H.shape[0], self.H.shape[-1]
+        still = np.zeros((M, m, m)), np.zeros((M, m)), np.zeros((M, m, m))  # nothing moves before it
+        space = (one[None, None] for one in (*still, self.H, self.d, self.R))
+        return engine.pack_nodes(engine.NodeSpace(*space), np.full((M, M), -np.inf))
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
+        # what is cached belongs to one engine
+        return type(self), (self.probability, self.mean, self.covariance, self.H, self.d, self.R)
 
     def seen_by(self, H: FloatArray | None, R: FloatArray | None) -> NodeLaw:
         """Return the law where something else is seen of X_1, as far as it is told."""

@@ -7,10 +7,13 @@ from libc.math cimport isfinite
 from libc.string cimport memcpy, memmove, memset
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, doubles
+from fuzzykf.engine.compiled.nodes cimport (
+    NodeKernel, NodeSpan, fk_nodes_advance, nodes_versions,
+)
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
-    Kernel, Workspace, fk_advance, fk_engine, fk_in_range, fk_kernel, fk_log_likelihood, fk_padded, fk_probabilities, fk_state,
-    fk_to_logs, start, store, versions,
+    FK_FARTHEST, Kernel, Workspace, fk_advance, fk_engine, fk_in_range, fk_kernel, fk_log_likelihood, fk_padded,
+    fk_probabilities, fk_state, fk_to_logs, load, start, store, versions,
 )
 
 cimport numpy as cnp
@@ -42,8 +45,13 @@ cdef class Stepper:
     then.  The attributes are made when they are read.
     """
 
-    cdef Kernel kernel  # None unless armed
+    cdef Kernel kernel  # None unless armed with pairs of nodes
     cdef Workspace work
+    cdef NodeKernel nodes  # None unless armed with a state-space model on nodes
+    cdef NodeSpan span
+    cdef bint every_pair
+    cdef int M, m, q, w
+    cdef double *p  # room for the probabilities of the nodes
     cdef Buffer windows
     cdef double *u  # (1, w, y) of the latest step
     cdef double *window  # the latest observations, newest first
@@ -58,11 +66,34 @@ cdef class Stepper:
     cdef object mixture, before, z, tables
     cdef double log_likelihood
 
-    def _arm(self, tables, table, window, mass):
+    def _arm(self, tables, table, window, mass, every_pair):
         """See `fuzzykf.switching.filters.stepper.Stepper`."""
-        cdef Kernel kernel = tables.kernel
+        packed = tables.kernel
+        self._disarm()
+        if isinstance(packed, NodeKernel):
+            self._arm_nodes(packed, table, every_pair)
+        elif isinstance(packed, Kernel):
+            self._arm_pairs(packed, table, window, mass)
+        else:  # a system too large to be compiled
+            return False
+        self.tables, self.ahead = tables, False
+        self.version = fk_version_of(type(self))
+        return True
+
+    cdef int _arm_nodes(self, NodeKernel kernel, table, bint every_pair) except -1:
+        cdef int M = kernel.k.M, m = kernel.k.m
+        cdef cnp.ndarray source = doubles(table, "table", (1 + m + m * m, M))
+        self.span = NodeSpan(kernel, 1, 1)
+        load(self.span.one.table, at(source), 1 + m + m * m, M)
+        self.windows = Buffer(1 + kernel.k.q)
+        self.u, self.p = self.windows.data, self.span.p
+        self.now, self.old, self.spare = &self.span.one, &self.span.two, &self.span.three
+        self.M, self.m, self.q, self.w = M, m, kernel.k.q, 0
+        self.nodes, self.every_pair = kernel, every_pair
+        return 0
+
+    cdef int _arm_pairs(self, Kernel kernel, table, window, mass) except -1:
         cdef cnp.ndarray w = doubles(window, "window", (kernel.k.w,))
-        self._sync()
         if kernel.k.is_signed or kernel.k.M1 != kernel.k.M2 or kernel.k.w % kernel.k.q:
             raise ValueError("tables: expected constant tables without negative weights")
         self.work = Workspace(kernel)
@@ -79,10 +110,10 @@ cdef class Stepper:
         self.u, self.kept, self.window = self.windows.data, self.windows.data + width, self.windows.data + 2 * width
         self.u[0] = 1.0
         memcpy(self.window, at(w), kernel.k.w * sizeof(double))
-        self.now, self.old, self.spare = &self.work.one, &self.work.two, &self.work.three
-        self.tables, self.kernel, self.ahead = tables, kernel, False
-        self.version = fk_version_of(type(self))
-        return True
+        self.now, self.old, self.spare, self.p = &self.work.one, &self.work.two, &self.work.three, self.work.p
+        self.M, self.m, self.q, self.w = kernel.k.M2, kernel.k.m, kernel.k.q, kernel.k.w
+        self.kernel = kernel
+        return 0
 
     cdef bint _has_own_verbs(self) except -1:
         """Whether the class has been changed since, or one of the verbs of this object."""
@@ -107,16 +138,9 @@ cdef class Stepper:
         """
         cdef double value
         cdef const double *y
-        cdef fk_kernel *k
-        cdef int q, t
-        cdef double *u
-        cdef double *window
-        cdef fk_state *swap
-        cdef cnp.npy_intp shape[2]
-        if self.kernel is None or self.predicted or self._has_own_verbs():
+        cdef int q = self.q, t
+        if (self.kernel is None and self.nodes is None) or self.predicted or self._has_own_verbs():
             return self._step_any(z)
-        k = &self.kernel.k
-        q = k.q
         if PyFloat_Check(z):
             value = PyFloat_AS_DOUBLE(z)
             if q != 1:
@@ -133,7 +157,39 @@ cdef class Stepper:
         for t in range(q):
             if not isfinite(y[t]):
                 return self._step_any(z)
-        u, window = self.u, self.window
+        if not (self._advance_pairs(y) if self.nodes is None else self._advance_nodes(y)):
+            # the verbs say what is wrong, from the state before
+            return self._step_by_verbs(np.array([y[t] for t in range(q)]))
+        cdef fk_state *swap = self.old
+        self.old = self.now
+        self.now = self.spare
+        self.spare = swap
+        self.n += 1
+        self.ahead = True
+        cdef cnp.npy_intp *shape = [self.m, 1]
+        cdef cnp.ndarray x = cnp.PyArray_SimpleNew(2, shape, cnp.NPY_DOUBLE)
+        engine().posterior(
+            self.M, self.m, fk_probabilities(engine(), self.now, self.M, self.p), self.now.table, at(x), NULL
+        )
+        return x
+
+    cdef bint _advance_nodes(self, const double *y) noexcept:
+        """Take an observation; whether what comes of it is made of numbers."""
+        if not fk_nodes_advance(
+            nodes_versions + level, &self.span.k, self.every_pair, self.now, self.spare, y, self.span.scratch
+        ):
+            return False
+        if not self.spare.total > FK_FARTHEST or not fk_in_range(self.spare, self.M, self.m):
+            return False
+        memcpy(self.u + 1, y, self.q * sizeof(double))
+        return True
+
+    cdef bint _advance_pairs(self, const double *y) noexcept:
+        """Take an observation, likewise."""
+        cdef fk_kernel *k = &self.kernel.k
+        cdef int q = k.q
+        cdef double *u = self.u
+        cdef double *window = self.window
         memcpy(self.kept, u, (1 + k.w + q) * sizeof(double))
         if k.is_scalar:
             u[1], u[2] = window[0], y[0]
@@ -145,49 +201,40 @@ cdef class Stepper:
             memcpy(window, y, q * sizeof(double))
         fk_advance(engine(), k, self.now, self.spare, u, self.work.scratch)
         if self.spare.total != self.spare.total or not fk_in_range(self.spare, k.M2, k.m):
-            # the verbs say what is wrong, from the state before
             memcpy(window, u + 1, k.w * sizeof(double))
             memcpy(u, self.kept, (1 + k.w + q) * sizeof(double))
-            return self._step_by_verbs(np.array([y[t] for t in range(q)]))
-        swap = self.old
-        self.old = self.now
-        self.now = self.spare
-        self.spare = swap
-        self.n += 1
-        self.ahead = True
-        shape[0], shape[1] = k.m, 1
-        cdef cnp.ndarray x = cnp.PyArray_SimpleNew(2, shape, cnp.NPY_DOUBLE)
-        engine().posterior(
-            k.M2, k.m, fk_probabilities(engine(), self.now, k.M2, self.work.p), self.now.table, at(x), NULL
-        )
-        return x
+            return False
+        return True
 
     cdef cnp.ndarray _table(self, fk_state *state):
-        cdef int M = self.kernel.k.M2, rows = 1 + self.kernel.k.m + self.kernel.k.m * self.kernel.k.m
+        cdef int M = self.M, rows = 1 + self.m + self.m * self.m
         cdef cnp.ndarray table = np.empty((rows, M))
         cdef fk_state copy = state[0]
         store(at(table), state.table, rows, M)
         if state.linear:
-            copy.table = self.work.p
-            memcpy(self.work.p, state.table, fk_padded(M) * sizeof(double))
+            copy.table = self.p
+            memcpy(self.p, state.table, fk_padded(M) * sizeof(double))
             fk_to_logs(&copy, M)
-            memcpy(at(table), self.work.p, M * sizeof(double))
+            memcpy(at(table), self.p, M * sizeof(double))
         return table
 
-    cdef cnp.ndarray _mass(self, fk_state *state):
-        cdef int M = self.kernel.k.M2
-        cdef cnp.ndarray mass = np.empty(M)
-        memcpy(at(mass), fk_probabilities(engine(), state, M, self.work.p), M * sizeof(double))
+    cdef object _mass(self, fk_state *state):
+        """Return the probabilities of the nodes if the engine carries them; None on nodes, where it does not."""
+        if self.nodes is not None:
+            return None
+        cdef cnp.ndarray mass = np.empty(self.M)
+        memcpy(at(mass), fk_probabilities(engine(), state, self.M, self.p), self.M * sizeof(double))
         return mass
 
     cdef int _sync(self) except -1:
         """Bring the attributes up to the compiled state."""
         if not self.ahead:
             return 0
-        cdef int w = self.kernel.k.w, q = self.kernel.k.q
+        cdef int w = self.w, q = self.q
         cdef cnp.ndarray u = np.empty(w + q), window = np.empty(w)
         memcpy(at(u), self.u + 1, (w + q) * sizeof(double))
-        memcpy(at(window), self.window, w * sizeof(double))
+        if w:
+            memcpy(at(window), self.window, w * sizeof(double))
         mixture = self._as_mixture(self._table(self.now), window, self._mass(self.now))
         before = self._as_mixture(self._table(self.old), u[:w].copy(), self._mass(self.old))
         before = self._as_source(before, self.tables)
@@ -198,7 +245,7 @@ cdef class Stepper:
 
     cdef int _disarm(self) except -1:
         self._sync()
-        self.kernel = None
+        self.kernel = self.nodes = None
         return 0
 
     @property

@@ -38,9 +38,16 @@ if TYPE_CHECKING or not STREAMS:
         _log_likelihood: float
 
         def _arm(
-            self, tables: PairTables, table: FloatArray, window: FloatArray, mass: FloatArray | None
+            self,
+            tables: PairTables,
+            table: FloatArray,
+            window: FloatArray,
+            mass: FloatArray | None,
+            every_pair: bool,
         ) -> bool:
             """Hand over state, window and the constant tables of all steps to come.
+
+            On nodes, whose tables are of another kind, ``every_pair`` says that it is GPB2.
 
             Returns whether `step` will take complete observations by itself: never in NumPy.
             """

@@ -238,14 +238,15 @@ class SwitchingFilter(Stepper, Filter):
     def _hand_over(self) -> bool:
         """Let the engine take the steps to come, if their tables are constant and the state complete."""
         known, steady_from = self._mixture, self._system.steady_from
-        if not STREAMS or known is None or known.unknown or self._method is not EXACT:
+        if not STREAMS or known is None or known.unknown or not self._method.streams:
             return False
         if steady_from is None or self._n <= steady_from or self._predicted or self._system.chain.is_signed:
             return False
-        return self._is_plain() and self._arm(self._next_tables(), known.table, known.window, known.mass)
+        begin = known.table, known.window, known.mass
+        return self._is_plain() and self._arm(self._next_tables(), *begin, self._method.every_pair)
 
     @staticmethod
-    def _as_mixture(table: FloatArray, window: FloatArray, mass: FloatArray) -> Mixture:
+    def _as_mixture(table: FloatArray, window: FloatArray, mass: FloatArray | None) -> Mixture:
         """Return a complete state of the engine."""
         return Mixture(table, window, None, mass)
 

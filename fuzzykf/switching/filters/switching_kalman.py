@@ -222,6 +222,10 @@ class SwitchingKalmanFilter(SavedFilter):
         -------
         ndarray, shape (dim_x, 1)
         """
+        if u is None and R is None and H is None:
+            x: FloatArray = super().step(z)
+            self._latest = NOTHING
+            return x
         z = z if isinstance(z, float | np.ndarray) else match_row(z, labels_of(self))
         as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
         look = {name: one for name, one in (("R", R), ("H", H)) if one is not None}

@@ -118,6 +118,11 @@ class Exact(Method):
         )
         return Ahead(mu, mean[:m], covariance[:m, :m], mean[m:], covariance[m:, m:])
 
+    @property
+    def streams(self) -> bool:
+        """Whether the engine may take steps by itself: not where a subclass may have changed them."""
+        return type(self) is Exact
+
     def series(
         self,
         system: SwitchingSystem,

@@ -36,6 +36,14 @@ class Method(Protocol):
     by step, and there is no smoother.
     """
 
+    #: Whether it is GPB2: a step is taken for every pair of nodes.
+    every_pair: bool = False
+
+    @property
+    def streams(self) -> bool:
+        """Whether the engine may take steps by itself, those of the method being its own."""
+        return False
+
     def first(self, law: InitialLaw, y: FloatArray) -> tuple[Mixture, float]:
         """Condition the initial law on the first observation (q,), NaN where missing.
 

@@ -28,7 +28,7 @@ from fuzzykf.switching.dynamics.nodes import joint_moments
 from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.inference.method import Method, out_of_range
 from fuzzykf.switching.inference.mixture import Mixture, Source
-from fuzzykf.switching.inference.series import Trajectory, allocate, shown
+from fuzzykf.switching.inference.series import Trajectory, allocate, over_threads, shown
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -56,16 +56,18 @@ class OnNodes(Method):
     def __repr__(self) -> str:
         return self.name
 
+    @property
+    def streams(self) -> bool:
+        """Whether the engine may take steps by itself: always, there are no subclasses."""
+        return True
+
     def __reduce__(self) -> str | tuple[Any, ...]:
         return self.name  # there is one alone, whoever copies or pickles it
 
     def first(self, law: NodeLaw, y: FloatArray) -> tuple[Mixture, float]:  # type: ignore[override]
         """Condition the law of (r_1, X_1) on y_1, (q,), NaN where missing; nothing moves before it."""
-        H, d, R = (one[None, None] for one in (law.H, law.d, law.R))
-        nothing = np.zeros((1, 1, *law.mean.shape, 0))
-        space = engine.NodeSpace(nothing, nothing, nothing, H, d, R)
         try:
-            table, value = engine.first_node_step(space, law.table[None], y[None])
+            table, value = engine.first_node_step(law.kernel, law.table[None], y[None])
         except np.linalg.LinAlgError as error:
             raise _singular(law.probability, law.covariance, y) from error
         return _checked(table, value, y)
@@ -88,13 +90,10 @@ class OnNodes(Method):
         mixture, log_likelihood
             The log-likelihood is that of the parts that are there; 0 if none is.
         """
-        space = engine.NodeSpace(*tables.space)
         try:
-            table, value = engine.node_step(
-                space, tables.log_transition, self.every_pair, mixture.table[None], y[None]
-            )
+            table, value = engine.node_step(tables.kernel, self.every_pair, mixture.table[None], y[None])
         except np.linalg.LinAlgError as error:
-            mu, *moments = engine.before_node_step(space, tables.log_transition, mixture.table[None])
+            mu, *moments = engine.before_node_step(tables.kernel, mixture.table[None])
             _, joint = joint_moments(moments[0][0], moments[1][0], tables.H, tables.d, tables.R)
             raise _singular(mu[0], joint, y) from error
         return _checked(table, value, y)
@@ -102,8 +101,7 @@ class OnNodes(Method):
     def ahead(self, tables: NodeTables, mixture: Mixture) -> Ahead:  # type: ignore[override]
         """Moments of (X', Y') and the probabilities of the nodes before Y' is seen."""
         m = tables.F.shape[-1]
-        space = engine.NodeSpace(*tables.space)
-        mu, x, P = engine.before_node_step(space, tables.log_transition, mixture.table[None])
+        mu, x, P = engine.before_node_step(tables.kernel, mixture.table[None])
         joint = joint_moments(x[0], P[0], tables.H, tables.d, tables.R)
         mean, covariance = mixture_moments(mu[0], *joint)
         return Ahead(mu[0], mean[:m], covariance[:m, :m], mean[m:], covariance[m:, m:])
@@ -141,7 +139,7 @@ class OnNodes(Method):
         wanted = [name for name in names if name != "class_weights"]
         if "class_weights" in names:
             wanted += ["mu", "switch_mean"]
-        found, _, _ = self._filter(system, series, tuple(dict.fromkeys(wanted)), False, stand)
+        found, _, _ = self._filter(system, series, tuple(dict.fromkeys(wanted)), False, stand, threads)
         return shown(system.chain, found, names)
 
     def _filter(
@@ -151,6 +149,7 @@ class OnNodes(Method):
         names: tuple[str, ...],
         states: bool,
         stand: Stand | None,
+        threads: int = 1,
     ) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
         """Filter series (s, n, q) and return fields (s, n, ...), and the states before and after the last."""
         if not (len(series) and series.shape[1]):  # nothing to begin with, and no way of a known switch
@@ -162,17 +161,26 @@ class OnNodes(Method):
         begin = system.initial().table if stand is None else stand.mixture.table
         table = np.repeat(begin[None], len(series), axis=0)
         chain = system.chain
+        switch = chain.keys, chain.weights, chain.atoms, chain.ranking
         start = 0 if stand is None else stand.n - stand.origin
-        space = engine.NodeSpace(*system.steps(start, series.shape[1]))
+        steps = system.steps(start, series.shape[1])
         with np.errstate(divide="ignore"):
             log_transition = np.log(chain.transition)
-        switch = chain.keys, chain.weights, chain.atoms, chain.ranking
-        arguments = space, log_transition, self.every_pair, table, stand is None, series, out, switch
+
+        def several(rows: slice) -> tuple[FloatArray, FloatArray]:
+            space = engine.NodeSpace(*(one[rows] if len(one) > 1 else one for one in steps))
+            kernel = engine.pack_nodes(space, log_transition)
+            part = {name: values[rows] for name, values in out.items()}
+            return engine.filter_nodes(
+                kernel, self.every_pair, table[rows], stand is None, series[rows], part, switch
+            )
+
         try:
-            before, last = engine.filter_nodes(*arguments)
+            found = over_threads(several, len(series), threads)
         except np.linalg.LinAlgError as error:
             self._walk(system, series, stand)  # says which node it is
             raise NotPositiveDefiniteError(_SINGULAR) from error
+        before, last = (np.concatenate(parts) for parts in zip(*found, strict=True))
         _check_range(out, last, series)
         return {name: values[:, lead:] for name, values in out.items()}, before, last
 

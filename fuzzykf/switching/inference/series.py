@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate, pairwise
 from math import prod
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from fuzzykf.results import FilterResult, field_shapes
 from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_switch
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import Ahead, PairTables, SwitchingSystem
     from fuzzykf.switching.inference.method import Method, Smoothed
@@ -38,6 +40,7 @@ __all__ = [
     "class_weights_of",
     "filter_many",
     "filter_one",
+    "over_threads",
     "result_of",
     "shown",
     "smoothed_result",
@@ -51,6 +54,8 @@ FOUND = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_lik
 SHOWN = (*FOUND, "class_weights")
 
 _NONE = np.empty(0)
+
+_Found = TypeVar("_Found")
 
 #: How far, in parts of the largest number, verbs and whole series may be apart.
 _ROUNDING = 1e-6
@@ -181,16 +186,12 @@ def _filter_many(
     out = allocate(system, series.shape[:2], names, False)
     alone = np.isnan(series).any(axis=(1, 2)) | system.chain.is_signed
     if not alone.any():
-        cuts = [len(series) * k // threads for k in range(threads + 1)]
-        blocks = [slice(a, b) for a, b in pairwise(cuts) if b > a]
-        if len(blocks) <= 1:
-            _filter_block(method, system, series, out, stand)
-            return out
-        parts = [{name: values[block] for name, values in out.items()} for block in blocks]
-        with ThreadPoolExecutor(len(blocks)) as pool:
-            list(
-                pool.map(lambda b, part: _filter_block(method, system, series[b], part, stand), blocks, parts)
-            )
+
+        def block(rows: slice) -> None:
+            part = {name: values[rows] for name, values in out.items()}
+            _filter_block(method, system, series[rows], part, stand)
+
+        over_threads(block, len(series), threads)
         return out
     if not alone.all():
         together = _filter_many(method, system, series[~alone], names, threads, stand)
@@ -202,6 +203,16 @@ def _filter_many(
         for name in names:
             out[name][k] = part[name][0]
     return {name: out[name] for name in names}  # without the states, which signed weights need
+
+
+def over_threads(several: Callable[[slice], _Found], n: int, threads: int) -> list[_Found]:
+    """Do ``several`` for n series, in as many parts as there are threads; what it returns for each."""
+    cuts = [n * k // threads for k in range(threads + 1)]
+    blocks = [slice(a, b) for a, b in pairwise(cuts) if b > a] or [slice(0)]
+    if len(blocks) == 1:
+        return [several(blocks[0])]
+    with ThreadPoolExecutor(len(blocks)) as pool:
+        return list(pool.map(several, blocks))
 
 
 def allocate(

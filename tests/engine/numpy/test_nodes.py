@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from fuzzykf.engine.numpy.nodes import NodeSpace, before_node_step, filter_nodes, first_node_step, node_step
+from fuzzykf.engine.numpy.nodes import (
+    NodeSpace,
+    before_node_step,
+    filter_nodes,
+    first_node_step,
+    node_step,
+    pack_nodes,
+)
 from fuzzykf.engine.numpy.tables import LOG_ZERO
 
 METHODS = {"imm": False, "gpb2": True}
@@ -64,7 +71,8 @@ def run(parameters, table, ys, every_pair, begins=True, log_transition=None):
     M = table.shape[-1]
     out = {name: np.full((*ys.shape[:2], *shape), NAN) for name, shape in FIELDS.items()}
     log_transition = log(T) if log_transition is None else log_transition
-    last = filter_nodes(parameters, log_transition, every_pair, table, begins, ys, out, switch(M))
+    kernel = pack_nodes(parameters, log_transition)
+    last = filter_nodes(kernel, every_pair, table, begins, ys, out, switch(M))
     return out, last
 
 
@@ -129,7 +137,8 @@ def test_the_reference_cases_to_the_last_digits(method, ssm_cases):
         out = {name: np.empty((*ys.shape[:2], *shape)) for name, shape in shapes.items()}
         begin = packed(law.probability[None], law.mean[None, :, :m], law.covariance[None, :, :m, :m])
         names = chain.keys, chain.weights, chain.atoms, chain.ranking
-        filter_nodes(parameters, tables.log_transition, METHODS[method], begin, True, ys, out, names)
+        kernel = pack_nodes(parameters, tables.log_transition)
+        filter_nodes(kernel, METHODS[method], begin, True, ys, out, names)
         expected = case["expected"][method]
         for name in ("x", "P", "log_likelihood"):
             np.testing.assert_allclose(
@@ -146,7 +155,7 @@ def test_the_reference_cases_to_the_last_digits(method, ssm_cases):
 def test_a_step_is_that_of_the_textbook(method, y, q):
     rng = np.random.default_rng(3)
     parameters, table, y = space(rng, q=q), states(rng), np.array(y[:q])
-    new, value = node_step(parameters, log(T), METHODS[method], table, y[None])
+    new, value = node_step(pack_nodes(parameters, log(T)), METHODS[method], table, y[None])
     p, x, P, expected = textbook(parameters, T, METHODS[method], table[0], y)
     for got, wanted in zip(unpacked(new[0]), (p, x, P), strict=True):
         np.testing.assert_allclose(got, wanted, rtol=1e-11, atol=1e-13)
@@ -158,7 +167,7 @@ def test_a_step_is_that_of_the_textbook(method, y, q):
 def test_the_first_step_moves_nothing():
     rng = np.random.default_rng(4)
     parameters, table, y = space(rng), states(rng), np.array([0.3, NAN])
-    new, value = first_node_step(parameters, table, y[None])
+    new, value = first_node_step(pack_nodes(parameters, log(T)), table, y[None])
     still = parameters._replace(F=np.eye(2) + 0 * parameters.F, b=0 * parameters.b, Q=0 * parameters.Q)
     p, x, P, expected = textbook(still, np.eye(3), True, table[0], y)
     for got, wanted in zip(unpacked(new[0]), (p, x, P), strict=True):
@@ -199,9 +208,9 @@ def test_parameters_may_be_those_of_each_step_and_of_each_series(method, lead):
                 *(one[min(k, lead[0] - 1), None, min(n, lead[1] - 1), None] for one in parameters)
             )
             if n == 0:
-                now, value = first_node_step(here, now, ys[k, :1])
+                now, value = first_node_step(pack_nodes(here, log(T)), now, ys[k, :1])
             else:
-                now, value = node_step(here, log(T), METHODS[method], now, ys[k, n, None])
+                now, value = node_step(pack_nodes(here, log(T)), METHODS[method], now, ys[k, n, None])
             np.testing.assert_allclose(whole["log_likelihood"][k, n], value[0], rtol=1e-12)
             np.testing.assert_allclose(whole["mu"][k, n], np.exp(now[0, 0]), rtol=1e-10, atol=1e-14)
 
@@ -226,13 +235,13 @@ def test_what_no_path_reaches_keeps_no_mass_and_is_asked_for_no_density(method):
     parameters, table = space(rng), states(rng, p=[1.0, 0.0, 0.0])
     parameters.Q[0, 0, 2] = parameters.R[0, 0, 2] = 0.0  # S is zero where H is
     parameters.H[0, 0, 2] = 0.0
-    new, value = node_step(parameters, log(T), METHODS[method], table, np.array([[0.1, 0.2]]))
+    new, value = node_step(pack_nodes(parameters, log(T)), METHODS[method], table, np.array([[0.1, 0.2]]))
     assert np.isfinite(new).all()
     assert np.isfinite(value).all()
     assert new[0, 0, 2] == LOG_ZERO
     table = states(rng, p=[0.0, 0.5, 0.5])
     with pytest.raises(np.linalg.LinAlgError):
-        node_step(parameters, log(T), METHODS[method], table, np.array([[0.1, 0.2]]))
+        node_step(pack_nodes(parameters, log(T)), METHODS[method], table, np.array([[0.1, 0.2]]))
 
 
 def test_pairs_that_cannot_be_cost_nothing():
@@ -251,15 +260,15 @@ def test_a_scalar_observation_without_spread_is_refused_as_others_are():
     parameters, table = space(rng, q=1), states(rng)
     parameters.H[:] = parameters.R[:] = 0.0
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
-        node_step(parameters, log(T), False, table, np.array([[0.1]]))
+        node_step(pack_nodes(parameters, log(T)), False, table, np.array([[0.1]]))
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_before_a_step_both_methods_know_the_same(method):
     rng = np.random.default_rng(10)
     parameters, table = space(rng), states(rng)
-    mu, x, P = before_node_step(parameters, log(T), table)
-    new, _ = node_step(parameters, log(T), METHODS[method], table, np.array([[NAN, NAN]]))
+    mu, x, P = before_node_step(pack_nodes(parameters, log(T)), table)
+    new, _ = node_step(pack_nodes(parameters, log(T)), METHODS[method], table, np.array([[NAN, NAN]]))
     p, xs, Ps = unpacked(new[0])
     for got, wanted in ((mu[0], p), (x[0], xs), (P[0], Ps)):
         np.testing.assert_allclose(got, wanted, rtol=1e-12, atol=1e-14)
@@ -274,7 +283,7 @@ def test_two_nodes_that_are_alike_stay_alike_however_far_an_observation_is(metho
     table = packed(np.array([[0.8, 0.2]]), np.repeat(x, 2, axis=1), np.repeat(P, 2, axis=1))
     for size in (1.0, 1e3, 1e6, 1e9):
         y = size * np.array([[1.0, -1.0]])
-        new, value = node_step(alike, log(M), METHODS[method], table, y)
+        new, value = node_step(pack_nodes(alike, log(M)), METHODS[method], table, y)
         # the densities are equal to the bit, so the prior stays: .8 .7 + .2 .3
         np.testing.assert_allclose(np.exp(new[0, 0]), [0.62, 0.38], rtol=1e-14)
         assert np.isfinite(value).all()
