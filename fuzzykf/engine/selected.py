@@ -21,6 +21,7 @@ from fuzzykf.engine.numpy.imm import *
 from fuzzykf.engine.numpy.kalman import *
 from fuzzykf.engine.numpy.kalman_series import *
 from fuzzykf.engine.numpy.kernels import *
+from fuzzykf.engine.numpy.known_paths import *
 from fuzzykf.engine.numpy.nodes import *
 from fuzzykf.engine.numpy.outliers import *
 from fuzzykf.engine.numpy.raster import *

@@ -74,6 +74,23 @@ class Dynamics(Immutable, ABC):
             Index of the observation to which the first of them belongs.
         """
 
+    def along_many(self, shares: FloatArray, r: FloatArray) -> Any:
+        """Return the dynamics along known paths of the switch, side by side, from their first observations.
+
+        Parameters
+        ----------
+        shares : ndarray, shape (s, n, K)
+        r : ndarray, shape (s, n) or (s, n, K)
+            As in `along`, of s paths.
+
+        Returns
+        -------
+        object or None
+            What `fuzzykf.switching.inference.known_paths` takes for the `known_method`; None where each path
+            has to go alone, as by default.
+        """
+        return None
+
     @abstractmethod
     def simulate(self, shares: FloatArray, r: FloatArray, rng: np.random.Generator) -> Simulation:
         """Draw states and observations along a path of the switch, given as in `along`."""

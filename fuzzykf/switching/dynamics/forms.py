@@ -26,7 +26,7 @@ from fuzzykf.switching.dynamics.form_checks import (
 )
 from fuzzykf.switching.dynamics.interpolation import LogCovariance
 from fuzzykf.switching.dynamics.pairs import PairCoefficients, regress
-from fuzzykf.switching.dynamics.placed import GaussianPath, StationarySystem
+from fuzzykf.switching.dynamics.placed import GaussianPath, GaussianPaths, StationarySystem
 from fuzzykf.switching.dynamics.simulation import simulate_path
 
 if TYPE_CHECKING:
@@ -76,6 +76,10 @@ class GaussianForm(Dynamics):
     def along(self, shares: FloatArray, r: FloatArray, start: int = 0) -> GaussianPath:
         """Return the form along a known path of the switch, the same wherever it starts."""
         return GaussianPath(self, shares, r)
+
+    def along_many(self, shares: FloatArray, r: FloatArray) -> GaussianPaths:
+        """Return the form along known paths of the switch, side by side."""
+        return GaussianPaths(self, shares, r)
 
     def simulate(self, shares: FloatArray, r: FloatArray, rng: np.random.Generator) -> Simulation:
         """Draw states and observations along a path of the switch."""

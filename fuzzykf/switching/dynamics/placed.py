@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import Describe, PairCoefficients
 
-__all__ = ["GaussianPath", "KnownPath", "Pairwise", "StationarySystem"]
+__all__ = ["GaussianPath", "GaussianPaths", "KnownPath", "Pairwise", "StationarySystem"]
 
 
 class Pairwise(Protocol):
@@ -121,6 +121,8 @@ class KnownPath(ABC):
     steady_from: int | None = None
     #: Number of controls; None where there are none.
     dim_u: int | None = None
+    #: How covariances are mixed in a model that has H and R, which may be told otherwise; None in others.
+    mix: str | None = None
 
     def __init__(self, dim_x: int, dim_z: int, r: FloatArray, order: int = 1) -> None:
         self.dim_x, self.dim_z, self.order, self.r = dim_x, dim_z, order, r
@@ -139,7 +141,7 @@ _ONE_NODE = SwitchChain([0.0], [1.0], [1.0], [[1.0]])
 
 
 class GaussianPath(KnownPath):
-    """A form along a known path of the switch.
+    """A form along one known path of the switch.
 
     Parameters
     ----------
@@ -160,7 +162,38 @@ class GaussianPath(KnownPath):
 
     def pair_tables(self, n: int) -> PairTables:
         """Return the tables of the step from observation ``n`` to ``n + 1``."""
-        before, after = (value_of(self.r[k]) if self.r.ndim == 2 else f"{self.r[k]:.6g}" for k in (n, n + 1))
-        label = f"known pair r_n = {before}, r_n+1 = {after} (n = {n})"
+        label = _label(self.r, n)
         u1, u2 = self.shares[n, None, None], self.shares[n + 1, None, None]
         return PairTables(np.ones((1, 1)), self.form.pairs(u1, u2, lambda _: label))
+
+
+class GaussianPaths:
+    """A form along known paths of the switch, side by side.
+
+    Parameters
+    ----------
+    form : GaussianForm
+    shares : ndarray, shape (s, n, K)
+        Shares of the regimes at each observation of each series.
+    r : ndarray, shape (s, n) or (s, n, K)
+        Values of the switch.
+    """
+
+    def __init__(self, form: Pairwise, shares: FloatArray, r: FloatArray) -> None:
+        self.form, self.shares, self._r = form, shares, r
+        self.dim_x, self.dim_z = form.dim_x, form.dim_z
+
+    def first(self) -> tuple[FloatArray, FloatArray]:
+        """Return means (s, d) and covariances (s, d, d) of Z_1 at the first values of the switch."""
+        return self.form.marginal(self.shares[:, 0])
+
+    def steps(self, start: int, n: int) -> PairCoefficients:
+        """Return the regressions of the steps to values start, ..., start + n - 1, start and n at least 1."""
+        u1, u2 = self.shares[:, start - 1 : start + n - 1], self.shares[:, start : start + n]
+        return self.form.pairs(u1, u2, lambda k: _label(self._r[k[0]], start + k[1] - 1))
+
+
+def _label(r: FloatArray, n: int) -> str:
+    """Name the step from the ``n``-th value of a path (n,) or (n, K) to the next."""
+    before, after = (value_of(r[k]) if r.ndim == 2 else f"{r[k]:.6g}" for k in (n, n + 1))
+    return f"known pair r_n = {before}, r_n+1 = {after} (n = {n})"
