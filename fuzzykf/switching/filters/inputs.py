@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,31 +12,29 @@ from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_numbers, brief, check_covariance
 from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.reprs import reprs
+from fuzzykf.switching.state_space.controls import check_controls, read_control, read_controls
 from fuzzykf.switching.state_space.parameters import Parameter
 from fuzzykf.switching.state_space.space_system import DrivenSystem
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.many import ManySeries
+    from fuzzykf.switching.state_space.controls import Controlled
     from fuzzykf.switching.state_space.space_system import SpaceSystem
 
 __all__ = [
     "NOTHING",
     "Inputs",
     "Told",
+    "check_each",
     "read_control",
     "read_controls",
     "read_controls_of_many",
     "read_each",
     "read_seen",
+    "seen_at",
+    "shared_by_all",
 ]
-
-
-class _Controlled(Protocol):
-    """A system that may have controls: so many, or None."""
-
-    @property
-    def dim_u(self) -> int | None: ...
 
 
 # no arrays that may be None: filterpy's Saver makes an array of what a filter holds at all times
@@ -105,25 +103,6 @@ def _led(values: FloatArray, first: FloatArray) -> FloatArray:
 # --------------------------------------------------------------------------- of one step
 
 
-def read_control(u: Any, system: _Controlled, name: str = "u") -> FloatArray | None:
-    """Return a control (k,), None where there is none.
-
-    Raises
-    ------
-    ShapeError, ParameterError
-        If the model has no controls, or others.
-    """
-    if u is None:
-        return None
-    k = system.dim_u
-    if k is None:
-        raise ParameterError(f"{name}: got {brief(u)}, but the model has no B; expected None")
-    array = as_numbers(name, u)
-    if array.shape not in {(k,), (k, 1)} and not (k == 1 and array.shape == ()):
-        raise ShapeError(f"{name}: got shape {array.shape}, expected ({k},) or ({k}, 1), the controls of B")
-    return as_array(name, array.reshape(k), (k,))
-
-
 def read_seen(name: str, given: Any, system: SpaceSystem, mix: str) -> FloatArray | None:
     """Return R (M, q, q) or H (M, q, m) at the nodes, None where nothing is given.
 
@@ -138,38 +117,34 @@ def read_seen(name: str, given: Any, system: SpaceSystem, mix: str) -> FloatArra
     """
     if given is None:
         return None
-    q, chain = system.dim_z, system.chain
+    sizes = system.dim_x, system.dim_z
+    return seen_at(name, given, system.chain.class_weights, sizes, mix)
+
+
+def seen_at(name: str, given: Any, shares: FloatArray, sizes: tuple[int, int], mix: str) -> FloatArray:
+    """Return R (..., q, q) or H (..., q, m) at values of the switch with these shares (..., K).
+
+    Parameters
+    ----------
+    name, given, mix
+        As in `read_seen`.
+    shares : ndarray, shape (..., K)
+    sizes : tuple of int
+        The numbers m and q of components of the state and of an observation.
+    """
+    m, q = sizes
     is_noise = name.startswith("R")
     if is_noise and not callable(given):
         given = as_numbers(name, given)
         given = given * np.eye(q) if given.ndim == 0 else given
-    shape = (q, q) if is_noise else (q, system.dim_x)
-    parameter = Parameter(name, given, chain.n_classes, shape, mix if is_noise else None)
-    return parameter.at(chain.class_weights)
+    shape = (q, q) if is_noise else (q, m)
+    return Parameter(name, given, shares.shape[-1], shape, mix if is_noise else None).at(shares)
 
 
 # --------------------------------------------------------------------------- of each step
 
 
-def read_controls(us: Any, n: int, system: _Controlled, begins: bool) -> FloatArray | None:
-    """Return controls (1, n, k) of a series; that of its first observation is not used if it ``begins``."""
-    if us is None:
-        return None
-    k = system.dim_u
-    if k is None:
-        raise ParameterError(f"us: got {brief(us)}, but the model has no B; expected None")
-    if index_of(us) is not None:
-        us = us.to_numpy()
-    if isinstance(us, list | tuple):
-        us = [np.zeros(k) if u is None else np.ravel(as_numbers(f"us[{row}]", u)) for row, u in enumerate(us)]
-    array = as_numbers("us", us)
-    if array.shape not in {(n, k), (n, k, 1)} and not (k == 1 and array.shape == (n,)):
-        also = f" or ({n},)" if k == 1 else ""
-        raise ShapeError(f"us: got shape {array.shape}, expected ({n}, {k}){also}, one for each observation")
-    return _checked(array.reshape(1, n, k), begins)
-
-
-def read_controls_of_many(us: Any, many: ManySeries, system: _Controlled, begins: bool) -> FloatArray | None:
+def read_controls_of_many(us: Any, many: ManySeries, system: Controlled, begins: bool) -> FloatArray | None:
     """Return controls of many series, (series, n, k), or (1, n, k) where these share them."""
     if us is None:
         return None
@@ -186,19 +161,8 @@ def read_controls_of_many(us: Any, many: ManySeries, system: _Controlled, begins
             return read_controls(us, n, system, begins)
     found = many.beside("us", us, k)
     for row, one in enumerate(found):
-        _checked(one[None, : n if many.lengths is None else many.lengths[row]], begins)
+        check_controls(one[None, : n if many.lengths is None else many.lengths[row]], begins)
     return np.nan_to_num(found)  # beyond the end of a series, and where it is not used
-
-
-def _checked(us: FloatArray, begins: bool) -> FloatArray:
-    """Return controls (1, n, k) after proving those that are used; the first is set to zero if it is not."""
-    us = us.copy()
-    if begins:
-        us[:, :1] = 0.0
-    if not np.isfinite(us).all():
-        row = int(np.argwhere(~np.isfinite(us))[0][1])
-        raise ParameterError(f"us: row {row} is {us[0, row].tolist()}, expected finite numbers")
-    return us
 
 
 def read_each(name: str, given: Any, n: int, system: SpaceSystem, mix: str) -> FloatArray | None:
@@ -213,17 +177,32 @@ def read_each(name: str, given: Any, n: int, system: SpaceSystem, mix: str) -> F
     """
     if given is None:
         return None
+    check_each(name, given, n)
+    M, one = len(system.chain), name[0]
+    own = system.tables.R if one == "R" else system.tables.H
+    shared = shared_by_all(name, given, (n, *own.shape[1:]))
+    if shared is not None:
+        return np.broadcast_to(shared[:, None], (n, M, *own.shape[1:]))[None]
+    rows = [read_seen(f"{one}s[{k}]", value, system, mix) for k, value in enumerate(given)]
+    found = np.array([own if row is None else row for row in rows])
+    return found.reshape(1, n, *own.shape)
+
+
+def check_each(name: str, given: Any, n: int) -> None:
+    """Raise unless something, whatever it is, was given for each of ``n`` observations."""
     listed = isinstance(given, Sequence) or (hasattr(given, "__len__") and hasattr(given, "__array__"))
     listed = listed and not isinstance(given, str | bytes) and getattr(given, "ndim", 1) > 0
     if not listed or len(given) != n:
         got = brief(given) if not listed else f"{len(given)} values"
         raise ShapeError(f"{name}: got {got}, expected one for each of the {n} observations")
-    M, one = len(system.chain), name[0]
-    own = system.tables.R if one == "R" else system.tables.H
-    if isinstance(given, np.ndarray) and given.shape == (n, *own.shape[1:]):  # the usual case, all at once
-        check = check_covariance if one == "R" else as_array
-        values = check(name, given, given.shape)
-        return np.broadcast_to(values[:, None], (n, M, *own.shape[1:]))[None]
-    rows = [read_seen(f"{one}s[{k}]", value, system, mix) for k, value in enumerate(given)]
-    found = np.array([own if row is None else row for row in rows])
-    return found.reshape(1, n, *own.shape)
+
+
+def shared_by_all(name: str, given: Any, shape: tuple[int, ...]) -> FloatArray | None:
+    """Return matrices (n, ...) that all values of the switch share, all at once; None if they are not so.
+
+    That is the usual case.
+    """
+    if not isinstance(given, np.ndarray) or given.shape != shape:
+        return None
+    check = check_covariance if name[0] == "R" else as_array
+    return check(name, given, given.shape)
