@@ -13,7 +13,7 @@ from fuzzykf.switching.dynamics.base import Dynamics
 from fuzzykf.switching.dynamics.nodes import joint_moments
 from fuzzykf.switching.laws.chain import SAME_VALUE, stationary_distribution
 from fuzzykf.switching.state_space.parameters import Parameter, columns_of, rows_of
-from fuzzykf.switching.state_space.space_system import SpacePath, SpaceSystem
+from fuzzykf.switching.state_space.space_system import SpacePath, SpacePaths, SpaceSystem
 from fuzzykf.switching.state_space.stationary import LongRun
 
 if TYPE_CHECKING:
@@ -175,6 +175,10 @@ class StateSpaceForm(Dynamics):
     def along(self, shares: FloatArray, r: FloatArray, start: int = 0) -> SpacePath:
         """Return the form along a known path of the switch, the same wherever it starts."""
         return SpacePath(self, shares, r)
+
+    def along_many(self, shares: FloatArray, r: FloatArray) -> SpacePaths:
+        """Return the form along known paths of the switch, side by side."""
+        return SpacePaths(self, shares)
 
     def simulate(self, shares: FloatArray, r: FloatArray, rng: np.random.Generator) -> Simulation:
         """Draw states and observations along a path of the switch, without controls."""

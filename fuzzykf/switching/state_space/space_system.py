@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.laws.chain import SwitchChain
 
-__all__ = ["DrivenSystem", "SpacePath", "SpaceSystem"]
+__all__ = ["DrivenSystem", "SpacePath", "SpacePaths", "SpaceSystem"]
 
 #: The parameters of a step.
 NAMES = ("F", "b", "Q", "H", "d", "R")
@@ -28,6 +28,7 @@ class _Form(Protocol):
     dim_x: int
     dim_z: int
     dim_u: int | None
+    mix: str
 
     def at(self, name: str, shares: FloatArray) -> FloatArray: ...
 
@@ -154,8 +155,59 @@ class DrivenSystem:
         return F, b, Q, H, d, R
 
 
+class SpacePaths:
+    """A form along known paths of the switch, side by side.
+
+    Parameters
+    ----------
+    form : StateSpaceForm
+    shares : ndarray, shape (s, n, K)
+        Shares of the classes at each observation of each series.
+    us : ndarray, shape (s, n, k), optional
+        The control that leads to each; here and below s may be 1, where all series share them.
+    Hs, Rs : ndarray, shapes (s, n, 1, q, m) and (s, n, 1, q, q), optional
+        In place of those of the model.
+    """
+
+    def __init__(
+        self,
+        form: _Form,
+        shares: FloatArray,
+        us: FloatArray | None = None,
+        Hs: FloatArray | None = None,
+        Rs: FloatArray | None = None,
+    ) -> None:
+        self.form, self.shares, self._us, self._Hs, self._Rs = form, shares, us, Hs, Rs
+        self.dim_x, self.dim_z = form.dim_x, form.dim_z
+
+    def driven(
+        self, us: FloatArray | None = None, Hs: FloatArray | None = None, Rs: FloatArray | None = None
+    ) -> SpacePaths:
+        """Return the same paths with what was told of their steps."""
+        return SpacePaths(self.form, self.shares, us, Hs, Rs)
+
+    def first(self) -> FloatArray:
+        """Return the laws of the first states as engines take them, (s, 1 + m + m*m, 1)."""
+        mean, covariance = self.form.state_at(self.shares[:, 0])
+        rows = np.zeros((len(mean), 1)), mean, covariance.reshape(len(mean), -1)
+        return np.concatenate(rows, axis=1)[..., None]
+
+    def steps(self, start: int, n: int) -> tuple[FloatArray, ...]:
+        """Return F, b, Q, H, d and R of the steps to values start, ..., start + n - 1, (s, n, 1, ...)."""
+        part = slice(start, start + n)
+        u = self.shares[:, part]
+        told = {name: one for name, one in (("H", self._Hs), ("R", self._Rs)) if one is not None}
+        parts = {
+            name: told[name][:, part] if name in told else self.form.at(name, u)[:, :, None] for name in NAMES
+        }
+        if self._us is not None:
+            moved = self.form.at("B", u) @ self._us[:, part, :, None]
+            parts["b"] = parts["b"] + np.swapaxes(moved, -1, -2)
+        return tuple(parts.values())
+
+
 class SpacePath(KnownPath):
-    """A form along a known path of the switch.
+    """A form along one known path of the switch.
 
     Parameters
     ----------
@@ -164,23 +216,25 @@ class SpacePath(KnownPath):
         Shares of the classes at each observation.
     r : ndarray, shape (n,) or (n, K)
         Values of the switch.
-    us : ndarray, shape (n, k), optional
-        The control that leads to each.
+    *told : ndarray
+        As ``us``, ``Hs`` and ``Rs`` of `SpacePaths`, of one series.
     """
 
-    def __init__(self, form: _Form, shares: FloatArray, r: FloatArray, us: FloatArray | None = None) -> None:
+    def __init__(self, form: _Form, shares: FloatArray, r: FloatArray, *told: FloatArray | None) -> None:
         super().__init__(form.dim_x, form.dim_z, r, order=0)
-        self.form, self.shares, self.us, self.dim_u = form, shares, us, form.dim_u
+        self.form, self.shares, self.dim_u, self.mix = form, shares, form.dim_u, form.mix
+        self._paths = SpacePaths(form, shares[None], *told)
 
-    def driven(self, us: FloatArray) -> SpacePath:
-        """Return the same path with controls (n, k)."""
-        return SpacePath(self.form, self.shares, self.r, us)
+    def driven(
+        self, us: FloatArray | None = None, Hs: FloatArray | None = None, Rs: FloatArray | None = None
+    ) -> SpacePath:
+        """Return the same path with what was told of its steps."""
+        return SpacePath(self.form, self.shares, self.r, us, Hs, Rs)
 
     def initial(self) -> NodeLaw:
         """Return the law of Z_1 at the first value of the switch."""
-        u = self.shares[:1]
-        seen = (self.form.at(name, u) for name in ("H", "d", "R"))
-        return NodeLaw.of_state(np.ones(1), *self.form.state_at(u), *seen)
+        H, d, R = (one[0, 0] for one in self._paths.steps(0, 1)[3:])
+        return NodeLaw.of_state(np.ones(1), *self.form.state_at(self.shares[:1]), H, d, R)
 
     def pair_tables(self, n: int) -> NodeTables:  # type: ignore[override]
         """Return the tables of the step from the ``n``-th value of the path to the next."""
@@ -188,9 +242,4 @@ class SpacePath(KnownPath):
 
     def steps(self, start: int, n: int) -> tuple[FloatArray, ...]:
         """Return F, b, Q, H, d and R of the steps to values start, ..., start + n - 1, (1, n, 1, ...)."""
-        part = slice(start, start + n)
-        u = self.shares[part]
-        F, b, *rest = (self.form.at(name, u) for name in NAMES)
-        if self.us is not None:
-            b = b + (self.form.at("B", u) @ self.us[part, :, None])[..., 0]
-        return tuple(one[None, :, None] for one in (F, b, *rest))
+        return self._paths.steps(start, n)
