@@ -12,6 +12,7 @@ from fuzzykf.reprs import shown
 from fuzzykf.results import Simulation
 from fuzzykf.switching.laws.chain import SUM_TOLERANCE, SwitchChain, stationary_distribution
 from fuzzykf.switching.state_space import conversion
+from fuzzykf.switching.state_space.controls import read_controls
 from fuzzykf.switching.state_space.conversion import StateSpace
 from fuzzykf.switching.state_space.model import SwitchingStateSpace
 
@@ -240,7 +241,9 @@ class CGLSSM(SwitchingStateSpace):
 
     # ------------------------------------------------------------------ simulation
 
-    def simulate(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> Simulation:
+    def simulate(
+        self, n: int, rng: np.random.Generator, n_nodes: int | None = None, us: None = None
+    ) -> Simulation:
         """Draw a series of regimes, states and observations.
 
         Parameters
@@ -250,12 +253,15 @@ class CGLSSM(SwitchingStateSpace):
         rng : numpy.random.Generator
         n_nodes : int, optional
             For models whose switch has values between the regimes.
+        us : None
+            For models that have controls.
 
         Returns
         -------
         Simulation
             ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,), regimes as 0, ..., K - 1.
         """
+        read_controls(us, n, self, begins=True)
         r = self.chain.sample(n, rng)
         n, j = len(r), r.astype(np.intp)
         A, B, C, D = self.space

@@ -15,6 +15,7 @@ from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.chain import SAME_VALUE, SwitchChain, check_probabilities, shares_of
 from fuzzykf.switching.laws.quadrature import RULES
 from fuzzykf.switching.laws.registry import LAWS
+from fuzzykf.switching.state_space.controls import read_controls
 from fuzzykf.switching.state_space.space_form import StateSpaceForm
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.results import Simulation
     from fuzzykf.switching.state_space.space_system import SpaceSystem
 
     #: A parameter: for all classes, for each class, or a function of the class weights (K,).
@@ -288,6 +290,51 @@ class SwitchingStateSpace(SwitchingModel):
         if isinstance(self.law, SwitchChain) or self.initial is not None:
             return self._chain(n_nodes).sample(n, rng)
         return self.law.sample(n, rng, n_nodes)
+
+    def simulate(
+        self, n: int, rng: np.random.Generator, n_nodes: int | None = None, us: Any = None
+    ) -> Simulation:
+        """Draw a series of switches, states and observations.
+
+        Parameters
+        ----------
+        n : int
+            Number of steps.
+        rng : numpy.random.Generator
+        n_nodes : int, optional
+            Nodes between the classes that the switch moves on; see ``law.sample``.  By default any value
+            between them, where the law has such, else as many as the law says.
+        us : array_like, shape (n, k), or (n,) if there is one control, optional
+            Controls, as `SwitchingKalmanFilter.filter` takes them: ``us[n]`` moves to observation n,
+            ``us[0]`` is not used, and None in a list means that none acts.  What is drawn does not depend
+            on them.
+
+        Returns
+        -------
+        Simulation
+            ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,), or class weights (n, K) of a fuzzy switch between
+            more than two.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If ``us`` has a wrong shape, is not finite, or the model has no ``B``; nothing is drawn then.
+
+        Examples
+        --------
+        A heater that is turned on half way, by the same noise:
+
+        >>> import numpy as np
+        >>> from fuzzykf import SwitchingStateSpace
+        >>> model = SwitchingStateSpace([[0.9, 0.1], [0.1, 0.9]], F=0.5, H=1.0, Q=0.1, R=0.1, B=1.0)
+        >>> on = model.simulate(4, np.random.default_rng(0), us=[0.0, 0.0, 1.0, 1.0])
+        >>> off = model.simulate(4, np.random.default_rng(0))
+        >>> (on.x - off.x)[:, 0].round(6)
+        array([0. , 0. , 1. , 1.5])
+        """
+        controls = read_controls(us, as_count("n", n), self, begins=True)
+        r = self._sample_switch(n, rng, n_nodes)
+        return self.form.simulate(self.class_weights(r), r, rng, None if controls is None else controls[0])
 
     # ------------------------------------------------------------------ the way to a filter
 

@@ -180,8 +180,10 @@ class StateSpaceForm(Dynamics):
         """Return the form along known paths of the switch, side by side."""
         return SpacePaths(self, shares)
 
-    def simulate(self, shares: FloatArray, r: FloatArray, rng: np.random.Generator) -> Simulation:
-        """Draw states and observations along a path of the switch, without controls."""
+    def simulate(
+        self, shares: FloatArray, r: FloatArray, rng: np.random.Generator, us: FloatArray | None = None
+    ) -> Simulation:
+        """Draw states and observations along a path of the switch; controls (n, k) lead to each of them."""
         n, m, q = len(r), self.dim_x, self.dim_z
         noise = rng.standard_normal((n, m + q))
         x, y = np.empty((n, m)), np.empty((n, q))
@@ -191,6 +193,8 @@ class StateSpaceForm(Dynamics):
         which = which.reshape(-1)
         F, b, Q, H, d, R = (self.at(name, values) for name in ("F", "b", "Q", "H", "d", "R"))
         moved = b[which] + (semidefinite_root(Q)[which] @ noise[:, :m, None])[..., 0]
+        if us is not None:
+            moved += (self.at("B", values)[which] @ us[..., None])[..., 0]
         mean, covariance = self.state_at(shares[0])
         x[0] = mean + semidefinite_root(covariance) @ noise[0, :m]
         for k in range(1, n):

@@ -14,6 +14,7 @@ from fuzzykf import (
     FadeLaw,
     FuzzyMarkovLaw,
     KalmanFilter,
+    KnownSwitchFilter,
     SwitchChain,
     SwitchingStateSpace,
     io,
@@ -196,6 +197,76 @@ def test_the_noise_has_the_covariances_of_the_model():
     found = model.simulate(20_000, np.random.default_rng(1))
     np.testing.assert_allclose(np.cov(found.x.T), EACH["Q"][0], atol=0.06)
     np.testing.assert_allclose(np.cov((found.y - found.x).T), 0.01 * np.eye(2), atol=1e-3)
+
+
+#: Models with controls of every kind.
+CONTROLLED = {
+    "each": lambda law: made(law),
+    "shared": lambda law: made(law, B=[[1.0, 0.0, 2.0], [0.0, -1.0, 0.5]]),
+    "function": lambda law: made(law, B=lambda w: [[w[0]], [1.0 + w[1] ** 2]]),
+}
+
+
+@pytest.mark.parametrize("kind", CONTROLLED)
+@pytest.mark.parametrize("law", LAWS)
+def test_controls_add_what_follows_from_them_along_the_path_and_leave_the_noise(law, kind):
+    model, n = CONTROLLED[kind](LAWS[law]), 40
+    us = np.random.default_rng(1).normal(size=(n, model.dim_u))
+    us[0] = np.nan  # not used
+    driven, free = (model.simulate(n, np.random.default_rng(4), us=one) for one in (us, None))
+    np.testing.assert_array_equal(driven.r, free.r)
+    w = model.class_weights(driven.r)
+    x = np.zeros(2)
+    for k in range(n):
+        F, B, H = (model.form.at(name, w[k]) for name in ("F", "B", "H"))
+        x = F @ x + B @ us[k] if k else x
+        np.testing.assert_allclose(driven.x[k] - free.x[k], x, atol=1e-12)
+        np.testing.assert_allclose(driven.y[k] - free.y[k], H @ x, atol=1e-12)
+    assert np.abs(x).max() > 0.01
+
+
+@pytest.mark.parametrize("law", ["fades", "matrix", "none"])
+def test_a_filter_that_is_told_the_controls_is_consistent_on_what_they_moved(law):
+    # 1,000 draws of a chi-square of one degree: five standard errors of their mean are 5 sqrt(2 / n) = .22
+    n = 1000
+    model = made([[1.0]], **{k: v[0] for k, v in EACH.items()}) if law == "none" else made(LAWS[law])
+    us = 2.0 * np.sin(0.1 * np.arange(n))
+    truth = model.simulate(n, np.random.default_rng(2), us=us)
+    w = model.class_weights(truth.r)
+    H, d, R = (model.form.at(name, w) for name in ("H", "d", "R"))
+
+    def nis(us):
+        found = KnownSwitchFilter(model).filter(truth.y, truth.r, us)
+        e = truth.y - (H @ found.x_prior[..., None])[..., 0] - d
+        return np.mean(e**2 / (H @ found.P_prior @ np.swapaxes(H, 1, 2) + R)[..., 0])
+
+    assert nis(us) == pytest.approx(1.0, abs=0.22)
+    assert nis(None) > 1.5
+
+
+@pytest.mark.parametrize(
+    ("us", "error", "message"),
+    [
+        (np.zeros((4, 1)), ShapeError, r"us: got shape \(4, 1\), expected \(5, 1\) or \(5,\)"),
+        (np.zeros((5, 2)), ShapeError, r"us: got shape \(5, 2\), expected \(5, 1\)"),
+        ([0.0, 1.0, np.inf, 0.0, 0.0], ParameterError, r"us: row 2 is \[inf\], expected finite numbers"),
+        ("on", ShapeError, "us: expected an array of numbers"),
+    ],
+)
+def test_controls_that_are_refused_draw_nothing(us, error, message):
+    rng = np.random.default_rng(0)
+    with pytest.raises(error, match=message):
+        made().simulate(5, rng, us=us)
+    for model in (made(B=None), CGLSSM(T, *([0.5 * np.eye(1)] * 2 for _ in range(4)))):
+        with pytest.raises(ParameterError, match=r"us: got .* but the model has no B; expected None"):
+            model.simulate(5, rng, us=us)
+    assert rng.random() == np.random.default_rng(0).random()
+
+
+def test_none_in_a_list_of_controls_says_that_none_acts():
+    given = made().simulate(4, np.random.default_rng(0), us=[None, 1.0, None, [2.0]])
+    same = made().simulate(4, np.random.default_rng(0), us=[5.0, 1.0, 0.0, 2.0])
+    np.testing.assert_array_equal(given.y, same.y)
 
 
 # --------------------------------------------------------------------------- values of the switch
