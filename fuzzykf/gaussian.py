@@ -370,7 +370,8 @@ def covariance_root(P: FloatArray) -> FloatArray:
     """
     deviation = np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), 0.0))
     unit = np.where(deviation > 0.0, deviation, 1.0)
-    root: FloatArray = unit[..., None] * semidefinite_root(P / unit[..., None] / unit[..., None, :])
+    # rows of what has no variance are zero, not the rounding of eigenvectors
+    root: FloatArray = deviation[..., None] * semidefinite_root(P / unit[..., None] / unit[..., None, :])
     return root
 
 

@@ -165,6 +165,17 @@ def test_covariance_root_knows_no_units():
         np.testing.assert_allclose(gaussian.square(F) / units / units[:, None], P, atol=1e-14)
 
 
+def test_covariance_root_leaves_no_rounding_to_what_has_no_variance():
+    rng = np.random.default_rng(0)
+    for known in ([0], [1, 3], [0, 1, 2, 3]):
+        root = rng.normal(size=(5, 4, 4))
+        root[:, known] = 0.0
+        P = gaussian.square(root)
+        F = gaussian.covariance_root(P)
+        assert (F[:, known] == 0.0).all()
+        np.testing.assert_allclose(gaussian.square(F), P, atol=1e-13)
+
+
 def test_lower_factor_keeps_the_digits_of_small_columns():
     # variables that are one up to a small part: what is left of the second, given the first, is that part
     far, small = 1e30, np.array([3.0, 4.0])

@@ -22,16 +22,15 @@ classes an observation after a gap makes it an approximation.
 
 from __future__ import annotations
 
-from math import isqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.engine import selected as engine
-from fuzzykf.errors import QuadratureError
 from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.inference.method import Method, out_of_range
 from fuzzykf.switching.inference.mixture import Mixture
+from fuzzykf.switching.inference.signed import check_signed, too_coarse
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -40,17 +39,6 @@ if TYPE_CHECKING:
     from fuzzykf.switching.inference.series import Trajectory
 
 __all__ = ["EXACT", "Exact"]
-
-TOO_COARSE = (
-    "the rule 'product', whose weights may be negative, is too coarse for this law and these observations: "
-    "its interpolant has"
-)
-
-#: Largest total of negative masses that a rule with negative weights may produce.
-NEGATIVE_MASS = 1e-2
-
-#: How far below zero rounding may take a variance, as a part of what it is the difference of.
-ROUNDING = 1e-10
 
 
 class Exact(Method):
@@ -100,9 +88,14 @@ class Exact(Method):
                 raise out_of_range(y)
             return Mixture(table, window, sign), log_likelihood
         known = mixture.table, mixture.sign, mixture.window, mixture.root
-        table, sign, root, log_likelihood = engine.step_in_part(
-            tables.in_slots, tables.noise_root, *known, y, window
-        )
+        try:
+            table, sign, root, log_likelihood = engine.step_in_part(
+                tables.in_slots, tables.noise_root, *known, y, window
+            )
+        except np.linalg.LinAlgError as error:
+            if mixture.sign is None and not (tables.transition < 0.0).any():
+                raise
+            raise too_coarse("a pair of nodes that gives the observation no density") from error
         if sign is not None:
             check_signed(table, sign)
         if not (log_likelihood > engine.FARTHEST and engine.is_in_range(table)):
@@ -174,30 +167,3 @@ def is_complete(y: FloatArray) -> bool:
         value = y.item()
         return bool(value == value)
     return not np.isnan(y).any()
-
-
-def check_signed(table: FloatArray, sign: FloatArray) -> None:
-    """Refuse a state (..., 1 + e + e*e, M) that weights of both signs have made no law.
-
-    Its probabilities may be negative by a little; its moments must be numbers, and no variance negative by
-    more than rounding.
-    """
-    p = engine.probabilities(table, sign)
-    negative = np.maximum(-p, 0.0).sum(axis=-1)
-    if not (negative <= NEGATIVE_MASS).all():  # NaN where the total is not positive
-        worst = f"a negative mass of {np.max(negative):.3g} (at most {NEGATIVE_MASS} is tolerated)"
-        if np.isnan(negative).any():
-            worst = "no positive mass"
-        raise QuadratureError(f"{TOO_COARSE} {worst}; use more nodes or the rule 'cell'")
-    e = (isqrt(4 * table.shape[-2] - 3) - 1) // 2
-    mean, covariance = engine.node_moments(table, e)
-    with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is looked at
-        within = np.diagonal(covariance, axis1=-2, axis2=-1)
-        # from the likeliest on, as the moments of the mixture are taken
-        off = mean - np.take_along_axis(mean, p.argmax(axis=-1)[..., None, None], axis=-2)
-        between = (off - p[..., None, :] @ off) ** 2
-        variance = (p[..., None] * (within + between)).sum(axis=-2)
-        size = (np.abs(p)[..., None] * (np.abs(within) + between)).sum(axis=-2)
-    if not (variance >= -ROUNDING * size).all():
-        worst = f"a variance of {variance.min():.3g}"
-        raise QuadratureError(f"{TOO_COARSE} {worst}; use more nodes or the rule 'cell'")

@@ -13,7 +13,10 @@ the window before follow by regression, and those of X from that.
 
 All of this is exact if the future is linear and Gaussian given j, as with a single class.
 Covariances go through it as roots, as in `fuzzykf.engine.numpy.gaps`.  Where weights are negative the
-matrices come first, and what is negative in them counts as zero.
+matrices come first.  What is known of a window has rows of zeros in either: whatever is not zero there is
+taken for unknown, and the rounding of two laws would be compared.  A mixture by weights of both signs may
+have less than no variance in a node of little mass, which counts as zero there; `smooth_back` refuses it of
+all nodes together.
 """
 
 from __future__ import annotations

@@ -23,6 +23,7 @@ from fuzzykf.switching.inference.gap_smoother import smooth_state, step_back, wi
 from fuzzykf.switching.inference.method import Smoothed, out_of_range
 from fuzzykf.switching.inference.mixture import Mixture
 from fuzzykf.switching.inference.series import windows_of
+from fuzzykf.switching.inference.signed import check_signed_moments
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,6 +47,11 @@ def smooth_back(system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray)
         What the filter knew, its states included.
     ys : ndarray, shape (n, q)
         NaN where missing.
+
+    Raises
+    ------
+    NumericalRangeError, QuadratureError
+        If double precision cannot hold what follows; if negative weights have made no law of it.
     """
     n, m, table = len(ys), system.dim_x, trajectory.fields["table"]
     gamma = engine.probabilities(table, trajectory.fields.get("sign"))
@@ -81,6 +87,8 @@ def smooth_back(system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray)
             means[k], covariances[k] = smooth_state(gap, window, m)
     if not all(np.isfinite(part).all() for part in (gamma, means, covariances)):
         raise out_of_range(ys[np.nanargmax(np.abs(ys).max(axis=1, where=~np.isnan(ys), initial=0.0))], 1e100)
+    if system.chain.is_signed:
+        check_signed_moments(gamma, means, covariances)
     return Smoothed(gamma, means, covariances, backward.most_likely_path())
 
 
