@@ -35,7 +35,13 @@ if TYPE_CHECKING:
 
 #: Kernels that are compiled for systems up to a size: which arguments have a column for each
 #: state, and for each component of an observation.
-_SIZED = {"predict_linear": (1, 1), "update_linear": (1, 4), "filter_linear": (1, 6), "filter_bank": (1, 4)}
+_SIZED = {
+    "predict_linear": (1, 1),
+    "update_linear": (1, 4),
+    "filter_linear": (1, 6),
+    "filter_bank": (1, 4),
+    "filter_bank_many": (1, 4),
+}
 
 #: Kernels that are given what `pack_nodes` returns, which of a system of any size is not compiled.
 _PACKED = ("before_node_step", "filter_nodes", "first_node_step", "node_step")

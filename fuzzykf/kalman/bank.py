@@ -143,7 +143,7 @@ def put_state(filters: Sequence[Any], state: dict[str, FloatArray], z: FloatArra
         innovation = tuple(state[name][k] for name in ("y", "S", "SI", "K")) if "y" in state else None
         f._end_series((x_prior, P_prior), (x, P), z, innovation)
         if not np.isnan(z).all():
-            f._log_likelihood = float(state["modes"][k])
+            f._log_likelihood = float(state["own"][k])
 
 
 def check_possible(z: FloatArray, log_likelihood: FloatArray, log_prior: FloatArray | None) -> None:

@@ -27,9 +27,11 @@ def whole_model(filters: Sequence[Any]) -> dict[str, FloatArray] | None:
 
 
 def filter_one(
-    filters: Sequence[Any], series: FloatArray, log_mu: FloatArray, log_M: FloatArray
+    filters: Sequence[Any], series: FloatArray, weights: tuple[FloatArray, FloatArray], every_pair: bool
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]] | None:
-    """Do predict and update for a series (n, m), mixing before each prediction (IMM).
+    """Do predict and update for a series (n, m).
+
+    ``weights`` are the logarithms of mu and M; ``every_pair`` filters once for each pair of modes (GPB2).
 
     Returns
     -------
@@ -45,7 +47,7 @@ def filter_one(
     xs, Ps = member_states(filters)
     shapes = field_shapes(xs.shape[1], len(xs))
     stored = empty_fields(shapes, shapes, len(series))
-    state = filter_bank(xs, Ps, log_mu, log_M, series, model, stored)
+    state = filter_bank(xs, Ps, *weights, series, model, every_pair, stored)
     return None if state is None else (stored, state)
 
 

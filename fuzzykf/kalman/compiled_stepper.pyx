@@ -9,9 +9,10 @@ from libc.string cimport memcmp, memcpy
 
 from fuzzykf.engine.compiled.arrays cimport at
 from fuzzykf.engine.compiled.imm cimport (
-    fk_bank, fk_bank_place, fk_bank_predict, fk_bank_size, fk_bank_update, fk_bank_weights,
+    FK_BANK_UPDATED, fk_bank, fk_bank_place, fk_bank_predict, fk_bank_size, fk_bank_step, fk_bank_update,
+    fk_bank_weights,
 )
-from fuzzykf.engine.compiled.kalman cimport fk_kalman, fk_kalman_engine, versions
+from fuzzykf.engine.compiled.kalman cimport FK_KALMAN_LARGEST, fk_kalman, fk_kalman_engine, versions
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.kalman.compiled_attributes cimport (
     ENTRIES, Entry, Member, commit, entry, forget, forget_likelihoods, has_own_verbs, is_begun, is_plain, overrides,
@@ -127,17 +128,17 @@ cdef class Bank:
 
     cdef fk_bank b
     cdef Member *members
-    cdef double *mu
     cdef double *likelihood
+    cdef double *room
     cdef Entry *entries
     cdef Entry *own
     cdef list dicts  # attributes of the filters
     cdef dict d  # those of the bank
     cdef int reserved
 
-    def __cinit__(self, int modes):
+    def __cinit__(self, int modes, bint every_pair):
         cdef int k
-        cdef size_t doubles_ = fk_bank_size(modes) + modes
+        cdef size_t doubles_ = modes + fk_bank_size(modes, FK_KALMAN_LARGEST, every_pair)
         cdef size_t size = modes * (sizeof(Member) + sizeof(fk_kalman *) + ENTRIES * sizeof(Entry))
         cdef char *memory = <char *> PyMem_Malloc(size + OWN * sizeof(Entry) + doubles_ * sizeof(double))
         if memory == NULL:
@@ -149,9 +150,9 @@ cdef class Bank:
         self.entries = <Entry *> memory
         self.own = self.entries + modes * ENTRIES
         memory = <char *> (self.own + OWN)
-        self.b.modes = modes
-        fk_bank_place(&self.b, <double *> memory)
-        self.likelihood = <double *> memory + fk_bank_size(modes)
+        self.b.modes, self.b.every_pair = modes, every_pair
+        self.likelihood = <double *> memory
+        self.room = self.likelihood + modes
         for k in range(modes):
             self.b.f[k] = &self.members[k].f
         self.dicts = []
@@ -204,9 +205,9 @@ cdef Bank read_bank(object filter_, dict d, bint motion, bint observation):
     if filters_ == NULL or not isinstance(<object> filters_, (list, tuple)) or method == NULL:
         return None
     K = <int> len(<object> filters_)
-    if K < 2 or <object> method != "imm" or PyDict_GetItemWithError(d, "_branches") != <PyObject *> None:
+    if K < 2 or PyDict_GetItemWithError(d, "_branches") != <PyObject *> None:
         return None
-    bank = Bank(K)
+    bank = Bank(K, <object> method != "imm")
     first = bank.members
     for k in range(K):
         each = (<object> filters_)[k]
@@ -221,6 +222,7 @@ cdef Bank read_bank(object filter_, dict d, bint motion, bint observation):
             and member.f.n == first.f.n and member.f.m == first.f.m and member.flat == first.flat
         ):
             return None
+    fk_bank_place(&bank.b, first.f.n, bank.room)
     # mu and M may have been assigned or written into since their logarithms were taken
     bank.b.log_M = row(PyDict_GetItemWithError(d, "_log_M"), K, K)
     log_mu = PyDict_GetItemWithError(d, "_log_mu")
@@ -285,7 +287,7 @@ cdef int write(Bank bank, bint prior, bint posterior) except -1:
     for k in range(K):
         commit(<dict> bank.dicts[k], bank.entries + k * ENTRIES, count)
         if posterior:
-            PyDict_SetItem(<dict> bank.dicts[k], "_log_likelihood", bank.b.log_likelihood[k])
+            PyDict_SetItem(<dict> bank.dicts[k], "_log_likelihood", bank.b.own[k])
             forget(<dict> bank.dicts[k], "_likelihood")
             forget(<dict> bank.dicts[k], "_mahalanobis")
     commit(bank.d, bank.own, own)
@@ -324,8 +326,10 @@ class BankStepper:
             return self._step_any(z)
         for k in range(1, bank.b.modes):
             memcpy(bank.members[k].z, bank.members[0].z, bank.members[0].f.m * sizeof(double))
-        fk_bank_predict(engine(), &bank.b)
-        if not fk_bank_update(engine(), &bank.b, bank.members[0].z) or not bank_is_in_range(bank, False):
+        if (
+            fk_bank_step(engine(), &bank.b, bank.members[0].z) != FK_BANK_UPDATED
+            or not bank_is_in_range(bank, False)
+        ):
             return self._step_any(z)
         write(bank, True, True)
         return <object> PyDict_GetItemWithError(d, "x")
@@ -341,7 +345,7 @@ class BankStepper:
         ):
             return False
         bank = read_bank(self, d, True, False)
-        if bank is None:
+        if bank is None or bank.b.every_pair:
             return False
         fk_bank_predict(engine(), &bank.b)
         if not bank_is_in_range(bank, True):
@@ -379,7 +383,10 @@ class BankStepper:
                 memcpy(member.z, bank.members[0].z, member.f.m * sizeof(double))
             memcpy(member.f.x_prior, member.f.x, member.f.n * sizeof(double))
             memcpy(member.f.P_prior, member.f.P, member.f.n * member.f.n * sizeof(double))
-        if not fk_bank_update(engine(), &bank.b, bank.members[0].z) or not bank_is_in_range(bank, False):
+        if (
+            fk_bank_update(engine(), &bank.b, bank.members[0].z) != FK_BANK_UPDATED
+            or not bank_is_in_range(bank, False)
+        ):
             return False
         write(bank, False, True)
         return True

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.engine.selected import merge_modes, weigh_pairs
+from fuzzykf.engine.selected import given_mode, merge_pairs, weigh_pairs
 from fuzzykf.kalman.bank import (
     check_possible,
     clone,
@@ -78,7 +78,6 @@ class PairBranches:
             check_possible(z, log_likelihood.ravel(), self.log_joint.ravel())
         weights, log_mu, total, log_modes = weigh_pairs(self.log_joint, log_likelihood)
         log_prior = np.logaddexp.reduce(self.log_joint, axis=0)
-        reached = log_modes > -np.inf
         xs, Ps = _merge_pairs(weights, [(x, P) for _, x, P in updated])
         for j, f in enumerate(filters):
             kept = ("x_prior", "P_prior", *VERBS)  # verbs of one object are bound to it
@@ -86,9 +85,7 @@ class PairBranches:
             f.__dict__.update(self.banks[int(np.argmax(weights[:, j]))][j].__dict__)
             f.__dict__.update(prior)
             put_moments(f, "post", xs[j], Ps[j])
-        modes = np.where(
-            reached, np.where(reached, log_modes, 0.0) - np.where(reached, log_prior, 0.0), -np.inf
-        )
+        modes = given_mode(log_modes, log_prior)
         return log_mu, float(total), modes, xs, Ps
 
 
@@ -96,5 +93,5 @@ def _merge_pairs(
     weights: FloatArray, pairs: Sequence[tuple[FloatArray, FloatArray]]
 ) -> tuple[FloatArray, FloatArray]:
     """Merge moments [i][j] over i with the weights (i, j)."""
-    xs, Ps = (np.swapaxes(np.array(moments), 0, 1) for moments in zip(*pairs, strict=True))
-    return merge_modes(weights.T, xs, Ps)
+    xs, Ps = (np.array(moments) for moments in zip(*pairs, strict=True))
+    return merge_pairs(weights, xs, Ps)

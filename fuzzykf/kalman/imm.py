@@ -368,9 +368,8 @@ class IMMEstimator(BankStepper, Filter):
 
     def _filter_at_once(self, series: FloatArray) -> dict[str, FloatArray] | None:
         """Do predict and update for a whole series; None if that has to be done step by step."""
-        if self.method != "imm":
-            return None
-        result = bank_series.filter_one(self.filters, series, self._log_weights(), self._log_transition())
+        weights, every_pair = (self._log_weights(), self._log_transition()), self.method != "imm"
+        result = bank_series.filter_one(self.filters, series, weights, every_pair)
         if result is None:
             return None
         stored, state = result
@@ -448,8 +447,8 @@ class IMMEstimator(BankStepper, Filter):
     ) -> FilterResult:
         """Filter many series, each from the current estimates on.
 
-        A bank of plain Kalman filters of one shape takes all series at once; any
-        other, and one with controls, takes them one after another.  The bank itself does not change.
+        A bank of plain Kalman filters of one shape does this in the engine, which leaves other threads free;
+        any other, and one with controls, goes through its verbs.  The bank itself does not change.
 
         Parameters
         ----------
@@ -496,7 +495,7 @@ class IMMEstimator(BankStepper, Filter):
         model = bank_series.whole_model(self.filters) if self._is_plain() else None
         if model is None or self._log_cbar is not None:
             return None
-        weights, every_pair = (self._log_weights(), self._log_transition()), self.method == "gpb2"
+        weights, every_pair = (self._log_weights(), self._log_transition()), self.method != "imm"
         try:
             found = bank_series.filter_many(self.filters, model, series, weights, every_pair, names)
         except SingularInnovationError:  # or what an observation beyond all numbers leaves looks like it

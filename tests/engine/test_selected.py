@@ -62,12 +62,14 @@ def test_systems_of_any_size_have_a_kernel(n, m) -> None:
     selected.filter_linear(x, P, zs, F, Q, H, R, 1.0, None, stored)
     np.testing.assert_allclose(stored["x"][0], updated[0], rtol=1e-10)
     model = {name: np.array([value] * 2) for name, value in (("F", F), ("Q", Q), ("H", H), ("R", R))}
-    half = np.log(np.full((2, 2), 0.5))
-    state = selected.filter_bank(
-        np.array([x, x]), np.array([P, P]), half[0], half, zs, model | {"alpha_sq": np.asarray(1.0)}, modes
-    )
-    assert state is not None
-    np.testing.assert_allclose(modes["x"], stored["x"], rtol=1e-10)  # both modes are the one system
+    model["alpha_sq"], half = np.asarray(1.0), np.log(np.full((2, 2), 0.5))
+    start = np.array([x, x]), np.array([P, P]), half[0], half
+    for every_pair in (False, True):
+        assert selected.filter_bank(*start, zs, model, every_pair, modes) is not None
+        np.testing.assert_allclose(modes["x"], stored["x"], rtol=1e-10)  # both modes are the one system
+        many = {"x": np.empty((1, 3, n))}
+        assert not selected.filter_bank_many(*start, zs[None], model, every_pair, many).any()
+        np.testing.assert_allclose(many["x"][0], stored["x"], rtol=1e-10)
 
 
 @pytest.mark.parametrize("lines", [3, 300])  # NumPy tries every source of a few lines

@@ -21,8 +21,10 @@ __all__ = [
     "correct_bank",
     "filter_bank",
     "filter_bank_many",
+    "given_mode",
     "log_mixing",
     "merge_modes",
+    "merge_pairs",
     "mix_modes",
     "move_bank",
     "weigh_modes",
@@ -128,6 +130,21 @@ def merge_modes(weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[Fl
     return (first + off)[..., 0, :], P + (deviation.mT * row) @ deviation
 
 
+def given_mode(log_joint_mode: FloatArray, log_prior: FloatArray) -> FloatArray:
+    """Log-density of the observation in each mode, (..., K), of that of mode and observation.
+
+    Minus infinity where a mode cannot be.
+    """
+    reached: np.ndarray = log_joint_mode > -np.inf
+    apart: FloatArray = np.where(reached, log_joint_mode, 0.0) - np.where(reached, log_prior, 0.0)
+    return np.where(reached, apart, -np.inf)
+
+
+def merge_pairs(weights: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Merge moments of pairs, (..., K, K, n) and (..., K, K, n, n), over i with the weights (i, j)."""
+    return merge_modes(weights.mT, np.swapaxes(xs, -3, -2), np.swapaxes(Ps, -4, -3))
+
+
 @QUIET
 def mix_modes(omega: FloatArray, xs: FloatArray, Ps: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Moments with which each mode j starts the interaction: mixtures over i with weights omega[i, j]."""
@@ -190,9 +207,10 @@ def filter_bank(
     log_M: FloatArray,
     zs: FloatArray,
     model: dict[str, FloatArray],
+    every_pair: bool,
     out: dict[str, FloatArray],
 ) -> dict[str, FloatArray] | None:
-    """Run one bank along one series, mixing before each prediction (IMM).
+    """Run one bank along one series.
 
     Parameters
     ----------
@@ -203,6 +221,8 @@ def filter_bank(
         NaN where missing.
     model : dict of ndarray
         ``F``, ``Q``, ``H``, ``R`` with a leading axis for the modes, and ``alpha_sq``.
+    every_pair : bool
+        As in `filter_bank_many`.
     out : dict of ndarray
         Filled: ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``log_likelihood``, as far
         as they are there, each of shape (steps, ...).
@@ -211,34 +231,46 @@ def filter_bank(
     -------
     dict of ndarray, or None
         After the last step: ``xs``, ``Ps``, ``xs_prior``, ``Ps_prior``, ``log_mu``, the predicted
-        ``log_cbar`` and the log-likelihoods ``modes`` of the modes; of the latest step of which
-        something was observed, if there is one, ``y``, ``S``, ``SI``, ``K``.  None if some
+        ``log_cbar``, the log-likelihoods ``modes`` of the modes and ``own`` of the filters; of the latest
+        step of which something was observed, if there is one, ``y``, ``S``, ``SI``, ``K``.  With every
+        pair, a filter's own are those of the likeliest pair that ends in its mode.  None if some
         observation was refused, because S is not positive definite or no mode gives it a density.
     """
     F, Q, H, R, alpha_sq = (model[name] for name in ("F", "Q", "H", "R", "alpha_sq"))
     innovation: dict[str, FloatArray] = {}
     state: dict[str, FloatArray] = {}
     for t, z in enumerate(zs):
-        _, log_cbar, omega = log_mixing(log_mu, log_M)
-        xs, Ps = move_bank(*mix_modes(omega, xs, Ps), F, Q, alpha_sq)
+        log_joint, log_cbar, omega = log_mixing(log_mu, log_M)
+        if every_pair:
+            before = move_bank(xs[:, None], Ps[:, None], F, Q, alpha_sq)
+            xs, Ps = merge_pairs(omega, *before)
+        else:
+            before = xs, Ps = move_bank(*mix_modes(omega, xs, Ps), F, Q, alpha_sq)
         state = {"xs_prior": xs, "Ps_prior": Ps, "log_cbar": log_cbar}
         _put(out, ("x_prior", "P_prior"), t, merge_modes(np.exp(log_cbar), xs, Ps))
         seen: np.ndarray = np.logical_not(np.isnan(z))
-        log_mu, total, modes = log_cbar, np.zeros(()), np.zeros(len(log_mu))
+        log_mu, total, modes, own = log_cbar, np.zeros(()), np.zeros(len(log_mu)), np.zeros(len(log_mu))
         if seen.any():
             try:
-                corrected = correct_bank(xs, Ps, z, H, R, None if seen.all() else seen)
+                *found, xs, Ps, own = correct_bank(*before, z, H, R, None if seen.all() else seen)
             except np.linalg.LinAlgError:
                 return None
-            y, S, SI, K, xs, Ps, modes = corrected
-            innovation = {"y": y, "S": S, "SI": SI, "K": K}
-            if not (log_cbar + modes).max() > -np.inf:
+            if not ((log_joint if every_pair else log_cbar) + own).max() > -np.inf:
                 return None
-            log_mu, total = weigh_modes(log_cbar, modes)
+            if every_pair:
+                weights, log_mu, total, log_joint_mode = weigh_pairs(log_joint, own)
+                modes = given_mode(log_joint_mode, log_cbar)
+                xs, Ps = merge_pairs(weights, xs, Ps)
+                likeliest = weights.argmax(axis=0), np.arange(len(weights))
+                found, own = [value[likeliest] for value in found], own[likeliest]
+            else:
+                modes = own
+                log_mu, total = weigh_modes(log_cbar, modes)
+            innovation = dict(zip(("y", "S", "SI", "K"), found, strict=True))
         mu = np.exp(log_mu)
         _put(out, ("x", "P"), t, merge_modes(mu, xs, Ps))
         _put(out, ("mu", "log_likelihood"), t, (mu, total))
-        state |= {"xs": xs, "Ps": Ps, "log_mu": log_mu, "modes": modes}
+        state |= {"xs": xs, "Ps": Ps, "log_mu": log_mu, "modes": modes, "own": own}
     return state | innovation
 
 
@@ -306,7 +338,7 @@ def filter_bank_many(
         *_, xs, Ps, log_likelihood = correct_bank(xs, Ps, zs[:, t][axes], H, R, y_seen)
         if every_pair:
             omega, log_mu, total, _ = weigh_pairs(log_joint, log_likelihood)
-            xs, Ps = merge_modes(np.swapaxes(omega, 1, 2), np.swapaxes(xs, 1, 2), np.swapaxes(Ps, 1, 2))
+            xs, Ps = merge_pairs(omega, xs, Ps)
         else:
             log_mu, total = weigh_modes(log_cbar, log_likelihood)
         mu = np.exp(log_mu)
