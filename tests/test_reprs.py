@@ -67,6 +67,7 @@ from fuzzykf.comparison import (
 from fuzzykf.comparison.prepare import ClockSwitch
 from fuzzykf.datasets import Building, Table, Traffic, Victoria, load_victoria
 from fuzzykf.experiments import Experiment, Outcome
+from fuzzykf.kalman import StateMap
 from fuzzykf.labels import Labels
 from fuzzykf.possibility import RuleBase
 from fuzzykf.possibility.memberships import CutMembership, EllipticalMembership, JointMembership, Membership
@@ -142,6 +143,11 @@ def singular():
 
 def imm(n=2):
     return IMMEstimator([KalmanFilter(2, 1) for _ in range(n)], np.full(n, 1 / n), np.full((n, n), 1 / n))
+
+
+def mapped():
+    filters = [KalmanFilter(30, 1), KalmanFilter(40, 1)]
+    return IMMEstimator(filters, [0.5, 0.5], np.full((2, 2), 0.5), state_maps=[np.eye(40)[:, :30], None])
 
 
 def comparison(n=2, cls=ModelComparison, name="c", **more):
@@ -250,7 +256,8 @@ SPECIMENS = {
         lambda: KalmanFilter(40, 30),
     ],
     ExtendedKalmanFilter: [lambda: ExtendedKalmanFilter(3, 2), lambda: ExtendedKalmanFilter(60, 1)],
-    IMMEstimator: [imm, lambda: imm(12), lambda: stepped(imm())],
+    IMMEstimator: [imm, lambda: imm(12), lambda: stepped(imm()), mapped],
+    StateMap: [lambda: StateMap([[1.0], [0.0]]), lambda: StateMap(np.eye(40)[:, :30], mean=np.eye(40)[39])],
     FuzzyRelationEstimator: [
         lambda: FuzzyRelationEstimator(2, 1),
         lambda: stepped(FuzzyRelationEstimator(1, 1, state=Cone(), measurement_noise=Cone(), points=21)),

@@ -5,11 +5,13 @@ from fuzzykf.kalman.functions import batch_filter, predict, predict_steadystate,
 from fuzzykf.kalman.imm import IMMEstimator
 from fuzzykf.kalman.kalman_filter import KalmanFilter
 from fuzzykf.kalman.smoothing import rts_smoother
+from fuzzykf.kalman.state_maps import StateMap
 
 __all__ = [
     "ExtendedKalmanFilter",
     "IMMEstimator",
     "KalmanFilter",
+    "StateMap",
     "batch_filter",
     "predict",
     "predict_steadystate",

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.kalman.state_maps import CommonSpace
 
 __all__ = [
     "check_possible",
@@ -63,8 +64,10 @@ def fading(filters: Sequence[Any]) -> FloatArray | float:
     return 1.0 if values == [1.0] * len(values) else np.array(values)[:, None, None]
 
 
-def member_states(filters: Sequence[Any]) -> tuple[FloatArray, FloatArray]:
-    """Stack the states of the members, (K, n) and (K, n, n)."""
+def member_states(filters: Sequence[Any], space: CommonSpace | None = None) -> tuple[FloatArray, FloatArray]:
+    """Stack the states of the members, (K, n) and (K, n, n), in the space that they have in common."""
+    if space is not None:
+        return space.states(filters)
     n = np.size(filters[0].x)
     try:
         xs = np.array([f.x for f in filters], dtype=np.float64).reshape(-1, n)
@@ -75,26 +78,34 @@ def member_states(filters: Sequence[Any]) -> tuple[FloatArray, FloatArray]:
         return xs, Ps
     shapes = [np.shape(f.x) for f in filters]
     if any(shape != shapes[0] for shape in shapes):
-        raise ShapeError(f"filters: x has shapes {shapes}, expected the same for all members")
+        unequal = len({np.size(f.x) for f in filters}) > 1
+        raise ShapeError(
+            f"filters: x has shapes {shapes}, expected the same for all members"
+            + (", or state_maps into a common space" if unequal else "")
+        )
     xs = np.array([as_state(f.x, n).reshape(n) for f in filters])
     return xs, np.array([as_square(f"filters[{k}].P", f.P, n) for k, f in enumerate(filters)])
 
 
 def predict_members(
-    filters: Sequence[Any], xs: FloatArray, Ps: FloatArray, u: Any
+    filters: Sequence[Any], xs: FloatArray, Ps: FloatArray, u: Any, space: CommonSpace | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Predict every member from the moments given, and return the predicted moments.
 
+    All are in the common space if there is one; each member moves in its own.
+
     An error leaves the members as they were; so do all functions of this module.
     """
-    model = linear_model(filters, ("F", "Q"))
+    model = None if space is not None else linear_model(filters, ("F", "Q"))
     like = filters[0].x if np.ndim(filters[0].x) else np.reshape(filters[0].x, (1, 1))
     if model is None:
         with unchanged_on_error(*filters):
-            for f, x, P in zip(filters, xs, Ps, strict=True):
-                f.x, f.P = x.reshape(like.shape).copy(), P.copy()
+            for k, (f, x, P) in enumerate(zip(filters, xs, Ps, strict=True)):
+                if space is not None:
+                    x, P = space.to_member(k, x, P)
+                f.x, f.P = x.reshape(np.shape(f.x) or (1, 1)).copy(), P.copy()
                 f.predict() if u is None else f.predict(u)
-            return member_states(filters)
+            return member_states(filters, space)
     terms = None
     if u is not None:
         terms = np.array([np.broadcast_to(control_term(f.B, u, like), like.shape) for f in filters])
@@ -107,19 +118,22 @@ def predict_members(
 
 
 def update_members(
-    filters: Sequence[Any], z: FloatArray, log_prior: FloatArray | None = None
+    filters: Sequence[Any],
+    z: FloatArray,
+    log_prior: FloatArray | None = None,
+    space: CommonSpace | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Update every member with the flat observation z; return log-likelihoods and moments.
 
     With the logs of the prior weights given, it is an error if z has no density in
-    any mode that has a weight.
+    any mode that has a weight.  The moments are in the common space if there is one.
     """
-    model = linear_model(filters, ("H", "R"))
+    model = None if space is not None else linear_model(filters, ("H", "R"))
     if model is None:
         with unchanged_on_error(*filters):
             log_likelihood = np.array([_update_member(k, f, z) for k, f in enumerate(filters)])
             check_possible(z, log_likelihood, log_prior)
-            return log_likelihood, *member_states(filters)
+            return log_likelihood, *member_states(filters, space)
     seen = np.logical_not(np.isnan(z)) if any(map(isnan, z.tolist())) else None
     xs, Ps = member_states(filters)
     try:

@@ -205,7 +205,10 @@ cdef Bank read_bank(object filter_, dict d, bint motion, bint observation):
     if filters_ == NULL or not isinstance(<object> filters_, (list, tuple)) or method == NULL:
         return None
     K = <int> len(<object> filters_)
-    if K < 2 or PyDict_GetItemWithError(d, "_branches") != <PyObject *> None:
+    if (
+        K < 2 or PyDict_GetItemWithError(d, "_branches") != <PyObject *> None
+        or PyDict_GetItemWithError(d, "_space") != <PyObject *> None
+    ):
         return None
     bank = Bank(K, <object> method != "imm")
     first = bank.members

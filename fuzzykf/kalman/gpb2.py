@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.kalman.state_maps import CommonSpace
 
 __all__ = ["PairBranches"]
 
@@ -34,11 +35,15 @@ class PairBranches:
         The bank.
     log_joint : ndarray, shape (N, N)
         log P(mode i before, mode j now) at the time of the prediction.
+    space : CommonSpace, optional
+        That of moments that are given and returned, if the members do not have it all.
     """
 
-    def __init__(self, filters: Sequence[Any], log_joint: FloatArray) -> None:
+    def __init__(
+        self, filters: Sequence[Any], log_joint: FloatArray, space: CommonSpace | None = None
+    ) -> None:
         self.banks = [[clone(f) for f in filters] for _ in filters]
-        self.log_joint = log_joint
+        self.log_joint, self.space = log_joint, space
 
     def predict(
         self, filters: Sequence[Any], omega: FloatArray, xs: FloatArray, Ps: FloatArray, u: Any
@@ -49,12 +54,14 @@ class PairBranches:
         """
         n = len(filters)
         pairs = [
-            predict_members(members, np.repeat(x[None], n, axis=0), np.repeat(P[None], n, axis=0), u)
+            predict_members(
+                members, np.repeat(x[None], n, axis=0), np.repeat(P[None], n, axis=0), u, self.space
+            )
             for members, x, P in zip(self.banks, xs, Ps, strict=True)
         ]
         xs, Ps = _merge_pairs(omega, pairs)
-        for f, x, P in zip(filters, xs, Ps, strict=True):
-            put_moments(f, "prior", x, P)
+        for j, f in enumerate(filters):
+            put_moments(f, "prior", *self._of_member(j, xs[j], Ps[j]))
         return xs, Ps
 
     def update(
@@ -73,7 +80,7 @@ class PairBranches:
             Merged moments; they are left in ``filters`` too.
         """
         with unchanged_on_error(*(f for members in self.banks for f in members)):
-            updated = [update_members(members, z) for members in self.banks]
+            updated = [update_members(members, z, space=self.space) for members in self.banks]
             log_likelihood = np.array([values for values, _, _ in updated])
             check_possible(z, log_likelihood.ravel(), self.log_joint.ravel())
         weights, log_mu, total, log_modes = weigh_pairs(self.log_joint, log_likelihood)
@@ -84,9 +91,12 @@ class PairBranches:
             prior = {name: value for name, value in f.__dict__.items() if name in kept}
             f.__dict__.update(self.banks[int(np.argmax(weights[:, j]))][j].__dict__)
             f.__dict__.update(prior)
-            put_moments(f, "post", xs[j], Ps[j])
+            put_moments(f, "post", *self._of_member(j, xs[j], Ps[j]))
         modes = given_mode(log_modes, log_prior)
         return log_mu, float(total), modes, xs, Ps
+
+    def _of_member(self, j: int, x: FloatArray, P: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return (x, P) if self.space is None else self.space.to_member(j, x, P)
 
 
 def _merge_pairs(

@@ -38,6 +38,7 @@ from fuzzykf.kalman.series import (
     unchanged_on_error,
     whole_verb,
 )
+from fuzzykf.kalman.state_maps import CommonSpace, StateMap
 from fuzzykf.kalman.stepper import BankStepper
 from fuzzykf.many import stacked
 from fuzzykf.observations import check_aligned
@@ -66,7 +67,7 @@ class IMMEstimator(BankStepper, Filter):
     Parameters
     ----------
     filters : sequence of filters
-        At least two, with x of one shape.  Any `fuzzykf.base.Filter` with a
+        At least two, with x of one shape (or ``state_maps``).  Any `fuzzykf.base.Filter` with a
         log-likelihood will do, and any object with ``x``, ``P``, ``predict``, ``update``
         and ``log_likelihood`` (or ``likelihood``), such as filterpy's filters; kinds may
         be mixed.  The filters stay readable; a bank of plain Kalman filters of
@@ -79,6 +80,11 @@ class IMMEstimator(BankStepper, Filter):
         "gpb2" filters once for each pair of a mode before and a mode now and merges
         the results (generalised pseudo-Bayes of second order): more exact, and N
         times the work.
+    state_maps : sequence of StateMap, array_like or None, optional
+        For filters whose states differ, say constant velocity beside constant acceleration: one for
+        each, None where the state is the common one, else the map of its state into the common space: a
+        matrix (n, n_member) of full column rank, or a `StateMap`, which says of what the filter lacks
+        more than that it is zero.  Mixing takes place in the common space, each filter moves in its own.
 
     Attributes
     ----------
@@ -90,7 +96,9 @@ class IMMEstimator(BankStepper, Filter):
         Number of modes.
     x, P, x_prior, P_prior, x_post, P_post : ndarray
         Mean and covariance of the mixture: now, after the latest prediction, and
-        after the latest update.
+        after the latest update; in the common space.
+    state_maps : tuple of StateMap or None, or None
+        As given; it cannot be changed.
     likelihood : ndarray, shape (N,)
         Density of the latest observation in each mode; zero before the first update.
     mode_log_likelihood : ndarray, shape (N,)
@@ -102,7 +110,8 @@ class IMMEstimator(BankStepper, Filter):
     ------
     ParameterError, ShapeError
         If there are less than two filters, their shapes differ, ``mu`` is no weight
-        vector or ``M`` no transition matrix.
+        vector or ``M`` no transition matrix; names the member whose map does not fit, or has not full
+        column rank.
 
     Notes
     -----
@@ -114,6 +123,8 @@ class IMMEstimator(BankStepper, Filter):
 
     With "gpb2", the attributes y, S, K of a member are those of the likeliest pair
     that ends in its mode.
+
+    A bank with ``state_maps`` goes through the verbs of its members; it is not compiled.
 
     References
     ----------
@@ -147,6 +158,7 @@ class IMMEstimator(BankStepper, Filter):
         M: ArrayLike,
         *,
         method: Literal["imm", "gpb2"] = "imm",
+        state_maps: Sequence[StateMap | ArrayLike | None] | None = None,
     ) -> None:
         given: Any = filters
         if not isinstance(given, Sequence) or not all(hasattr(f, "x") and hasattr(f, "P") for f in given):
@@ -157,7 +169,8 @@ class IMMEstimator(BankStepper, Filter):
             raise ParameterError(
                 "filters: one object is there twice, expected a filter of its own for each mode"
             )
-        xs, Ps = bank.member_states(filters)
+        self._space = None if state_maps is None else CommonSpace(filters, state_maps)
+        xs, Ps = bank.member_states(filters, self._space)
         dims = [_observation_dimension(f) for f in filters]
         if any(dim != dims[0] for dim in dims):
             raise ShapeError(
@@ -165,7 +178,7 @@ class IMMEstimator(BankStepper, Filter):
             )
         as_choice("method", method, ("imm", "gpb2"))
         self.filters, self.N, self.method = filters, len(filters), method
-        self.dim_x, self.dim_z = int(np.size(filters[0].x)), dims[0]
+        self.dim_x, self.dim_z = int(xs.shape[1]), dims[0]
         weights = as_array("mu", mu, (self.N,))
         if (weights < 0.0).any() or weights.sum() <= 0.0:
             raise ParameterError(f"mu: got {weights.tolist()}, expected weights of at least 0, not all 0")
@@ -183,6 +196,11 @@ class IMMEstimator(BankStepper, Filter):
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
 
     # ------------------------------------------------------------------ modes
+
+    @property
+    def state_maps(self) -> tuple[StateMap | None, ...] | None:
+        """How the states of the filters lie in the common space; None if that is the space of them all."""
+        return None if self._space is None else self._space.maps
 
     @property
     def cbar(self) -> FloatArray:
@@ -220,7 +238,8 @@ class IMMEstimator(BankStepper, Filter):
     @property
     def _form(self) -> tuple[int, ...]:
         """The shape of x: that of the filters, of which a number is a column of one."""
-        return np.shape(self.filters[0].x) or (1, 1)
+        form = np.shape(self.filters[0].x) or (1, 1)
+        return form if self._space is None else (self._space.dim, *form[1:])
 
     # ------------------------------------------------------------------ verbs
 
@@ -242,12 +261,12 @@ class IMMEstimator(BankStepper, Filter):
         with whole_verb(self, *self.filters):
             log_mu = self._log_weights() if self._log_cbar is None else self._log_cbar
             log_joint, log_cbar, omega = log_mixing(log_mu, self._log_transition())
-            xs, Ps = bank.member_states(self.filters)
+            xs, Ps = bank.member_states(self.filters, self._space)
             branches = None
             if self.method == "imm":
-                xs, Ps = bank.predict_members(self.filters, *mix_modes(omega, xs, Ps), u)
+                xs, Ps = bank.predict_members(self.filters, *mix_modes(omega, xs, Ps), u, self._space)
             else:
-                branches = PairBranches(self.filters, log_joint)
+                branches = PairBranches(self.filters, log_joint, self._space)
                 xs, Ps = branches.predict(self.filters, omega, xs, Ps, u)
             x, P = self._merged(np.exp(log_cbar), xs, Ps)
             if self._log_cbar is not None:  # a second prediction: the time in between had no observation
@@ -281,11 +300,11 @@ class IMMEstimator(BankStepper, Filter):
             if value is None:
                 bank.skip_members(self.filters)
                 log_mu, total, modes = log_prior, 0.0, np.zeros(self.N)
-                xs, Ps = bank.member_states(self.filters)
+                xs, Ps = bank.member_states(self.filters, self._space)
             elif self._branches is not None:
                 log_mu, total, modes, xs, Ps = self._branches.update(self.filters, value)
             else:
-                modes, xs, Ps = bank.update_members(self.filters, value, log_prior)
+                modes, xs, Ps = bank.update_members(self.filters, value, log_prior, self._space)
                 log_mu, normaliser = weigh_modes(log_prior, modes)
                 total = float(normaliser)
             mu = np.exp(log_mu)
@@ -309,7 +328,7 @@ class IMMEstimator(BankStepper, Filter):
         return estimate
 
     def _is_plain(self) -> bool:
-        return type(self)._overrides() == 0 and not is_patched(self)
+        return type(self)._overrides() == 0 and not is_patched(self) and self._space is None
 
     @classmethod
     def _overrides(cls) -> int:
@@ -448,7 +467,8 @@ class IMMEstimator(BankStepper, Filter):
         """Filter many series, each from the current estimates on.
 
         A bank of plain Kalman filters of one shape does this in the engine, which leaves other threads free;
-        any other, and one with controls, goes through its verbs.  The bank itself does not change.
+        any other, and one with controls or ``state_maps``, goes through its verbs.  The bank itself does not
+        change.
 
         Parameters
         ----------
@@ -541,7 +561,8 @@ class IMMEstimator(BankStepper, Filter):
 
     def __repr__(self) -> str:
         """Show every public attribute, one below the other."""
-        return describe(self, "cbar", "omega")
+        maps = () if self.__dict__.get("_space") is None else ("state_maps",)
+        return describe(self, "cbar", "omega", *maps)
 
 
 def _log(p: FloatArray) -> FloatArray:
@@ -579,6 +600,6 @@ _HOOKS = lookups(
         *("__getattribute__", "__setattr__"),
         *("filters", "mu", "M", "N", "method", "dim_x", "dim_z", "x", "P", "x_prior", "P_prior"),
         *("x_post", "P_post", "likelihood", "mode_log_likelihood", "log_likelihood"),
-        *("_log_mu", "_log_M", "_known_mu", "_checked_M", "_log_cbar", "_branches"),
+        *("_log_mu", "_log_M", "_known_mu", "_checked_M", "_log_cbar", "_branches", "_space"),
     ),
 )
