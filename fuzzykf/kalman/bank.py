@@ -26,12 +26,15 @@ if TYPE_CHECKING:
 __all__ = [
     "check_possible",
     "clone",
+    "control_terms",
     "fading",
     "linear_model",
     "member_states",
     "predict_members",
+    "put_innovations",
     "put_moments",
     "put_state",
+    "seen_of",
     "skip_members",
     "update_members",
 ]
@@ -97,7 +100,6 @@ def predict_members(
     An error leaves the members as they were; so do all functions of this module.
     """
     model = None if space is not None else linear_model(filters, ("F", "Q"))
-    like = filters[0].x if np.ndim(filters[0].x) else np.reshape(filters[0].x, (1, 1))
     if model is None:
         with unchanged_on_error(*filters):
             for k, (f, x, P) in enumerate(zip(filters, xs, Ps, strict=True)):
@@ -106,15 +108,23 @@ def predict_members(
                 f.x, f.P = x.reshape(np.shape(f.x) or (1, 1)).copy(), P.copy()
                 f.predict() if u is None else f.predict(u)
             return member_states(filters, space)
-    terms = None
-    if u is not None:
-        terms = np.array([np.broadcast_to(control_term(f.B, u, like), like.shape) for f in filters])
+    terms = control_terms(filters, u)
     xs, Ps = move_bank(xs, Ps, model["F"], model["Q"], fading(filters))
     if terms is not None:
-        xs = xs + terms.reshape(xs.shape)
-    for f, x, P in zip(filters, xs.reshape(len(xs), *like.shape), Ps, strict=True):
+        xs = xs + terms
+    form = np.shape(filters[0].x) or (1, 1)
+    for f, x, P in zip(filters, xs.reshape(len(xs), *form), Ps, strict=True):
         f._set_prior(x, P)
     return xs, Ps
+
+
+def control_terms(filters: Sequence[Any], u: Any) -> FloatArray | None:
+    """Stack B u of plain Kalman filters, (K, n); None if there is no control."""
+    if u is None:
+        return None
+    like = np.reshape(filters[0].x, np.shape(filters[0].x) or (1, 1))
+    terms = [np.broadcast_to(control_term(f.B, u, like), like.shape) for f in filters]
+    return np.reshape(terms, (len(terms), -1))
 
 
 def update_members(
@@ -134,20 +144,36 @@ def update_members(
             log_likelihood = np.array([_update_member(k, f, z) for k, f in enumerate(filters)])
             check_possible(z, log_likelihood, log_prior)
             return log_likelihood, *member_states(filters, space)
-    seen = np.logical_not(np.isnan(z)) if any(map(isnan, z.tolist())) else None
     xs, Ps = member_states(filters)
     try:
-        y, S, SI, K, xs, Ps, log_likelihood = correct_bank(xs, Ps, z, model["H"], model["R"], seen)
+        *innovation, xs, Ps, log_likelihood = correct_bank(xs, Ps, z, model["H"], model["R"], seen_of(z))
     except np.linalg.LinAlgError as error:
         raise SingularInnovationError(SINGULAR) from error
     check_possible(z, log_likelihood, log_prior)
+    put_innovations(filters, (xs, Ps), z, [*innovation, log_likelihood])
+    return log_likelihood, xs, Ps
+
+
+def seen_of(z: FloatArray) -> np.ndarray | None:
+    """Which components of an observation were seen; None if all were."""
+    return np.logical_not(np.isnan(z)) if any(map(isnan, z.tolist())) else None
+
+
+def put_innovations(
+    filters: Sequence[Any], moments: Sequence[FloatArray], z: FloatArray, innovation: Sequence[FloatArray]
+) -> None:
+    """Make an update with the flat observation z that of plain members.
+
+    ``moments`` are xs and Ps, ``innovation`` has y, S, SI, K and the log-likelihood, each with a leading axis
+    for the members.
+    """
+    (xs, Ps), (y, S, SI, K, log_likelihood) = moments, innovation
     column = np.ndim(filters[0].x) != 1
     states, residuals, value = (xs[..., None], y[..., None], z[:, None]) if column else (xs, y, z)
     members = zip(filters, states, Ps, residuals, S, SI, K, log_likelihood.tolist(), strict=True)
     for f, state, P, residual, S_f, SI_f, K_f, log_likelihood_f in members:
         f._set_innovation(state, P, value.copy(), residual, S_f, SI_f, K_f)
         f._log_likelihood = log_likelihood_f
-    return log_likelihood, xs, Ps
 
 
 def put_state(filters: Sequence[Any], state: dict[str, FloatArray], z: FloatArray) -> None:

@@ -10,7 +10,7 @@ from libc.string cimport memcmp, memcpy
 from fuzzykf.engine.compiled.arrays cimport at
 from fuzzykf.engine.compiled.imm cimport (
     FK_BANK_UPDATED, fk_bank, fk_bank_place, fk_bank_predict, fk_bank_size, fk_bank_step, fk_bank_update,
-    fk_bank_weights,
+    fk_bank_weights, fk_pairs_predict_all, fk_pairs_update_all,
 )
 from fuzzykf.engine.compiled.kalman cimport FK_KALMAN_LARGEST, fk_kalman, fk_kalman_engine, versions
 from fuzzykf.engine.compiled.processor cimport level
@@ -18,6 +18,8 @@ from fuzzykf.kalman.compiled_attributes cimport (
     ENTRIES, Entry, Member, commit, entry, forget, forget_likelihoods, has_own_verbs, is_begun, is_plain, overrides,
     posterior_entries, prior_entries, read_motion, read_observation, read_state, read_z, release, reserve,
 )
+
+from fuzzykf.kalman.pair_moments import PairMoments
 
 cimport numpy as cnp
 
@@ -205,10 +207,7 @@ cdef Bank read_bank(object filter_, dict d, bint motion, bint observation):
     if filters_ == NULL or not isinstance(<object> filters_, (list, tuple)) or method == NULL:
         return None
     K = <int> len(<object> filters_)
-    if (
-        K < 2 or PyDict_GetItemWithError(d, "_branches") != <PyObject *> None
-        or PyDict_GetItemWithError(d, "_space") != <PyObject *> None
-    ):
+    if K < 2 or PyDict_GetItemWithError(d, "_space") != <PyObject *> None:
         return None
     bank = Bank(K, <object> method != "imm")
     first = bank.members
@@ -297,7 +296,64 @@ cdef int write(Bank bank, bint prior, bint posterior) except -1:
     if posterior:
         PyDict_SetItem(bank.d, "log_likelihood", bank.b.total)
         forget(bank.d, "_log_cbar")
+        forget(bank.d, "_branches")
     return 0
+
+
+cdef cnp.ndarray made(const double *values, int axes, cnp.npy_intp *shape):
+    """Make an array with these numbers, or with none yet."""
+    cdef cnp.ndarray array = cnp.PyArray_SimpleNew(axes, shape, cnp.NPY_DOUBLE)
+    if values != NULL:
+        memcpy(at(array), values, cnp.PyArray_NBYTES(array))
+    return array
+
+
+cdef object predict_pairs(Bank bank):
+    """Predict every pair of modes, and return the moments of all."""
+    cdef int K = bank.b.modes, n = bank.members[0].f.n, k
+    cdef cnp.npy_intp pairs[4]
+    cdef cnp.npy_intp merged[3]
+    pairs[:] = [K, K, n, n]
+    merged[:] = [K, n, n]
+    cdef cnp.ndarray xs = made(NULL, 3, pairs), Ps = made(NULL, 4, pairs)
+    cdef cnp.ndarray merged_xs = made(NULL, 2, merged), merged_Ps = made(NULL, 3, merged)
+    fk_pairs_predict_all(engine(), &bank.b, at(xs), at(Ps))
+    for k in range(K):
+        memcpy(at(merged_xs) + k * n, bank.members[k].f.x_prior, n * sizeof(double))
+        memcpy(at(merged_Ps) + k * n * n, bank.members[k].f.P_prior, n * n * sizeof(double))
+    return PairMoments(made(bank.b.log_joint, 2, pairs), xs, Ps, merged_xs, merged_Ps)
+
+
+cdef bint kept(object value, Py_ssize_t axes, Py_ssize_t rows, Py_ssize_t n) except -1:
+    """Whether this is an array as `predict_pairs` makes them."""
+    cdef cnp.ndarray a
+    if not cnp.PyArray_CheckExact(value):
+        return False
+    a = value
+    return (
+        cnp.PyArray_TYPE(a) == cnp.NPY_DOUBLE and cnp.PyArray_ISCARRAY_RO(a) and cnp.PyArray_NDIM(a) == axes
+        and cnp.PyArray_DIM(a, 0) == rows and cnp.PyArray_DIM(a, axes - 1) == n
+    )
+
+
+cdef int update_pairs(Bank bank, object pairs) except -2:
+    """Update the pairs that were predicted; 0 where somebody has written into a filter since."""
+    cdef int K = bank.b.modes, n = bank.members[0].f.n, k
+    cdef cnp.ndarray xs, Ps, merged_xs, merged_Ps
+    log_joint, xs, Ps, merged_xs, merged_Ps = pairs
+    if not (
+        kept(log_joint, 2, K, K) and kept(xs, 3, K, n) and kept(Ps, 4, K, n) and kept(merged_xs, 2, K, n)
+        and kept(merged_Ps, 3, K, n)
+    ):
+        return 0
+    for k in range(K):
+        if not (
+            same(bank.members[k].f.x, at(merged_xs) + k * n, n)
+            and same(bank.members[k].f.P, at(merged_Ps) + k * n * n, n * n)
+        ):
+            return 0
+    memcpy(bank.b.log_joint, at(log_joint), K * K * sizeof(double))
+    return fk_pairs_update_all(engine(), &bank.b, at(xs), at(Ps), bank.members[0].z)
 
 
 class BankStepper:
@@ -322,6 +378,7 @@ class BankStepper:
         if not (
             is_begun(d) and not overrides(self) & 3 and not has_own_verbs(d)
             and PyDict_GetItemWithError(d, "_log_cbar") == <PyObject *> None
+            and PyDict_GetItemWithError(d, "_branches") == <PyObject *> None
         ):
             return self._step_any(z)
         bank = read_bank(self, d, True, True)
@@ -343,21 +400,26 @@ class BankStepper:
         cdef Bank bank
         cdef cnp.ndarray log_cbar
         cdef cnp.npy_intp modes
+        pairs = None
         if not (
             is_begun(d) and not overrides(self) & 1 and PyDict_GetItemWithError(d, "_log_cbar") == <PyObject *> None
+            and PyDict_GetItemWithError(d, "_branches") == <PyObject *> None
         ):
             return False
         bank = read_bank(self, d, True, False)
-        if bank is None or bank.b.every_pair:
+        if bank is None:
             return False
-        fk_bank_predict(engine(), &bank.b)
+        if bank.b.every_pair:
+            pairs = predict_pairs(bank)
+        else:
+            fk_bank_predict(engine(), &bank.b)
         if not bank_is_in_range(bank, True):
             return False
         modes = bank.b.modes
-        log_cbar = cnp.PyArray_SimpleNew(1, &modes, cnp.NPY_DOUBLE)
-        memcpy(at(log_cbar), bank.b.log_cbar, modes * sizeof(double))
+        log_cbar = made(bank.b.log_cbar, 1, &modes)
         write(bank, True, False)
         PyDict_SetItem(d, "_log_cbar", log_cbar)
+        PyDict_SetItem(d, "_branches", pairs)
         return True
 
     def _update_at_once(self, z):
@@ -367,8 +429,9 @@ class BankStepper:
         cdef Member *member
         cdef const double *log_cbar
         cdef PyObject *predicted = PyDict_GetItemWithError(d, "_log_cbar")
-        cdef int k
-        if not is_begun(d) or overrides(self) & 1:
+        cdef PyObject *branches = PyDict_GetItemWithError(d, "_branches")
+        cdef int k, became
+        if not is_begun(d) or overrides(self) & 1 or branches == NULL:
             return False
         bank = read_bank(self, d, False, True)
         if bank is None or not read_z(z, bank.members[0].f.m, bank.members[0].z):
@@ -386,10 +449,13 @@ class BankStepper:
                 memcpy(member.z, bank.members[0].z, member.f.m * sizeof(double))
             memcpy(member.f.x_prior, member.f.x, member.f.n * sizeof(double))
             memcpy(member.f.P_prior, member.f.P, member.f.n * member.f.n * sizeof(double))
-        if (
-            fk_bank_update(engine(), &bank.b, bank.members[0].z) != FK_BANK_UPDATED
-            or not bank_is_in_range(bank, False)
-        ):
+        if branches == <PyObject *> None:
+            became = fk_bank_update(engine(), &bank.b, bank.members[0].z)
+        elif type(<object> branches) is PairMoments and bank.b.every_pair:
+            became = update_pairs(bank, <object> branches)
+        else:
+            return False
+        if became != FK_BANK_UPDATED or not bank_is_in_range(bank, False):
             return False
         write(bank, False, True)
         return True

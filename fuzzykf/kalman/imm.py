@@ -26,7 +26,7 @@ from fuzzykf.kalman.controls import control_width, read_controls, takes_columns
 from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.forecast import expected_mixture, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD
-from fuzzykf.kalman.gpb2 import PairBranches
+from fuzzykf.kalman.gpb2 import predict_pairs, update_pairs
 from fuzzykf.kalman.series import (
     BANK_FIELDS,
     as_batch,
@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
+    from fuzzykf.kalman.gpb2 import PairBranches
+    from fuzzykf.kalman.pair_moments import PairMoments
     from fuzzykf.kalman.series import PerStep
 
 __all__ = ["IMMEstimator"]
@@ -190,7 +192,7 @@ class IMMEstimator(BankStepper, Filter):
         self.mode_log_likelihood = np.full(self.N, LEAST_LOG_LIKELIHOOD)
         self.log_likelihood = LEAST_LOG_LIKELIHOOD
         self._log_cbar: FloatArray | None = None  # weights of the latest prediction, until they are used
-        self._branches: PairBranches | None = None
+        self._branches: PairMoments | PairBranches | None = None
         self.x, self.P = self._merged(self.mu, xs, Ps)
         self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
@@ -262,12 +264,12 @@ class IMMEstimator(BankStepper, Filter):
             log_mu = self._log_weights() if self._log_cbar is None else self._log_cbar
             log_joint, log_cbar, omega = log_mixing(log_mu, self._log_transition())
             xs, Ps = bank.member_states(self.filters, self._space)
-            branches = None
+            branches: PairMoments | PairBranches | None = None
             if self.method == "imm":
                 xs, Ps = bank.predict_members(self.filters, *mix_modes(omega, xs, Ps), u, self._space)
             else:
-                branches = PairBranches(self.filters, log_joint, self._space)
-                xs, Ps = branches.predict(self.filters, omega, xs, Ps, u)
+                weights = log_joint, omega
+                branches, xs, Ps = predict_pairs(self.filters, weights, (xs, Ps), u, self._space)
             x, P = self._merged(np.exp(log_cbar), xs, Ps)
             if self._log_cbar is not None:  # a second prediction: the time in between had no observation
                 self._set_weights(log_mu, np.exp(log_mu))
@@ -302,7 +304,7 @@ class IMMEstimator(BankStepper, Filter):
                 log_mu, total, modes = log_prior, 0.0, np.zeros(self.N)
                 xs, Ps = bank.member_states(self.filters, self._space)
             elif self._branches is not None:
-                log_mu, total, modes, xs, Ps = self._branches.update(self.filters, value)
+                log_mu, total, modes, xs, Ps = update_pairs(self._branches, self.filters, value)
             else:
                 modes, xs, Ps = bank.update_members(self.filters, value, log_prior, self._space)
                 log_mu, normaliser = weigh_modes(log_prior, modes)

@@ -110,14 +110,17 @@ def test_a_step_writes_all_attributes(n, m, K, flat, method) -> None:
         assert_state(f, *expected)
 
 
+@METHODS
 @pytest.mark.parametrize("flat", [False, True])
-def test_the_verbs_are_the_step(flat) -> None:
-    f, g = bank(Compiled, 3, 2, flat=flat), bank(Compiled, 3, 2, flat=flat)
+def test_the_verbs_are_the_step(flat, method) -> None:
+    f, g = bank(Compiled, 3, 2, flat=flat, method=method), bank(Compiled, 3, 2, flat=flat, method=method)
+    f.remember_origin()
+    g.remember_origin()
     for z in observations(5, 2):
         f.step(z)
-        g.predict()
+        assert g._predict_at_once()
         np.testing.assert_array_equal(g.x, g.x_prior)
-        g.update(z)
+        assert g._update_at_once(z)
         for name in OWN:
             np.testing.assert_array_equal(getattr(f, name), getattr(g, name), err_msg=name)
         for a, b in zip(f.filters, g.filters, strict=True):

@@ -154,6 +154,75 @@ def test_what_is_told_of_one_series_and_of_many(kind, law) -> None:
             assert_close(getattr(many, name)[s], getattr(expected, name), name)
 
 
+# ------------------------------------------------------------------ between a prediction and its update
+
+
+def singular(f):
+    f.inv = np.linalg.pinv  # which makes a plain filter one that is not
+
+
+ASSIGNED = {
+    "R": lambda f: setattr(f, "R", np.array([[7.0]])),
+    "R as a number": lambda f: setattr(f, "R", 7.0),
+    "H": lambda f: setattr(f, "H", np.array([[3.0, -1.0]])),
+    "an entry of H": lambda f: f.H.__setitem__((0, 0), 5.0),
+    "inv": singular,
+}
+
+
+@pytest.mark.parametrize("kind", [KalmanFilter, PairByPair])
+@pytest.mark.parametrize("what", ASSIGNED)
+def test_what_the_observation_needs_may_be_assigned_after_the_prediction(what, kind) -> None:
+    # the prediction does not depend on it: assigned before, it leads to the same
+    late, early = bank(kind, (2, 1, 3), "usual"), bank(kind, (2, 1, 3), "usual")
+    for f in (late, early):
+        f.step(0.3)
+    ASSIGNED[what](early.filters[1])
+    for f in (late, early):
+        f.predict()
+    ASSIGNED[what](late.filters[1])
+    for f in (late, early):
+        f.update(0.7)
+    assert_same(late, early)
+    for name in ("R", "H"):
+        np.testing.assert_array_equal(getattr(late.filters[1], name), getattr(early.filters[1], name))
+
+
+@pytest.mark.parametrize("kind", [KalmanFilter, PairByPair])
+@pytest.mark.parametrize("in_place", [False, True])
+@pytest.mark.parametrize("gap", [False, True])
+def test_an_estimate_that_is_assigned_after_the_prediction_is_that_of_all_pairs(kind, in_place, gap) -> None:
+    # where all pairs of each mode have one estimate, GPB2 is IMM
+    pairs = bank(kind, (3, 2, 3), "usual")
+    modes = IMMEstimator([f.copy() for f in pairs.filters], pairs.mu, pairs.M)
+    for f in (pairs, modes):
+        f.predict()
+        for k, one in enumerate(f.filters):
+            x, P = np.full((3, 1), 0.3 * k), (1.0 + k) * np.eye(3)
+            if in_place:
+                one.x[:], one.P[:] = x, P
+            else:
+                one.x, one.P = x, P
+        f.update([0.4, np.nan if gap else -0.2])
+    for name in ("x", "P", "mu", "likelihood", "log_likelihood"):
+        assert_close(getattr(pairs, name), getattr(modes, name), name)
+
+
+@pytest.mark.parametrize("kind", [KalmanFilter, PairByPair])
+def test_a_mode_whose_estimate_was_not_touched_keeps_its_pairs(kind) -> None:
+    touched, plain = bank(kind, (2, 1, 3), "no switches"), bank(kind, (2, 1, 3), "no switches")
+    for f in (touched, plain):
+        f.step(0.3)
+        f.predict()
+    touched.filters[0].x = touched.filters[0].x + 1.0
+    for f in (touched, plain):
+        f.update(0.7)
+    assert np.abs(touched.filters[0].x - plain.filters[0].x).max() > 0.1
+    assert_close(touched.filters[1].x, plain.filters[1].x, "x")
+
+
+# ------------------------------------------------------------------ errors
+
 BROKEN = {
     "S": (lambda f: setattr(f.filters[1], "R", -1e3 * np.eye(1)), 0.4, NotPositiveDefiniteError),
     "a mode of probability 0": (

@@ -18,6 +18,7 @@ cdef extern from "src/imm.h" nogil:
         double *log_likelihood
         double total
         double *own
+        double *log_joint
         double *weights
         double *x
         double *P
@@ -35,6 +36,10 @@ cdef extern from "src/imm.h" nogil:
     void fk_bank_weights(fk_bank *) noexcept
     void fk_bank_predict(const fk_kalman_engine *, fk_bank *) noexcept
     int fk_bank_update(const fk_kalman_engine *, fk_bank *, const double *) noexcept
+    void fk_pairs_predict_all(const fk_kalman_engine *, fk_bank *, double *, double *) noexcept
+    int fk_pairs_update_all(
+        const fk_kalman_engine *, fk_bank *, const double *, const double *, const double *
+    ) noexcept
     int fk_bank_step(const fk_kalman_engine *, fk_bank *, const double *) noexcept
     fk_bank_output fk_bank_output_from(const fk_bank *, const fk_bank_output *, size_t) noexcept
     void fk_bank_output_blank(const fk_bank *, const fk_bank_output *, size_t) noexcept

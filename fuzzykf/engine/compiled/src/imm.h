@@ -27,6 +27,7 @@ typedef struct {
   double *weights;               /* room for the weights of a mixture */
   fk_moments *now, *prior;       /* of the filters: x and P, x_prior and P_prior */
   fk_moments *pairs, *merged;    /* GPB2: of all that end in one mode; the estimates to come */
+  double *log_joint;             /* GPB2: of the pairs (i, j) */
   double *log_pair, *pair_log_likelihood, *within, *best; /* GPB2: one column of pairs; what columns add up to */
   double x[FK_KALMAN_LARGEST], P[FK_KALMAN_SQUARE];
   double x_prior[FK_KALMAN_LARGEST], P_prior[FK_KALMAN_SQUARE];
@@ -40,7 +41,7 @@ typedef struct {
 FK_STATIC size_t fk_bank_size(size_t modes, size_t n, int every_pair) {
   const size_t both = 2 * sizeof(fk_moments) / sizeof(double);
   const size_t size = modes * (modes + 5 + both);
-  return every_pair ? size + modes * (4 + both + 2 * (n + n * n)) : size;
+  return every_pair ? size + modes * (modes + 4 + both + 2 * (n + n * n)) : size;
 }
 
 /* Give a bank its room: modes, every_pair and the filters are known, with n states each. */
@@ -59,7 +60,8 @@ FK_STATIC void fk_bank_place(fk_bank *b, int n, double *room) {
   b->pairs = (fk_moments *)room, b->merged = b->pairs + K;
   room += K * both;
   b->log_pair = room, b->pair_log_likelihood = room + K, b->within = room + 2 * K, b->best = room + 3 * K;
-  room += 4 * K;
+  b->log_joint = room + 4 * K;
+  room += 4 * K + K * K;
   for (size_t k = 0; k < 2 * K; k++, room += n + n * n) b->pairs[k] = (fk_moments){room, room + n};
 }
 
@@ -166,6 +168,14 @@ FK_STATIC int fk_bank_update(const fk_kalman_engine *engine, fk_bank *b, const d
   return fk_bank_weigh(b, b->log_cbar, b->log_likelihood);
 }
 
+/* Weights of the pairs, and what they say of the modes (GPB2). */
+FK_STATIC void fk_pairs_weights(fk_bank *b) {
+  const int K = b->modes;
+  for (int i = 0; i < K; i++)
+    for (int j = 0; j < K; j++) b->log_joint[i * K + j] = b->log_mu[i] + b->log_M[i * K + j];
+  fk_bank_weights(b);
+}
+
 /* A filter with the system of f, and no estimate yet. */
 FK_STATIC void fk_stand_in(const fk_kalman *f, fk_kalman *pair) {
   pair->n = f->n, pair->m = f->m, pair->n_seen = 0, pair->alpha_sq = f->alpha_sq;
@@ -200,7 +210,7 @@ FK_STATIC int fk_pairs_update(const fk_kalman_engine *engine, fk_bank *b, int j,
                               const double *z) {
   const int K = b->modes, n = b->f[j]->n;
   double *l = b->pair_log_likelihood, *log_w = b->log_pair;
-  for (int i = 0; i < K; i++) log_w[i] = b->log_mu[i] + b->log_M[i * K + j];
+  for (int i = 0; i < K; i++) log_w[i] = b->log_joint[i * K + j];
   for (int turn = 0, first = j; turn < K; turn++) {
     const int i = turn == 0 ? j : turn - (turn <= j); /* j, then the others in their order */
     fk_copy(n, b->pairs[i].x, b->pairs[i].P, pair->x_prior, pair->P_prior);
@@ -232,6 +242,34 @@ FK_STATIC int fk_pairs_weigh(fk_bank *b) {
   return fk_bank_weigh(b, b->within, b->best);
 }
 
+/* Predict every pair, and keep the moments of all: xs (modes, modes, n) and Ps (modes, modes, n, n). */
+FK_STATIC void fk_pairs_predict_all(const fk_kalman_engine *engine, fk_bank *b, double *xs, double *Ps) {
+  const int K = b->modes, n = b->f[0]->n;
+  fk_kalman pair;
+  fk_pairs_weights(b);
+  for (int j = 0; j < K; j++) {
+    fk_stand_in(b->f[j], &pair);
+    fk_pairs_predict(engine, b, j, &pair);
+    for (size_t i = 0, at = j; i < (size_t)K; i++, at += K)
+      fk_copy(n, b->pairs[i].x, b->pairs[i].P, xs + at * n, Ps + at * n * n);
+  }
+  fk_bank_merge_prior(b);
+}
+
+/* Update the pairs that were kept; log_joint and log_cbar are those of the prediction. */
+FK_STATIC int fk_pairs_update_all(const fk_kalman_engine *engine, fk_bank *b, const double *xs, const double *Ps,
+                                  const double *z) {
+  const int K = b->modes, n = b->f[0]->n;
+  fk_kalman pair;
+  for (int j = 0; j < K; j++) {
+    fk_stand_in(b->f[j], &pair);
+    for (size_t i = 0, at = j; i < (size_t)K; i++, at += K)
+      fk_copy(n, xs + at * n, Ps + at * n * n, b->pairs[i].x, b->pairs[i].P);
+    if (!fk_pairs_update(engine, b, j, &pair, z)) return FK_BANK_SINGULAR;
+  }
+  return fk_pairs_weigh(b);
+}
+
 /* An observation of which nothing was seen: the predicted weights and estimates remain. */
 FK_STATIC void fk_bank_skip(fk_bank *b) {
   const int n = b->f[0]->n;
@@ -248,7 +286,7 @@ FK_STATIC void fk_bank_skip(fk_bank *b) {
 FK_STATIC int fk_bank_step(const fk_kalman_engine *engine, fk_bank *b, const double *z) {
   if (b->every_pair) {
     fk_kalman pair;
-    fk_bank_weights(b);
+    fk_pairs_weights(b);
     for (int j = 0; j < b->modes; j++) {
       fk_stand_in(b->f[j], &pair);
       fk_pairs_predict(engine, b, j, &pair);
