@@ -127,6 +127,11 @@ def update_pairs(pairs: PairMoments | PairBranches, filters: Sequence[Any], z: F
     return found
 
 
+def _own(value: Any) -> Any:
+    """Return a copy of an array, and anything else as it is."""
+    return value.copy() if isinstance(value, np.ndarray) else value
+
+
 def _check_pairs(filters: Sequence[Any], xs: FloatArray, Ps: FloatArray) -> None:
     """Raise unless the moments of all pairs (i, j) are made of numbers."""
     if not (np.isfinite(xs).all() and np.isfinite(Ps).all()):
@@ -166,8 +171,8 @@ class PairBranches:
         self._remember(filters)
 
     def _remember(self, filters: Sequence[Any]) -> None:
-        """Keep what the filters hold; of x and P the numbers, for they may be written into."""
-        self.held = [vars(f) | {"x": np.array(f.x), "P": np.array(f.P)} for f in filters]
+        """Keep what the filters hold; of arrays the numbers, for they may be written into."""
+        self.held = [{name: _own(value) for name, value in vars(f).items()} for f in filters]
 
     def predict(
         self, filters: Sequence[Any], omega: FloatArray, xs: FloatArray, Ps: FloatArray, u: Any
@@ -211,15 +216,15 @@ class PairBranches:
         return found
 
     def _assign(self, j: int, f: Any) -> None:
-        """Give what was assigned to filter j since the prediction to its copies."""
-        held = self.held[j]
+        """Give what was assigned to filter j, or written into it, since the prediction to its copies."""
         for name, value in vars(f).items():
-            if name in _BOUND or (value is held.get(name, _BOUND)):
+            before = self.held[j].get(name, _BOUND)
+            if name in _BOUND or value is before:
                 continue
-            if name in {"x", "P"} and np.array_equal(value, held[name]):
+            if isinstance(value, np.ndarray) and np.array_equal(value, before):
                 continue
             for members in self.banks:
-                vars(members[j])[name] = value.copy() if isinstance(value, np.ndarray) else value
+                vars(members[j])[name] = _own(value)
 
     def _of_member(self, j: int, x: FloatArray, P: FloatArray) -> tuple[FloatArray, FloatArray]:
         return (x, P) if self.space is None else self.space.to_member(j, x, P)

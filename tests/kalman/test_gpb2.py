@@ -7,10 +7,14 @@ import pytest
 
 from fuzzykf.errors import FuzzykfError, NotPositiveDefiniteError, ParameterError
 from fuzzykf.kalman import IMMEstimator, KalmanFilter
+from fuzzykf.kalman.gpb2 import PairBranches
 
 
 class PairByPair(KalmanFilter):
-    """A subclass is not computed with its bank at once, but by its own verbs, pair by pair."""
+    """A filter with a verb of its own is not computed with its bank at once, but pair by pair."""
+
+    def predict(self, *arguments, **named):
+        super().predict(*arguments, **named)
 
 
 #: (dim_x, dim_z, modes)
@@ -101,6 +105,15 @@ def assert_same(f, g):
         for name in ("log_likelihood", "likelihood", "mahalanobis", "cbar", "omega"):
             if hasattr(other, name):
                 assert_close(getattr(one, name), getattr(other, name), name)
+
+
+def test_the_oracle_goes_pair_by_pair() -> None:
+    f = bank(PairByPair, (2, 1, 3), "usual")
+    f.step(0.3)
+    assert not f._predict_at_once()
+    f.predict()
+    assert isinstance(f._branches, PairBranches)
+    assert not f._update_at_once(0.3)
 
 
 def by_steps(f, zs):

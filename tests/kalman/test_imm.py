@@ -17,7 +17,10 @@ M = np.array([[0.9, 0.08, 0.02], [0.2, 0.7, 0.1], [0.05, 0.15, 0.8]])
 
 
 class OwnKalmanFilter(KalmanFilter):
-    """A subclass is not computed with its bank at once, but by its own verbs."""
+    """A filter with a verb of its own is not computed with its bank at once, but by its verbs."""
+
+    def predict(self, *arguments, **named):
+        super().predict(*arguments, **named)
 
 
 def members(kind=KalmanFilter, n=2, m=1, K=3):
