@@ -295,8 +295,9 @@ cdef int write(Bank bank, bint prior, bint posterior) except -1:
     commit(bank.d, bank.own, own)
     if posterior:
         PyDict_SetItem(bank.d, "log_likelihood", bank.b.total)
-        forget(bank.d, "_log_cbar")
-        forget(bank.d, "_branches")
+        if not prior:  # a step finds none of them
+            forget(bank.d, "_log_cbar")
+            forget(bank.d, "_branches")
     return 0
 
 
