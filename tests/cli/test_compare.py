@@ -37,27 +37,44 @@ def quick(path, *arguments: object):
     return run(path, "--state", "load", "--obs", "temperature", "--switch", "clock", *arguments)
 
 
+HOURS = 240
+
+
 @pytest.fixture(scope="module")
 def rows() -> list[list[str]]:
-    """Three weeks of hours: a load that follows the temperature, differently by day and by night."""
+    """Ten days of hours: a load that follows the temperature, differently by day and by night."""
     rng = np.random.default_rng(0)
-    hour = np.arange(504)
+    hour = np.arange(HOURS)
     day = np.clip(1.5 * np.sin(2 * np.pi * (hour - 9) / 24), -1, 1)
-    temperature = np.convolve(rng.normal(size=508), np.ones(5), "valid") + 15 + 3 * day
-    load = (1.0 + 0.5 * day) * (temperature - 15) + 10 + 2 * day + 0.3 * rng.normal(size=504)
+    temperature = np.convolve(rng.normal(size=HOURS + 4), np.ones(5), "valid") + 15 + 3 * day
+    load = (1.0 + 0.5 * day) * (temperature - 15) + 10 + 2 * day + 0.3 * rng.normal(size=HOURS)
     time = np.datetime64("2014-01-06T00:00", "m") + hour * np.timedelta64(60, "m")
     return [[str(t), f"{x:.5f}", f"{y:.5f}", "ok"] for t, x, y in zip(time, load, temperature, strict=True)]
 
 
+HEADER = ("time", "load", "temperature", "remark")
+
+
+def written(path, rows, header=HEADER):
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([header, *rows])
+    return path
+
+
 @pytest.fixture
 def write(tmp_path, rows):
-    def write(rows=rows, header=("time", "load", "temperature", "remark"), name="data.csv"):
-        path = tmp_path / name
-        with path.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([header, *rows])
-        return path
+    def write(rows=rows, header=HEADER, name="data.csv"):
+        return written(tmp_path / name, rows, header)
 
     return write
+
+
+@pytest.fixture(scope="module")
+def compared(rows, tmp_path_factory):
+    """What the plain comparison says, and its folder, in which there were results before."""
+    out = tmp_path_factory.mktemp("compared")
+    (out / "comparison.csv").write_text("old")
+    return quick(written(tmp_path_factory.mktemp("data") / "data.csv", rows), "--out", out), out
 
 
 def table_of(path) -> list[dict[str, str]]:
@@ -68,9 +85,8 @@ def table_of(path) -> list[dict[str, str]]:
 # ------------------------------------------------------------------ what it does
 
 
-def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(write, tmp_path) -> None:
-    out = tmp_path / "out"
-    result = quick(write(), "--out", out)
+def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(compared) -> None:
+    result, out = compared
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in out.iterdir()) == ["comparison.csv", "comparison.png"]
     table = table_of(out / "comparison.csv")
@@ -86,7 +102,7 @@ def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(write, tmp_p
     printed = " ".join(result.output.split())
     assert f"{best} has the lowest RMSE" in printed
     assert re.search(r"which is (no )?more than its uncertainty", printed)
-    assert "Learned on 302 rows, compared on 202, from 2014-01-18T14:00" in printed
+    assert "Learned on 144 rows, compared on 96, from 2014-01-12T00:00" in printed
     assert "Switch: the clock, 0 from" in printed
     assert (out / "comparison.png").read_bytes().startswith(b"\x89PNG\r\n")
 
@@ -96,26 +112,25 @@ def test_the_errors_in_the_table_are_those_of_the_rows_that_were_held_back(write
     result = quick(write(), "--out", tmp_path / "out", "--train", 0.7)
     assert result.exit_code == 0, result.output
     x, y = np.array([[float(r[1]), float(r[2])] for r in rows]).T
-    line = np.polyfit(y[:353], x[:353], 1)
-    expected = np.sqrt(np.mean((np.polyval(line, y[353:]) - x[353:]) ** 2))
+    line = np.polyfit(y[:168], x[:168], 1)
+    expected = np.sqrt(np.mean((np.polyval(line, y[168:]) - x[168:]) ** 2))
     assert float(table_of(tmp_path / "out" / "comparison.csv")[4]["rmse"]) == pytest.approx(expected)
 
 
-def test_the_seed_decides_the_intervals_and_nothing_else(write, rows, tmp_path) -> None:
-    path, tables = write(rows[:240]), []
-    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        quick(path, "--out", tmp_path / name, "--seed", seed)
-        tables.append(
-            [{**row, "microseconds_per_step": ""} for row in table_of(tmp_path / name / "comparison.csv")]
-        )
-    a, b, c = tables
+def test_the_seed_decides_the_intervals_and_nothing_else(compared, write, tmp_path) -> None:
+    path, folders = write(), [compared[1]]
+    for name, seed in (("b", 0), ("c", 2)):
+        folders.append(tmp_path / name)
+        quick(path, "--out", folders[-1], "--seed", seed)
+    tables = [table_of(folder / "comparison.csv") for folder in folders]
+    a, b, c = ([{**row, "microseconds_per_step": ""} for row in table] for table in tables)
     assert a == b
     assert [row["rmse"] for row in a] == [row["rmse"] for row in c]
     assert [row["rmse_low"] for row in a] != [row["rmse_low"] for row in c]
 
 
 def test_the_switch_is_learned_and_its_law_chosen_unless_it_is_said_how(write, rows, tmp_path) -> None:
-    common = [write(rows[:240]), "--state", "load", "--obs", "temperature", "--nodes", 0]
+    common = [write(rows[:168]), "--state", "load", "--obs", "temperature", "--nodes", 0]
     result = run(*common, "--out", tmp_path / "auto")
     assert result.exit_code == 0, result.output
     printed = " ".join(result.output.split())
@@ -155,14 +170,12 @@ def test_a_column_of_working_days_counts_more_than_the_calendar(write, rows, tmp
     assert tables[0] != tables[1]
 
 
-def test_the_number_of_nodes_concerns_the_fuzzy_filter_alone(write, rows, tmp_path) -> None:
-    path, tables = write(rows[:240]), []
-    for nodes in (0, 5):
-        out = tmp_path / str(nodes)
-        quick(path, "--nodes", nodes, "--out", out)
-        tables.append([row["rmse"] for row in table_of(out / "comparison.csv")])
-    assert tables[0][0] != tables[1][0]
-    assert tables[0][1:] == tables[1][1:]
+def test_the_number_of_nodes_concerns_the_fuzzy_filter_alone(compared, write, tmp_path) -> None:
+    quick(write(), "--nodes", 0, "--out", tmp_path / "out")
+    folders = (compared[1], tmp_path / "out")
+    usual, few = ([row["rmse"] for row in table_of(folder / "comparison.csv")] for folder in folders)
+    assert usual[0] != few[0]
+    assert usual[1:] == few[1:]
 
 
 def test_notes_are_printed_with_the_name_of_the_method(write, tmp_path, monkeypatch) -> None:
@@ -186,10 +199,10 @@ def test_further_candidates_are_compared_by_their_names(write, tmp_path) -> None
     assert methods == [*METHODS, "CGOMSMFilter, K = 1"]
 
 
-def test_a_terminal_that_knows_ascii_only_gets_its_table(write, rows, tmp_path) -> None:
+def test_a_terminal_that_knows_ascii_only_gets_its_table(write, tmp_path) -> None:
     arguments = [
         "compare",
-        str(write(rows[:240])),
+        str(write()),
         "--state",
         "load",
         "--obs",
@@ -209,11 +222,9 @@ def test_a_terminal_that_knows_ascii_only_gets_its_table(write, rows, tmp_path) 
     assert b"has the lowest RMSE" in result.stdout
 
 
-def test_earlier_results_are_replaced(write, tmp_path) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "comparison.csv").write_text("old")
-    assert quick(write(), "--out", out).exit_code == 0
+def test_earlier_results_are_replaced(compared) -> None:
+    result, out = compared
+    assert result.exit_code == 0
     assert table_of(out / "comparison.csv")[0]["method"] == "OFSRFilter"
     assert len(list(out.iterdir())) == 2
 
@@ -354,7 +365,7 @@ def test_a_fraction_that_is_no_number_is_a_mistake_of_usage(write) -> None:
 
 def test_a_constant_column_is_refused(write, rows, tmp_path) -> None:
     constant = [[t, "3", y, remark] for t, _, y, remark in rows]
-    refused(tmp_path, write(constant), message="state: it is 3 in all 302 rows to learn on")
+    refused(tmp_path, write(constant), message="state: it is 3 in all 144 rows to learn on")
 
 
 def test_a_file_in_the_place_of_the_folder_is_refused_and_kept(write, tmp_path) -> None:

@@ -23,12 +23,12 @@ NAME = "</script><script>document.title='broken'</script><img src=x onerror=\"do
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    """Three weeks of hours: a load that follows the temperature, differently by day and by night."""
+    """Ten days of hours: a load that follows the temperature, differently by day and by night."""
     rng = np.random.default_rng(0)
-    hour = np.arange(504)
+    hour = np.arange(240)
     day = np.clip(1.5 * np.sin(2 * np.pi * (hour - 9) / 24), -1, 1)
-    temperature = np.convolve(rng.normal(size=508), np.ones(5), "valid") + 15 + 3 * day
-    load = (1.0 + 0.5 * day) * (temperature - 15) + 10 + 2 * day + 0.3 * rng.normal(size=504)
+    temperature = np.convolve(rng.normal(size=244), np.ones(5), "valid") + 15 + 3 * day
+    load = (1.0 + 0.5 * day) * (temperature - 15) + 10 + 2 * day + 0.3 * rng.normal(size=240)
     time = np.datetime64("2014-01-06T00:00", "m") + hour * np.timedelta64(60, "m")
     path = tmp_path_factory.mktemp("report") / "data.csv"
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -56,7 +56,7 @@ def report(data):
 def test_the_page_has_the_settings_and_the_numbers_of_the_table(report) -> None:
     page = report.read_text(encoding="utf-8")
     for setting in (
-        "504: the first 302 to learn on, 202 to compare on",
+        "240: the first 144 to learn on, 96 to compare on",
         "seed 3",
         "left in",
         "0, 1 and 5 between",
@@ -174,7 +174,7 @@ def test_the_page_draws_without_errors_and_without_a_network(browser, report) ->
         return browser.execute_script("return document.getElementById('picture').layout.xaxis.range")
 
     browser.find_element("css selector", "button[data-move=all]").click()
-    assert window() == ["2014-01-18T14:00:00", "2014-01-26T23:00:00"]
+    assert window() == ["2014-01-12T00:00:00", "2014-01-15T23:00:00"]
 
     # On a phone nothing sticks out, and the figures stay readable.
     phone = {"width": 360, "height": 740, "deviceScaleFactor": 2, "mobile": True}
