@@ -79,6 +79,13 @@ FILTERS = {
 VERBS = ("filter", "smooth")
 
 
+def met(forms):
+    """Every filter with every form, by one verb or the other in turn: each verb meets all of either."""
+    return [
+        (kind, VERBS[(i + j) % 2], form) for i, kind in enumerate(FILTERS) for j, form in enumerate(forms)
+    ]
+
+
 def make_frame():
     rng = np.random.default_rng(0)
     table = pd.DataFrame(rng.normal(size=(N, 3)) * [1.0, 2.0, 5.0], HOURS, ["load", "t", "h"])
@@ -143,9 +150,7 @@ OTHER = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("form", SAME)
-@pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize("kind", FILTERS)
+@pytest.mark.parametrize(("kind", "verb", "form"), met(SAME))
 def test_observations_are_those_that_were_learned_on(kind, verb, form, frame) -> None:
     found = run(FILTERS[kind](), verb, SAME[form](frame))
     np.testing.assert_array_equal(found.x, by_position(kind, verb))
@@ -153,9 +158,7 @@ def test_observations_are_those_that_were_learned_on(kind, verb, form, frame) ->
         assert found.index.equals(HOURS)
 
 
-@pytest.mark.parametrize("form", OTHER)
-@pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize("kind", FILTERS)
+@pytest.mark.parametrize(("kind", "verb", "form"), met(OTHER))
 def test_what_was_not_learned_on_is_refused(kind, verb, form, frame) -> None:
     f = FILTERS[kind]()
     run(f, "filter", frame)
@@ -353,9 +356,20 @@ DATA = {
 }
 
 
+def make_training():
+    return make_frame()[["load", "t", "h"]].fillna(0.0)
+
+
 @pytest.fixture
-def training(frame):
-    return frame[["load", "t", "h"]].fillna(0.0)
+def training():
+    return make_training()
+
+
+@functools.cache
+def likelihood_of_arrays(kind, repeat):
+    """What is learned from so many copies of the arrays."""
+    x, y = (make_training()[columns].to_numpy() for columns in (["load"], ["t", "h"]))
+    return learn(kind, [x] * repeat, [y] * repeat).log_likelihood
 
 
 @pytest.mark.parametrize("form", DATA)
@@ -364,9 +378,7 @@ def test_fit_remembers_what_tables_say(kind, form, training) -> None:
     x, y, known = DATA[form](training)
     found = learn(kind, x, y)
     assert found.model.labels == Labels(**known)
-    repeat = 2 if isinstance(x, list) else 1
-    array = learn(kind, [training[["load"]].to_numpy()] * repeat, [training[["t", "h"]].to_numpy()] * repeat)
-    assert found.log_likelihood == array.log_likelihood
+    assert found.log_likelihood == likelihood_of_arrays(kind, len(x) if isinstance(x, list) else 1)
 
 
 @pytest.mark.parametrize("kind", [CGOFMSModel, CGOMSModel])

@@ -29,7 +29,7 @@ def learned(request, sample):
     r = sample.r if switch == "known" else None
     if r is not None and kind is CGOMSModel:
         r = (r > 0.5).astype(float)
-    found = kind.fit(sample.x, sample.y, r, max_iter=5, form="covariance")
+    found = kind.fit(sample.x, sample.y, r, n_starts=1, max_iter=2, form="covariance")
     return found, found.bootstrap(1, np.random.default_rng(1))[0]
 
 

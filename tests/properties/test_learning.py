@@ -32,7 +32,7 @@ def series(n, seed):
 @st.composite
 def fits(draw):
     """A way to learn with a hidden switch: a function of x and y."""
-    options = {"form": draw(forms), "n_starts": draw(st.integers(1, 2)), "max_iter": 12}
+    options = {"form": draw(forms), "n_starts": draw(st.integers(1, 2)), "max_iter": 6}
     if draw(st.booleans()):
         K = draw(st.integers(1, 3))
         return lambda x, y, **more: CGOMSModel.fit(x, y, n_switches=K, **options | more)
@@ -97,7 +97,7 @@ def test_units_change_the_parameters_and_nothing_else(fit, size_x, size_y, seed)
     # factors of two make no rounding, so that even a search ends at the same place
     x, y, _ = series(100, seed)
     a, c = 2.0**size_x, 2.0**size_y
-    one, other = fit(x, y, max_iter=4), fit(a * x, c * y, max_iter=4)
+    one, other = fit(x, y, max_iter=2), fit(a * x, c * y, max_iter=2)
     np.testing.assert_array_equal(other.trace, one.trace)
     np.testing.assert_array_equal(other.switch_mean, one.switch_mean)
     assert other.log_likelihood == pytest.approx(one.log_likelihood - len(x) * np.log(a * c), rel=1e-10)
@@ -132,9 +132,9 @@ def test_a_hole_cuts_a_series_in_two(fit, at, length, seed):
     holes = slice(at, at + length)
     with_hole = x.copy()
     with_hole[holes] = np.nan
-    one = fit(with_hole, y, max_iter=5)
+    one = fit(with_hole, y, max_iter=3)
     parts = [slice(0, at), slice(at + length, None)]
-    two = fit([x[p] for p in parts], [y[p] for p in parts], max_iter=5)
+    two = fit([x[p] for p in parts], [y[p] for p in parts], max_iter=3)
     assert two.log_likelihood == pytest.approx(one.log_likelihood, rel=1e-9)
     for a, b in zip(parameters(one), parameters(two), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-7, atol=1e-9)

@@ -11,7 +11,7 @@ from fuzzykf.errors import ParameterError, ShapeError
 
 RING = FadeLaw(3, {(0, 1): (1 / 12, 6), (1, 2): (1 / 9, 6), (2, 0): (1 / 15, 7)})
 START = FadeLaw(3, {(0, 1): (0.1, 9), (1, 2): (0.1, 9), (2, 0): (0.1, 9)})
-QUICK = {"n_nodes": 3, "n_starts": 2, "max_iter": 30, "form": "regression"}
+QUICK = {"n_nodes": 3, "n_starts": 2, "max_iter": 15, "form": "regression"}
 
 
 def model_of(law):
@@ -141,7 +141,7 @@ def test_a_graph_of_three_classes():
     truth = GraphLaw.from_masses([0.4, 0.3, 0.2], {(0, 1): 0.06, (1, 2): 0.04})
     data = model_of(truth).simulate(700, np.random.default_rng(0), n_nodes=3)
     start = GraphLaw.from_masses([1, 1, 1], {(0, 1): 1, (1, 2): 1})
-    found = CGOFMSModel.fit(data.x, data.y, law=start, **{**QUICK, "n_starts": 2, "max_iter": 20})
+    found = CGOFMSModel.fit(data.x, data.y, law=start, **QUICK)
     known = CGOFMSModel.fit(data.x, data.y, data.r, law=start, n_nodes=3)
     np.testing.assert_allclose(found.model.law.class_masses, known.model.law.class_masses, atol=0.05)
     np.testing.assert_allclose(found.model.law.edge_masses, known.model.law.edge_masses, atol=0.05)
@@ -181,7 +181,7 @@ def test_pairs_that_a_law_does_not_have_are_not_missed(ring):
 
 def test_fades_that_are_as_short_as_their_nodes(ring):
     start = FadeLaw(3, {pair: (rate, 12.0) for pair, (rate, _) in START.fades.items()})
-    found = CGOFMSModel.fit(ring.x, ring.y, law=start, **{**QUICK, "n_nodes": 9})
+    found = CGOFMSModel.fit(ring.x, ring.y, law=start, **{**QUICK, "n_nodes": 9, "max_iter": 6})
     assert all(length >= 9.0 for _, length in found.model.law.fades.values())
     assert any("cannot be learned to be shorter than n_nodes = 9 steps" in note for note in found.warnings)
 

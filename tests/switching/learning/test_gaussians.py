@@ -31,17 +31,16 @@ def random_cells(c, B, f, seed, n=6):
 
 
 def regression_likelihood(cells, targets, regressors, fit):
-    """Sum of the log-densities of targets given regressors, from second moments, cell by cell."""
-    total = 0.0
-    for b, weight, S in zip(*cells, strict=True):
-        beta = np.tensordot(b, fit.beta, 1)
-        T, g = np.tensordot(b, fit.T, 1), b @ fit.g
-        V = np.linalg.inv(T) @ np.diag(np.exp(g)) @ np.linalg.inv(T).T
-        tt, tp = S[np.ix_(targets, targets)], S[np.ix_(targets, regressors)]
-        pp = S[np.ix_(regressors, regressors)]
-        R = tt - beta @ tp.T - tp @ beta.T + beta @ pp @ beta.T
-        total -= 0.5 * weight * (np.trace(np.linalg.solve(V, R)) + np.log(np.linalg.det(2 * np.pi * V)))
-    return total
+    """Sum of the log-densities of targets given regressors, from second moments, all cells at once."""
+    shares, weights, S = cells
+    beta, T, g = np.tensordot(shares, fit.beta, 1), np.tensordot(shares, fit.T, 1), shares @ fit.g
+    root = np.linalg.inv(T)
+    V = (root * np.exp(g)[:, None]) @ np.swapaxes(root, 1, 2)
+    tt, tp, pp = (S[:, a][:, :, b] for a, b in ((targets, targets), (targets, regressors), (regressors,) * 2))
+    cross = beta @ np.swapaxes(tp, 1, 2)
+    R = tt - cross - np.swapaxes(cross, 1, 2) + beta @ pp @ np.swapaxes(beta, 1, 2)
+    spread = np.trace(np.linalg.solve(V, R), axis1=1, axis2=2) + np.log(np.linalg.det(2 * np.pi * V))
+    return -0.5 * weights @ spread
 
 
 @pytest.mark.parametrize(("t", "p", "B"), [(1, 1, 1), (2, 1, 2), (1, 3, 4), (2, 3, 4), (3, 2, 2)])

@@ -27,7 +27,11 @@ FITS = {
 #: Noise and offset: of a counter, coordinates on the earth, a time, a small unit.
 OFFSETS = [(5e-4, 1e7), (0.01, -6_378_137.0), (1e-3, 1.7e9), (1e-12, 1e-4)]
 
-CASES = [*((*one, "regression") for one in OFFSETS), (*OFFSETS[0], "covariance")]
+#: Data are shifted before any model sees them: the quickest fit meets every offset, each other one two.
+CASES = [("hard", *one, "regression") for one in OFFSETS]
+CASES += [("free", *one, "regression") for one in OFFSETS[::2]]
+CASES += [("fmc1, switch known", *one, "regression") for one in OFFSETS[1::2]]
+CASES += [(name, *OFFSETS[0], "covariance") for name in ("hard", "fmc1, switch known")]
 
 
 def learned(name, form, x, y):
@@ -35,9 +39,8 @@ def learned(name, form, x, y):
     return model.fit(x, y, DATA.r if known else None, form=form, **FAST, **options)
 
 
-@pytest.mark.parametrize("name", FITS)
-@pytest.mark.parametrize(("noise", "offset", "form"), CASES)
-def test_an_offset_changes_nothing(noise, offset, form, name):
+@pytest.mark.parametrize(("name", "noise", "offset", "form"), CASES)
+def test_an_offset_changes_nothing(name, noise, offset, form):
     x_far, y_far = noise * DATA.x + offset, noise * DATA.y - 2.0 * offset
     x, y = x_far - offset, y_far + 2.0 * offset  # exactly what the far numbers hold
     far, near = learned(name, form, x_far, y_far), learned(name, form, x, y)

@@ -338,8 +338,13 @@ LEARN = {
 }
 
 
-@pytest.mark.parametrize("kind", STEPS)
-@pytest.mark.parametrize("name", LEARN)
+#: Indexes are judged before anything is learned, whatever the model: the fuzzy one meets a whole one, one
+#: with gaps, and one without steps.
+MET = [("hard", kind) for kind in STEPS]
+MET += [("fuzzy", kind) for kind in ("hours", "hours, three missing", "no steps")]
+
+
+@pytest.mark.parametrize(("name", "kind"), MET)
 def test_rows_that_an_index_lacks_are_a_warning(name, kind, paper) -> None:
     index, note = STEPS[kind]
     data = paper.simulate(N, np.random.default_rng(0))
@@ -349,6 +354,11 @@ def test_rows_that_an_index_lacks_are_a_warning(name, kind, paper) -> None:
         assert len(found) == bool(note)
         if note:
             assert re.search(note.replace("index of x", "index of [xy]"), found[0])
+
+
+@pytest.mark.parametrize("name", LEARN)
+def test_arrays_have_no_rows_that_are_missing(name, paper) -> None:
+    data = paper.simulate(N, np.random.default_rng(0))
     assert not said(LEARN[name](data.x, data.y), "of one length")
 
 
