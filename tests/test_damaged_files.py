@@ -143,7 +143,7 @@ def test_an_endless_device_is_no_model():
 
 def test_a_time_varying_filter_is_loaded_without_its_past(tmp_path, monkeypatch):
     path, f = tmp_path / "file.json", CGOMSMFilter(THINGS["moving"])
-    f.filter(np.random.default_rng(1).normal(size=1500))
+    f.filter(np.random.default_rng(1).normal(size=300))
     f.save(path)
     from fuzzykf.switching.state_space.converted import ConvertedSystem
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -79,6 +81,7 @@ def from_cglssm(order=1, **options):
     return CGOMSModel.from_cglssm([[0.9, 0.1], [0.2, 0.8]], *scalars(), order=order, **options)
 
 
+@functools.cache  # models never change
 def space():
     law = FadeLaw.between(10, 4, jump=0.02)
     return SwitchingStateSpace(

@@ -426,11 +426,11 @@ def flat():
     return gaussian(x=np.zeros(2))
 
 
-def fixed_grid():
-    return scalar_grid(domain=((-10.0, 10.0),))
+def fixed_grid(points=101):
+    return scalar_grid(domain=((-10.0, 10.0),), points=points)
 
 
-def min_grid():
+def min_grid(points=101):
     return FuzzyRelationEstimator(
         1,
         1,
@@ -440,7 +440,7 @@ def min_grid():
         process_noise=TriangularMembership(-1.0, 0.0, 1.0),
         measurement_noise=CauchyMembership(0.0, 0.3),
         t_norm="min",
-        points=101,
+        points=points,
     )
 
 
@@ -460,9 +460,10 @@ MAKERS = [
 
 @pytest.mark.parametrize("make", MAKERS, ids=lambda f: f.__name__)
 def test_common_contract(make):
-    # of six observations, the fewest that will do: what a step on a grid costs is its search
+    # of six observations, the fewest that will do, on a coarse grid: what a step on it costs is its search
     zs = 0.5 * np.sin(1.3 * np.arange(6)[:, None] + 0.7 * np.arange(make().dim_z))
-    report = check_filter(make, zs)
+    coarse = {scalar_grid: 31, fixed_grid: 31, min_grid: 31}
+    report = check_filter((lambda: make(points=coarse[make])) if make in coarse else make, zs)
     assert {"possibility", "step", "filter", "copy", "pickle", "saver", "reset", "missing"} <= set(
         report.passed
     )

@@ -38,7 +38,7 @@ unit = st.floats(0.0, 1.0)
 
 @pytest.mark.parametrize("norm", [*NORMS, *OWN], ids=lambda n: f"{n.name}-{n.scale}-{n.additive}")
 @given(a=unit, b=unit, c=unit)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_axioms(norm, a, b, c):
     # commutative, associative, neutral element 1, monotone: the definition of a t-norm
     assert norm(a, b) == pytest.approx(norm(b, a), abs=1e-15)
@@ -61,7 +61,7 @@ def test_textbook_values(norm, value):
 
 @pytest.mark.parametrize("norm", [*NORMS, *OWN], ids=lambda n: f"{n.name}-{n.scale}-{n.additive}")
 @given(values=st.lists(st.floats(1e-6, 1.0), min_size=1, max_size=4))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_costs_combine(norm, values):
     # T(a, b, ...) = g^-1(g(a) + g(b) + ...), the definition of an additive generator; else the largest cost
     costs = norm.cost(values)
@@ -128,7 +128,7 @@ def test_minimum_has_no_generator_but_a_scale():
 
 @pytest.mark.parametrize("norm", NORMS, ids=lambda n: n.name)
 @given(best=st.floats(0.05, 1.0), part=st.floats(0.1, 1.0))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_renormalise_divides_by_the_peak(norm, best, part):
     cost = norm.renormalise(norm.cost(best * part), float(norm.cost(best)))
     assert norm.membership(cost) == pytest.approx(part, abs=1e-12)
@@ -153,7 +153,7 @@ CONORMS = [MAX, PROBABILISTIC_SUM, BOUNDED_SUM, TConorm("mine", False, HAMACHER)
 
 @pytest.mark.parametrize("conorm", CONORMS, ids=lambda n: n.name)
 @given(values=st.lists(st.lists(unit, min_size=3, max_size=3), min_size=1, max_size=4))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_conorms_are_the_duals(conorm, values):
     # S(a, b, ...) = 1 - T(1 - a, 1 - b, ...)
     rows = np.array(values)

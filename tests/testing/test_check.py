@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import itertools
 import pickle
 
@@ -59,16 +60,22 @@ PAIR = np.kron([[1.0, 0.8], [0.8, 1.0]], [[1.0, 0.5], [0.5, 1.0]])
 MEANS = [[0.0, 3.0], [0.0, 0.0]]
 
 
+# models never change, and a check makes its filter 150 times: they are built once
+
+
+@functools.cache
 def fuzzy_model():
     law = fuzzykf.FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16)
     return fuzzykf.CGOFMSModel(law, MEANS, np.broadcast_to(PAIR, (2, 2, 4, 4)), dim_x=1)
 
 
+@functools.cache
 def hard_model():
     transition = [[0.9, 0.1], [0.1, 0.9]]
     return fuzzykf.CGOMSModel(transition, MEANS, np.broadcast_to(PAIR, (2, 2, 4, 4)), 1)
 
 
+@functools.cache
 def two_observations():
     """Two hard regimes, one state, two observations."""
     first_block = np.array([[1.0, 0.4, 0.3], [0.4, 1.0, 0.2], [0.3, 0.2, 1.0]])
@@ -102,6 +109,7 @@ class AtOneSwitch(fuzzykf.KnownSwitchFilter):
         return super().filter_many(zs, keep, r=np.full(np.shape(zs)[:2], self.R), resume=resume)
 
 
+@functools.cache
 def state_space():
     law = fuzzykf.FadeLaw.between(10, 4, jump=0.02)
     return fuzzykf.SwitchingStateSpace(law, F=0.9, H=[[[1.0], [0.5]], [[0.3], [0.5]]], Q=0.2, R=np.eye(2))

@@ -189,7 +189,7 @@ SHAPES = {
     "interval": lambda c, s: IntervalMembership(c - s, c + s),
 }
 
-#: Largest errors of centroid, of P relative to P, and of the possibility, at 801 nodes (0.02 apart;
+#: Largest errors of centroid, of P relative to P, and of the possibility, at 401 nodes (0.02 apart;
 #: a support with a jump at its edge is known to a node, hence P to 15 %).
 TOLERANCES = {
     "gauss": (1e-3, 2e-2, 5e-3),
@@ -213,8 +213,8 @@ def test_against_brute_force(t_norm, shape, brute_force):
     state, process, measurement = (SHAPES[shape](c, s) for c, s in ((0.5, 1.0), (0.0, 0.3), (0.0, 0.4)))
     # under Łukasiewicz sharp shapes soon exclude each other
     zs = [None, 0.5, 0.7, None, 0.2] if t_norm != "lukasiewicz" else [None, 0.5, 0.6, None, 0.7]
-    n = 4001 if shape in ("interval", "cut cauchy") else 2001  # a jump is known to a node
-    expected = brute_force(f, h, state, process, measurement, t_norm, zs, -8.0, 8.0, n)
+    n = 2001 if shape in ("interval", "cut cauchy") else 1001  # a jump is known to a node
+    expected = brute_force(f, h, state, process, measurement, t_norm, zs, -4.0, 4.0, n)
     est = FuzzyRelationEstimator(
         1,
         1,
@@ -224,8 +224,8 @@ def test_against_brute_force(t_norm, shape, brute_force):
         process_noise=process,
         measurement_noise=measurement,
         t_norm=t_norm,
-        points=801,
-        domain=((-8.0, 8.0),),
+        points=401,
+        domain=((-4.0, 4.0),),
     )
     tol_x, tol_P, tol_possibility = TOLERANCES[shape]
     for z, (mean, spread, possibility) in zip(zs, expected, strict=True):

@@ -100,7 +100,8 @@ def same(f, g, **tolerance):
 def test_it_keeps_the_contract_of_filters(law, method, q):
     # six observations are the fewest that will do
     zs = 0.5 * np.sin(1.3 * np.arange(6)[:, None] + 0.7 * np.arange(q))
-    report = check_filter(lambda: filters(law, method, q=q), zs)
+    model = made(law, q=q)
+    report = check_filter(lambda: SwitchingKalmanFilter(model, method=method, n_nodes=2), zs)
     assert {"saver", "save", "resume", "filter_many", "outlier"} <= set(report.passed)
 
 
