@@ -12,7 +12,7 @@ from fuzzykf import kalman
 theirs = pytest.importorskip("filterpy.kalman")
 pytestmark = pytest.mark.filterwarnings("error")
 
-some = settings(max_examples=40, deadline=None)
+some = settings(max_examples=20, deadline=None)
 dims = st.tuples(st.integers(1, 6), st.integers(1, 3))
 seeds = st.integers(0, 10**6)
 

@@ -25,7 +25,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @given(seeds, st.integers(1, 4), st.integers(1, 3), st.sampled_from(["", "F", "Q", "P", "FQP"]))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_gaussian_case_is_the_kalman_filter(seed, n, q, singular):
     rng = np.random.default_rng(seed)
     F, H = 0.8 * rng.normal(size=(n, n)), rng.normal(size=(q, n))
@@ -46,7 +46,7 @@ def test_gaussian_case_is_the_kalman_filter(seed, n, q, singular):
 
 
 @given(seeds, st.sampled_from(["gaussian", "cauchy", "parabolic"]))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_updates_never_widen_but_for_surprise(seed, family):
     # P+ is at most P times the factor of the surprise, and the possibility is in [0, 1]
     rng = np.random.default_rng(seed)
@@ -61,7 +61,7 @@ def test_updates_never_widen_but_for_surprise(seed, family):
 
 
 @given(seeds, number, positive, positive, st.sampled_from([0.5, 1.0, -1.3]))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_intervals_contain_the_truth(seed, start, w, v, slope):
     rng = np.random.default_rng(seed)
     est = FuzzyRelationEstimator(
@@ -82,7 +82,7 @@ def test_intervals_contain_the_truth(seed, start, w, v, slope):
 
 
 @given(number, positive, positive, positive, st.floats(0.3, 2.0), st.lists(number, min_size=1, max_size=4))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_moving_grid_is_the_kalman_filter(start, p, q, r, slope, zs):
     # any linear scalar model, any ratio of the variances
     given_ = {
@@ -105,7 +105,7 @@ def test_moving_grid_is_the_kalman_filter(start, p, q, r, slope, zs):
 
 
 @given(number, number, st.sampled_from(["product", "min", "lukasiewicz", "hamacher"]))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_shifting_the_problem_shifts_the_answer(center, z, t_norm):
     def run(offset):
         est = FuzzyRelationEstimator(

@@ -12,7 +12,7 @@ from fuzzykf.errors import ParameterError
 
 pytestmark = pytest.mark.filterwarnings("error")
 
-few = settings(max_examples=25, deadline=None)
+few = settings(max_examples=12, deadline=None)
 RULES = ("cell", "midpoint", "gauss", "product")
 RESULTS = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood")
 

@@ -251,7 +251,7 @@ def fade_laws(draw):
     return FadeLaw(K, fades, jumps=jumps, turn_back=draw(st.sampled_from([0.0, 0.1])))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(law=fade_laws(), data=st.data())
 def test_other_names_of_the_classes_mirror_everything(law, data) -> None:
     K, F = law.n_classes, data.draw(st.integers(0, 5))
@@ -266,7 +266,7 @@ def test_other_names_of_the_classes_mirror_everything(law, data) -> None:
     np.testing.assert_allclose(relabelled(law, order).mean_dwell()[order], law.mean_dwell(), rtol=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(law=fade_laws(), F=st.integers(1, 5))
 def test_every_law_is_a_stationary_chain(law, F) -> None:
     chain = law.discretize(F)

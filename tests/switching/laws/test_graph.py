@@ -279,7 +279,7 @@ def graph_laws(draw):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(law=graph_laws(), data=st.data())
 def test_other_names_of_the_classes_mirror_everything(law, data) -> None:
     K, F = law.n_classes, data.draw(st.integers(0, 6))
@@ -308,7 +308,7 @@ def test_other_names_of_the_classes_mirror_everything(law, data) -> None:
     np.testing.assert_allclose(other.mean_dwell()[to], law.mean_dwell(), rtol=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(law=graph_laws(), F=st.integers(0, 7))
 def test_every_law_is_a_reversible_chain(law, F) -> None:
     chain = law.discretize(F)
