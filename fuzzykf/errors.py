@@ -12,6 +12,7 @@ __all__ = [
     "EmptyIntersectionError",
     "FileFormatError",
     "FuzzykfError",
+    "HindsightWarning",
     "MissingDependencyError",
     "NotPositiveDefiniteError",
     "NotStableError",
@@ -65,6 +66,10 @@ class UnreachableMeasurementError(EmptyIntersectionError):
 
 class SupportLostError(FuzzykfError, ValueError):
     """All possible states have left the fixed universe of a grid."""
+
+
+class HindsightWarning(UserWarning):
+    """Later observations move the states by more than the model admits; what is smoothed may be worse."""
 
 
 class StepsWarning(UserWarning):

@@ -30,6 +30,7 @@ def test_every_error_and_warning_is_told_of():
     assert set(errors.__all__) == defined
     assert {e.__name__ for e in classes() if issubclass(e, Warning)} == {
         "ClosenessWarning",
+        "HindsightWarning",
         "StepsWarning",
         "SupportWarning",
     }

@@ -23,6 +23,7 @@ from fuzzykf.engine.numpy.kalman_series import *
 from fuzzykf.engine.numpy.kernels import *
 from fuzzykf.engine.numpy.known_paths import *
 from fuzzykf.engine.numpy.nodes import *
+from fuzzykf.engine.numpy.nodes_backward import *
 from fuzzykf.engine.numpy.outliers import *
 from fuzzykf.engine.numpy.raster import *
 from fuzzykf.engine.numpy.series import *
@@ -44,7 +45,7 @@ _SIZED = {
 }
 
 #: Kernels that are given what `pack_nodes` returns, which of a system of any size is not compiled.
-_PACKED = ("before_node_step", "filter_nodes", "first_node_step", "node_step")
+_PACKED = ("before_node_step", "filter_nodes", "first_node_step", "node_step", "smooth_nodes")
 
 
 def _up_to(largest: int, compiled: Any, any_size: Any, first: int, second: int) -> Any:
@@ -90,7 +91,7 @@ def _take_over(names: dict[str, Any]) -> None:
             if name in _SIZED:
                 kernel = _up_to(MODULES["kalman"].LARGEST, kernel, names[name], *_SIZED[name])
             elif name in _PACKED:
-                kernel = _of_own(module.NodeKernel, kernel, names[name])
+                kernel = _of_own(MODULES["nodes"].NodeKernel, kernel, names[name])
             elif name == "pack_nodes":
                 kernel = _pack_up_to(module.LARGEST, kernel, names[name])
             names[name] = kernel

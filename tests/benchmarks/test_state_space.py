@@ -1,4 +1,4 @@
-"""Speed of switching state-space filters as ratios, measured in turn in one run: four states, two seen, seven nodes.
+"""Speed of switching state-space filters as ratios, measured in turn in one run: four states, seven nodes.
 
 Run with ``pytest tests/benchmarks/test_state_space.py --benchmark-only -s``.  A line gives the fastest
 round of each work, which other work on the machine disturbs least, and its ratio to the work it is held

@@ -12,7 +12,7 @@ MODULES = {
     name: import_module(f"{__name__}.{name}")
     for name in (
         *("arrays", "processor"),  # helpers, without twins
-        *("backward", "convolution", "grid", "hidden_markov", "imm", "kalman", "kernels", "nodes"),
-        *("raster", "series", "switching", "tables"),
+        *("backward", "convolution", "grid", "hidden_markov", "imm", "kalman", "kernels"),
+        *("nodes", "nodes_backward", "raster", "series", "switching", "tables"),
     )
 }

@@ -14,6 +14,7 @@ cdef extern from "src/nodes.h" nogil:
         const double *entered
         const double *transition
         const double *log_transition
+        const double *log_into
         const double *F
         const double *b
         const double *Q
@@ -22,7 +23,11 @@ cdef extern from "src/nodes.h" nogil:
         const double *R
     ctypedef struct fk_nodes_engine:
         void (*move)(const fk_nodes *, const double *, double *, double *) noexcept nogil
+        void (*back)(
+            const fk_nodes *, int, const double *, const double *, double *, double *, int *, double *
+        ) noexcept nogil
     size_t fk_nodes_scratch(int, int) noexcept
+    size_t fk_nodes_back_scratch(int, int) noexcept
     size_t fk_nodes_parameters(int, int, int) noexcept
     void fk_nodes_spread(int, int, const double *, double *) noexcept
     int fk_nodes_observe(const fk_nodes_engine *, const fk_nodes *, const double *, fk_state *, double *) noexcept

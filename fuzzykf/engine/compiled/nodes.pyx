@@ -63,19 +63,22 @@ def pack_nodes(space, log_transition):
     k.M, k.m, k.q, blocks = M, m, q, <int> ld // 8
     cdef cnp.ndarray log_T = doubles(log_transition, "log_transition", (M, M))
     cdef cnp.ndarray T = np.exp(log_T)
-    kernel.memory = Buffer((2 + 2 * <size_t> M) * ld + fk_nodes_parameters(M, m, q))
+    kernel.memory = Buffer((2 + 3 * <size_t> M) * ld + fk_nodes_parameters(M, m, q))
     cdef double *mask = kernel.memory.data
     cdef double *entered = mask + ld
     cdef double *to_T = entered + ld
     cdef double *to_log_T = to_T + M * ld
-    cdef double *to = to_log_T + M * ld
+    cdef double *into = to_log_T + M * ld
+    cdef double *to = into + M * ld
     kernel.places = Buffer(blocks + 1 + <size_t> M * blocks)  # whole numbers, in room for doubles
     cdef int *first = <int *> kernel.places.data
     cdef int *source = first + blocks + 1
     for i in range(M):
         mask[i] = 1.0
         for j in range(<int> ld):
-            to_log_T[i * ld + j] = LOG_ZERO
+            to_log_T[i * ld + j] = into[i * ld + j] = LOG_ZERO
+            if j < M and at(log_T)[j * M + i] > 0.5 * LOG_ZERO:
+                into[i * ld + j] = at(log_T)[j * M + i]
             if j < M and at(log_T)[i * M + j] > 0.5 * LOG_ZERO:
                 to_log_T[i * ld + j], to_T[i * ld + j], entered[j] = at(log_T)[i * M + j], at(T)[i * M + j], 1.0
     n = 0
@@ -91,7 +94,8 @@ def pack_nodes(space, log_transition):
             source[n] = 0
             n += 1
     first[blocks] = n
-    k.first, k.source, k.mask, k.entered, k.transition, k.log_transition = first, source, mask, entered, to_T, to_log_T
+    k.first, k.source, k.mask, k.entered = first, source, mask, entered
+    k.transition, k.log_transition, k.log_into = to_T, to_log_T, into
     cdef const double *spread[6]
     cdef cnp.ndarray one
     cdef int *rows = [m * m, m, m * m, q * m, q, q * q]

@@ -72,10 +72,10 @@ class NodeKernel(NamedTuple):
 
     space: NodeSpace
     log_transition: FloatArray  # (M, M)
-    pairs: _Pairs
+    pairs: Pairs
 
 
-class _Pairs(NamedTuple):
+class Pairs(NamedTuple):
     """The pairs of nodes that can follow one another, sorted by the node of arrival."""
 
     before: IntArray  # (N,)
@@ -236,7 +236,7 @@ def filter_nodes(
                 here, y = space.at(k, block), ys[block, k]
                 before[block] = now
                 if begins and k == 0:
-                    _store_prior(part, k, _unpacked(now))
+                    _store_prior(part, k, unpacked(now))
                     now, found = _begun(here, now, y)
                 else:
                     predicted = _predicted(kernel, here, every_pair, now)
@@ -256,7 +256,7 @@ def _store_prior(
         return
     log_w, x, P = predicted
     one = np.zeros(log_w.shape[1], dtype=np.intp)
-    moments = _merged(np.exp(log_w), x, P, _Pairs(one, one, one[:1]))
+    moments = merged(np.exp(log_w), x, P, Pairs(one, one, one[:1]))
     for name, moment in zip(("x_prior", "P_prior"), moments, strict=True):
         if name in out:
             out[name][:, k] = moment[:, 0]
@@ -265,7 +265,7 @@ def _store_prior(
 # --------------------------------------------------------------------------- parts of a step
 
 
-def _unpacked(table: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def unpacked(table: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Log-probabilities (s, M), minus infinity of zero, means (s, M, m) and covariances (s, M, m, m)."""
     moments = np.swapaxes(table[:, 1:], 1, 2)
     s, M, size = moments.shape
@@ -276,19 +276,19 @@ def _unpacked(table: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def _begun(space: NodeSpace, table: FloatArray, ys: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Take first observations into account, before which nothing moves."""
-    log_p, x, P = _unpacked(table)
+    log_p, x, P = unpacked(table)
     _, _, _, H, d, R = space.take()
     return _weighed(log_p, *_updated(x, P, ys, H, d, R, log_p > -np.inf), ys)
 
 
-def _moved(
+def moved(
     x: FloatArray, P: FloatArray, F: FloatArray, b: FloatArray, Q: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Mean F x + b and covariance F P F' + Q of the state after a step."""
     return (F @ x[..., None])[..., 0] + b, symmetrize(F @ P @ np.swapaxes(F, -1, -2) + Q)
 
 
-def _reached(log_p: FloatArray, x: FloatArray, P: FloatArray) -> tuple[FloatArray, FloatArray]:
+def reached(log_p: FloatArray, x: FloatArray, P: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Moments of nodes, of zero where no path leads: they might grow without bound."""
     lost = np.isneginf(log_p)
     if not lost.any():
@@ -303,20 +303,20 @@ def _predicted(
 
     What leads to one node is merged before it moves (IMM), or not at all yet (GPB2).
     """
-    log_p, x, P = _unpacked(table)
+    log_p, x, P = unpacked(table)
     i, j, _ = kernel.pairs
     log_w, x, P = log_p[:, i] + kernel.log_transition[i, j], x[:, i], P[:, i]
     if not every_pair:
         log_w, share = _shares(log_w, kernel.pairs)
-        x, P = _merged(share, x, P, kernel.pairs)
+        x, P = merged(share, x, P, kernel.pairs)
     F, b, Q, *_ = space.take(j if every_pair else slice(None))
-    x, P = _moved(x, P, F, b, Q)
-    return log_w, *((x, P) if every_pair else _reached(log_w, x, P))
+    x, P = moved(x, P, F, b, Q)
+    return log_w, *((x, P) if every_pair else reached(log_w, x, P))
 
 
 def _seen(
     space: NodeSpace,
-    pairs: _Pairs,
+    pairs: Pairs,
     every_pair: bool,
     predicted: tuple[FloatArray, FloatArray, FloatArray],
     ys: FloatArray,
@@ -331,12 +331,12 @@ def _seen(
         best = np.maximum.reduceat(np.where(possible, log_density, -np.inf), pairs.begins, axis=1)
         best = np.where(np.isneginf(best), 0.0, best)
         log_w, share = _shares(log_w + (log_density - best[:, j]), pairs)
-        x, P = _merged(share, x, P, pairs)
+        x, P = merged(share, x, P, pairs)
         log_density = best
     return _weighed(log_w, x, P, log_density, ys)
 
 
-def _shares(log_w: FloatArray, pairs: _Pairs) -> tuple[FloatArray, FloatArray]:
+def _shares(log_w: FloatArray, pairs: Pairs) -> tuple[FloatArray, FloatArray]:
     """Logarithms of the sums of weights (s, N) that end in each node, (s, M), and their shares in these.
 
     A node that no path reaches takes over its first pair, whatever that is.
@@ -355,7 +355,7 @@ def _shares(log_w: FloatArray, pairs: _Pairs) -> tuple[FloatArray, FloatArray]:
     return np.where(there, np.log(np.where(there, total, 1.0)) + floor, -np.inf), share
 
 
-def _merged(share: FloatArray, x: FloatArray, P: FloatArray, pairs: _Pairs) -> tuple[FloatArray, FloatArray]:
+def merged(share: FloatArray, x: FloatArray, P: FloatArray, pairs: Pairs) -> tuple[FloatArray, FloatArray]:
     """Mean (s, M, m) and covariance of the pairs that end in each node, by central moments."""
     _, j, begins = pairs
     # from the likeliest on: what all have in common then cancels to the last bit, however large
@@ -427,7 +427,7 @@ def _weighed(
     log_p = log_p - np.log(np.exp(log_p).sum(axis=1, keepdims=True))  # rounding of large differences
     nothing = np.isnan(ys).all(axis=1)
     s, M, m = x.shape
-    x, P = _reached(log_p, x, P)
+    x, P = reached(log_p, x, P)
     table = np.empty((s, 1 + m + m * m, M))
     table[:, 0] = np.maximum(log_p, LOG_ZERO)  # NaN, where no node gives the observation a density, stays
     table[:, 1 : 1 + m] = np.swapaxes(x, 1, 2)
@@ -435,10 +435,10 @@ def _weighed(
     return table, np.where(nothing, 0.0, log_likelihood)
 
 
-def _pairs_of(log_transition: FloatArray) -> _Pairs:
+def _pairs_of(log_transition: FloatArray) -> Pairs:
     """Return the pairs that can be; of a node that none leads to, the one with itself."""
     possible = log_transition > -np.inf
     lost = np.flatnonzero(~possible.any(axis=0))
     possible[lost, lost] = True
     after, before = np.nonzero(possible.T)
-    return _Pairs(before, after, np.searchsorted(after, np.arange(len(log_transition))))
+    return Pairs(before, after, np.searchsorted(after, np.arange(len(log_transition))))

@@ -320,29 +320,35 @@ class KnownSwitchFilter(SwitchingFilter):
             if len(ys) or not resume:
                 self._adopt_path(trajectory, ys, path, told, stand)
         else:
-            moves = list(zip(r, *([] if told.us is None else [told.us[0]]), strict=True))
-            looks = [{k: a[n] for k, a in (("R", Rs), ("H", Hs)) if a is not None} for n in range(len(ys))]
-            trajectory, _ = self._by_verbs(ys, moves, looks, states=keep_nodes, resume=resume)
+            given = self._by_step(r, told, Rs, Hs)
+            trajectory, _ = self._by_verbs(ys, *given, states=keep_nodes, resume=resume)
         self._follow(index_of(zs))
         warn_of_steps(index_of(zs))
         result = result_of(path.chain, trajectory, self.dim_x, keep_nodes, index_of(zs))
         return with_switch(result, r, self.model).with_coords(zs)
 
     def smooth(  # type: ignore[override]
-        self, zs: ManyNumbers, r: ArrayLike, *, keep_nodes: bool = False
+        self,
+        zs: ManyNumbers,
+        r: ArrayLike,
+        us: Any = None,
+        Rs: Any = None,
+        Hs: Any = None,
+        *,
+        keep_nodes: bool = False,
     ) -> FilterResult:
         """Estimate every state of a series from all of it, and its switches.
 
         Parameters
         ----------
-        zs, r, keep_nodes
+        zs, r, us, Rs, Hs, keep_nodes
             As in `filter`.
 
         Returns
         -------
         FilterResult
         """
-        ys, r, path, told = self._read(zs, r)
+        ys, r, path, told = self._read(zs, r, us, Rs, Hs)
         keep_nodes = as_flag("keep_nodes", keep_nodes)
         if self._is_plain():
             trajectory = self._method.run(path, ys, ("log_likelihood",), states=True)
@@ -350,7 +356,7 @@ class KnownSwitchFilter(SwitchingFilter):
             self._adopt_path(trajectory, ys, path, told)
         else:
             with self._as_it_was_on_error():
-                walked, ys = self._by_verbs(ys, [(one,) for one in r])
+                walked, ys = self._by_verbs(ys, *self._by_step(r, told, Rs, Hs))
                 trajectory = self._method.run(path, ys, FOUND, states=True)
                 check_explained(type(self).__name__, walked, trajectory)
                 smoothed = self._method.smooth(path, trajectory, ys)
@@ -451,6 +457,12 @@ class KnownSwitchFilter(SwitchingFilter):
         switches, before = read_switches(r, len(ys), self.model), self._before_series(resume)
         controls = read_controls(us, len(ys), self._system, before.n == 0)
         return ys, switches, *path_of(self.model, switches, controls, {"Rs": Rs, "Hs": Hs}, before)
+
+    @staticmethod
+    def _by_step(r: FloatArray, told: Inputs, Rs: Any, Hs: Any) -> tuple[Any, Any]:
+        """Return what `predict` and `update` are given at each step."""
+        moves = list(zip(r, *([] if told.us is None else [told.us[0]]), strict=True))
+        return moves, [{k: a[n] for k, a in (("R", Rs), ("H", Hs)) if a is not None} for n in range(len(r))]
 
     def _before_series(self, resume: bool) -> Before:
         stands = self._n, self._predicted, self._r, self._r_next, self._next

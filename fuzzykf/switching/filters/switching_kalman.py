@@ -36,9 +36,10 @@ from fuzzykf.switching.filters.inputs import (
 from fuzzykf.switching.filters.saved import SavedFilter
 from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
 from fuzzykf.switching.inference.forecast import MOST_STEPS, forecast
+from fuzzykf.switching.inference.hindsight import warn_of_hindsight
 from fuzzykf.switching.inference.mixture import Source
 from fuzzykf.switching.inference.registry import METHODS
-from fuzzykf.switching.inference.series import FOUND, SHOWN, result_of
+from fuzzykf.switching.inference.series import FOUND, SHOWN, check_explained, result_of, smoothed_result
 from fuzzykf.switching.state_space.model import SwitchingStateSpace
 
 if TYPE_CHECKING:
@@ -294,15 +295,80 @@ class SwitchingKalmanFilter(SavedFilter):
                 if len(ys):
                     self._latest = inputs.told(-1)
         else:
-            moves = None if inputs.us is None else [(u,) for u in inputs.us[0]]
-            looks = [{k: a[n] for k, a in (("R", Rs), ("H", Hs)) if a is not None} for n in range(len(ys))]
-            trajectory, _ = self._by_verbs(ys, moves, looks, states=keep_nodes, resume=resume)
+            given = _by_step(inputs, Rs, Hs, len(ys))
+            trajectory, _ = self._by_verbs(ys, *given, states=keep_nodes, resume=resume)
         if sequel is not None:  # the count of observations goes on as well
             self._sequel = sequel
         if index is not None:
             self._follow(index)
             warn_of_steps(index)
         result = result_of(self._system.chain, trajectory, self.dim_x, keep_nodes, index)
+        return result.with_coords(zs) if hasattr(zs, "coords") else result
+
+    def smooth(
+        self,
+        zs: ManyNumbers,
+        us: Any = None,
+        Rs: Any = None,
+        Hs: Any = None,
+        *,
+        weights: Literal["density", "kim"] = "density",
+        keep_nodes: bool = False,
+    ) -> FilterResult:
+        """Estimate every state of a series from all of it; the filter stays at the last observation.
+
+        Approximate, as the filter is: what is known of the state at each node is merged after each step back.
+        Where what the observation says of the state switches (``H``, ``d``), "gpb2" smooths far better.
+
+        Parameters
+        ----------
+        zs, us, Rs, Hs, keep_nodes
+            As in `filter`.
+        weights : {"density", "kim"}
+            How likely each node is before one that follows: with the density of the state there, or without,
+            as Kim has them (1994), which is nearly always worse.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, ``mu``, ``nodes``, ``class_weights``, ``switch``, ``switch_mean``, the most
+            likely ``switch_path``, and the ``log_likelihood`` of the filter.
+
+        Warns
+        -----
+        HindsightWarning
+            If the states move more than their covariances admit when the later observations are known: the
+            model is wrong then, and what is smoothed is likely to be worse than what is filtered.  See
+            `fuzzykf.switching.inference.hindsight`.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `filter`, or if verbs of a subclass do more than to pass on other observations.
+        """
+        zs, keep_nodes = self._named(zs), as_flag("keep_nodes", keep_nodes)
+        as_choice("weights", weights, ("density", "kim"))
+        check_aligned(zs=zs, us=us, Rs=Rs, Hs=Hs)
+        ys, index = as_observations(zs, self.dim_z), index_of(zs)
+        inputs = self._read(len(ys), us, Rs, Hs)
+        system = self._driven(inputs, None, len(ys))
+        with self._as_it_was_on_error():
+            walked = None
+            if not self._is_plain():
+                walked, ys = self._by_verbs(ys, *_by_step(inputs, Rs, Hs, len(ys)))
+            trajectory = self._method.run(system, ys, FOUND, states=True)
+            if walked is not None:
+                check_explained(type(self).__name__, walked, trajectory)
+            method: Any = self._method
+            smoothed = method.smooth(system, trajectory, ys, weights == "density")
+            if walked is None:
+                self._adopt(trajectory, ys)
+                self._latest = inputs.told(-1) if len(ys) else NOTHING
+        if index is not None:
+            self._follow(index)
+            warn_of_steps(index)
+        result = smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index)
+        warn_of_hindsight(trajectory.fields, result)
         return result.with_coords(zs) if hasattr(zs, "coords") else result
 
     def filter_many(
@@ -420,6 +486,12 @@ class SwitchingKalmanFilter(SavedFilter):
         if self._before is not None and told:
             tables: Any = self._before.tables
             self._before = Source(self._before.mixture, replace(tables, **told))
+
+
+def _by_step(inputs: Inputs, Rs: Any, Hs: Any, n: int) -> tuple[Any, Any]:
+    """Return what `predict` and `update` are given at each of n steps."""
+    moves = None if inputs.us is None else [(u,) for u in inputs.us[0]]
+    return moves, [{k: a[row] for k, a in (("R", Rs), ("H", Hs)) if a is not None} for row in range(n)]
 
 
 #: What the verbs are, what they call and what is read after each, before anybody changes it.

@@ -71,15 +71,14 @@ def filter_spaces(paths: Spaces, series: FloatArray, stand: Stand | None = None)
     out = _allocate(series, paths.dim_x)
     begins = stand is None
     table = paths.first() if stand is None else np.repeat(stand.mixture.table[None], s, axis=0)
-    one, always = np.ones(1), np.zeros((1, 1))
+    one, always, ranking = np.ones(1), np.zeros((1, 1)), np.array([[0], [2]])
     for start, stop in _chunks(series, paths.dim_x):
-        space = engine.NodeSpace(*paths.steps(start + (not begins), stop - start))
-        part = {name: values[:, start:stop] for name, values in out.items()}
-        switch = one, one, one == 1.0, np.zeros(1, dtype=np.intp)
-        first = begins and start == 0
-        _, table = engine.filter_nodes(
-            space, always, False, table, first, series[:, start:stop], part, switch
-        )
+        kernel = engine.pack_nodes(engine.NodeSpace(*paths.steps(start + (not begins), stop - start)), always)
+        ys, first, switch = series[:, start:stop], begins and start == 0, (one, one, one == 1.0, ranking)
+        part = _allocate(ys, paths.dim_x)
+        _, table = engine.filter_nodes(kernel, False, table, first, ys, part, switch)
+        for name, values in part.items():
+            out[name][:, start:stop] = values
     _check_range(out, engine.is_in_range(table), series)
     return out
 

@@ -26,7 +26,7 @@ from fuzzykf.errors import NotPositiveDefiniteError
 from fuzzykf.gaussian import check_definite, mixture_moments
 from fuzzykf.switching.dynamics.nodes import joint_moments
 from fuzzykf.switching.dynamics.pairs import Ahead
-from fuzzykf.switching.inference.method import Method, out_of_range
+from fuzzykf.switching.inference.method import Method, Smoothed, out_of_range
 from fuzzykf.switching.inference.mixture import Mixture, Source
 from fuzzykf.switching.inference.series import Trajectory, allocate, over_threads, shown
 
@@ -127,6 +127,32 @@ class OnNodes(Method):
             source = Source(_mixture(before[0]), cast("Any", system.pair_tables(n - 2 - origin)))
         return Trajectory(fields, {}, _mixture(last[0]), source)
 
+    def smooth(  # type: ignore[override]
+        self, system: NodeSystem, trajectory: Trajectory, ys: FloatArray, by_density: bool = True
+    ) -> Smoothed:
+        """Estimate every state of a filtered series from all of it.
+
+        Parameters
+        ----------
+        system : NodeSystem
+        trajectory : Trajectory
+            What the filter knew, its states included.
+        ys : ndarray, shape (n, q)
+            NaN where missing.
+        by_density : bool
+            Whether the weights have the density of the next state, and not Kim's.
+        """
+        table, m = trajectory.fields["table"], system.dim_x
+        if not len(ys):
+            return Smoothed(table[:, 0], *engine.node_moments(table, m), np.empty(0, dtype=np.intp))
+        kernel = engine.pack_nodes(
+            engine.NodeSpace(*system.steps(0, len(ys))), _logs(system.chain.transition)
+        )
+        found, path = engine.smooth_nodes(kernel, table, by_density)
+        if not engine.is_in_range(found).all():
+            raise out_of_range(ys[np.nanargmax(np.abs(ys).max(axis=1, where=~np.isnan(ys), initial=0.0))])
+        return Smoothed(np.exp(found[:, 0]), *engine.node_moments(found, m), path)
+
     def run_many(  # type: ignore[override]
         self,
         system: NodeSystem,
@@ -164,8 +190,7 @@ class OnNodes(Method):
         switch = chain.keys, chain.weights, chain.atoms, chain.ranking
         start = 0 if stand is None else stand.n - stand.origin
         steps = system.steps(start, series.shape[1])
-        with np.errstate(divide="ignore"):
-            log_transition = np.log(chain.transition)
+        log_transition = _logs(chain.transition)
 
         def several(rows: slice) -> tuple[FloatArray, FloatArray]:
             space = engine.NodeSpace(*(one[rows] if len(one) > 1 else one for one in steps))
@@ -199,6 +224,12 @@ _NONE = np.empty(0)
 
 #: Said where the pair of nodes is not found, of which S is singular.
 _SINGULAR = "S = H P H' + R: expected a positive definite matrix, got one that is not (to rounding error)"
+
+
+def _logs(p: FloatArray) -> FloatArray:
+    """Logarithms of probabilities, minus infinity of zero."""
+    with np.errstate(divide="ignore"):
+        return np.log(p)
 
 
 def _mixture(table: FloatArray) -> Mixture:

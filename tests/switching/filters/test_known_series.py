@@ -286,6 +286,9 @@ class AtOneSwitch(KnownSwitchFilter):
     def filter(self, zs, r=None, *, resume=False):
         return super().filter(zs, [self.value] * len(zs), resume=resume)
 
+    def smooth(self, zs, r=None):
+        return super().smooth(zs, [self.value] * len(zs))
+
     def filter_many(self, zs, keep=("x", "P", "log_likelihood"), *, resume=False):
         return super().filter_many(zs, keep, r=np.full(np.shape(zs)[:2], self.value), resume=resume)
 
@@ -295,5 +298,6 @@ def test_a_known_switch_of_a_state_space_model_keeps_the_contract(name):
     model = MODELS[name]()
     zs = 0.5 * np.sin(1.3 * np.arange(6)[:, None] + 0.7 * np.arange(model.dim_z))
     report = check_filter(lambda: AtOneSwitch(model), zs)
-    assert {"step", "filter", "filter_many", "missing", "pickle", "resume", "overrides"} <= set(report.passed)
-    assert report.not_applicable["smooth"] == "no method smooth"
+    assert {"step", "filter", "filter_many", "missing", "smooth", "pickle", "resume", "overrides"} <= set(
+        report.passed
+    )

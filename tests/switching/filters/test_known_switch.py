@@ -288,7 +288,7 @@ def test_to_know_the_switch_is_worth_much_where_an_offset_fades():
             lambda f: KnownSwitchFilter(space(HARD3)).step(1.0, [0.5, 0.5, 0.0]),
             "r: got .* regimes 0 to",
         ),
-        (lambda f: f.smooth(np.zeros(2), [0.1, 0.2]), "smooth: the method IMM has no smoother"),
+        (lambda f: f.smooth(np.zeros(2), [0.1, 0.2], [1.0]), r"us: got shape \(1, 1\), expected \(2, 1\)"),
         (lambda f: f.forecast(2), "steps: got 2; the future of a known switch"),
     ],
 )

@@ -497,7 +497,9 @@ def stepped(method):
         (lambda f: f.filter_many(data()[None], keep="z"), ParameterError, "keep: got 'z'"),
         (lambda f: f.forecast(3, np.ones(2)), ShapeError, r"us: got shape \(2,\), expected \(3, 1\)"),
         (lambda f: f.forecast(0), ParameterError, "steps: got 0"),
-        (lambda f: f.smooth(data()), ParameterError, r"smooth: the method (IMM|GPB2) has no smoother"),
+        (lambda f: f.smooth(data(), weights="Kim"), ParameterError, "weights: got 'Kim'"),
+        (lambda f: f.smooth(data(), us=3.0), ShapeError, "us: got shape"),
+        (lambda f: f.smooth(1e200 + data()), NumericalRangeError, "observation: got"),
     ],
 )
 @pytest.mark.parametrize("method", METHODS)

@@ -7,6 +7,8 @@
 #define FK_NODES_LARGEST 16 /* states, and observed components */
 #define FK_NODES_SQUARE (FK_NODES_LARGEST * FK_NODES_LARGEST)
 #define FK_NODES_LOG_2PI 1.83787706640934548356
+/* A variance given other components that is a smaller part of what it is the rest of is rounding error. */
+#define FK_NODES_CERTAIN 1e-13
 /* A pivot of S that is smaller than this fraction of its diagonal entry is rounding error. */
 #define FK_NODES_PIVOT (16.0 * DBL_EPSILON)
 
@@ -18,6 +20,7 @@ typedef struct {
   const int *first, *source;
   const double *mask, *entered; /* 1 in the lanes of nodes, and of those that some node leads to, 0 elsewhere */
   const double *transition, *log_transition;
+  const double *log_into; /* the transposed of it: who leads to node r */
   const double *F, *b, *Q, *H, *d, *R;
 } fk_nodes;
 
@@ -26,6 +29,8 @@ typedef struct {
  * move: merge what leads to each node, and move it there; logarithms of predicted weights in row 0.
  * see: update a table with what is there of y; the log-densities given each node.  0 where S is singular.
  * see_pairs: move, update and merge every pair of nodes instead.
+ * back: from what is known at the next time given all observations (`after`) to the same now; the score of the
+ * most likely way on from each node, and its next node.
  * weigh: from the predicted weights to those given y; the log-likelihood, NaN where no node is possible. */
 typedef struct {
   void (*move)(const fk_nodes *, const double *table, double *to, double *scratch);
@@ -33,11 +38,16 @@ typedef struct {
   int (*see_pairs)(const fk_nodes *, const double *table, const double *y, double *to, double *log_density,
                    double *scratch);
   double (*weigh)(const fk_nodes *, double *log_p, const double *log_density);
+  void (*back)(const fk_nodes *, int by_density, const double *table, const double *after, double *to,
+               double *score, int *next, double *scratch);
 } fk_nodes_engine;
 
 /* Sizes in doubles: of what a step needs, and of the parameters of one. */
 FK_INLINE size_t fk_nodes_scratch(int M, int m) {
   return 2 * (size_t)fk_padded(M) + (size_t)FK_LANES * M * (3 + m + m * m);
+}
+FK_INLINE size_t fk_nodes_back_scratch(int M, int m) {
+  return fk_padded(M) + (size_t)FK_LANES * M + (size_t)fk_padded(M) * M * (2 + m + m * m);
 }
 FK_INLINE size_t fk_nodes_parameters(int M, int m, int q) {
   return (size_t)fk_padded(M) * (2 * m * m + m + q * m + q + q * q);

@@ -3,6 +3,9 @@
 
 #include "nodes_body.h"
 
+#include "nodes_back_body.h"
+
+#undef FK_STATES
 #undef FK_V
 #undef FK_B
 #undef FK_AS_VECTORS

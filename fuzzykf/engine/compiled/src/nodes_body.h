@@ -362,6 +362,5 @@ FK_TARGET static double FK_NAME(fk_nodes_weigh)(const fk_nodes *k, double *log_p
 
 #undef FK_OF
 #undef FK_SEEN
-#undef FK_STATES
 #undef FK_SYSTEMS
 #undef FK_APART

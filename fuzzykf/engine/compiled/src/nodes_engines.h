@@ -22,7 +22,8 @@
 #endif
 
 #define FK_VERSION(suffix) \
-  {fk_nodes_move_##suffix, fk_nodes_see_##suffix, fk_nodes_see_pairs_##suffix, fk_nodes_weigh_##suffix}
+  {fk_nodes_move_##suffix, fk_nodes_see_##suffix, fk_nodes_see_pairs_##suffix, fk_nodes_weigh_##suffix, \
+   fk_nodes_back_##suffix}
 
 static const fk_nodes_engine fk_nodes_engines[] = {
     FK_VERSION(portable),
