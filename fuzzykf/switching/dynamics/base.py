@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 from fuzzykf.errors import ParameterError
 from fuzzykf.immutable import Immutable
 from fuzzykf.reprs import reprs
+from fuzzykf.switching.dynamics.exactness import Exactness
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,7 +40,9 @@ class Dynamics(Immutable, ABC):
     #: Name under which they are written to a file.
     kind: ClassVar[str]
     #: Name of the method that is exact along a known path of the switch.
-    known_method: ClassVar[str] = "exact"
+    known_method: str = "exact"
+    #: Name of the method that is exact on a chain, where one is: see `exactness`.
+    exact_method: str = "exact"
     n_classes: int
     dim_x: int
     dim_z: int
@@ -49,6 +52,10 @@ class Dynamics(Immutable, ABC):
     def cglssm(self) -> Any:
         """The state-space model that they were converted from, or None."""
         return None
+
+    def exactness(self, chain: SwitchChain) -> Exactness:
+        """Say whether filtering is exact on a chain."""
+        return Exactness(True, "exact: Y alone is Markov given the switch")
 
     @abstractmethod
     def placed(self, chain: SwitchChain) -> SwitchingSystem:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.filters.saved import SavedFilter
+from fuzzykf.switching.inference.registry import METHODS
 from fuzzykf.switching.models.hard import CGOMSModel
 
 __all__ = ["CGOMSMFilter"]
@@ -15,6 +16,16 @@ class CGOMSMFilter(SavedFilter):
     Parameters
     ----------
     model : CGOMSModel
+
+    Raises
+    ------
+    ParameterError
+        If ``model`` is another one, or has no exact filter: `CGOMSModel.exactness` says so.
+
+    Notes
+    -----
+    Exact for complete observations and gaps at the end; with a single regime, whatever is missing.  After
+    another gap what is known is merged to mean and covariance per regime.
 
     See Also
     --------
@@ -37,5 +48,12 @@ class CGOMSMFilter(SavedFilter):
     def __init__(self, model: CGOMSModel) -> None:
         if not isinstance(model, CGOMSModel):
             raise ParameterError(f"model: got {type(model).__name__}, expected a CGOMSModel")
+        system = model.placed()
+        found = model.form.exactness(system.chain)
+        if not found.holds:
+            raise ParameterError(
+                f"model: {found.words}; expected an exact one, or SwitchingKalmanFilter, which takes any "
+                "such model"
+            )
         self.model = model
-        super().__init__(model.placed())
+        super().__init__(system, METHODS[model.form.exact_method])

@@ -103,7 +103,7 @@ def _led(values: FloatArray, first: FloatArray) -> FloatArray:
 # --------------------------------------------------------------------------- of one step
 
 
-def read_seen(name: str, given: Any, system: SpaceSystem, mix: str) -> FloatArray | None:
+def read_seen(name: str, given: Any, system: SpaceSystem, mix: str | None) -> FloatArray | None:
     """Return R (M, q, q) or H (M, q, m) at the nodes, None where nothing is given.
 
     Parameters
@@ -113,10 +113,13 @@ def read_seen(name: str, given: Any, system: SpaceSystem, mix: str) -> FloatArra
     given : array_like or callable
         As in `SwitchingStateSpace`; a number in place of R is that multiple of the identity.
     system : SpaceSystem
-    mix : {"linear", "log"}
+    mix : {"linear", "log"} or None
+        None where a model states the noise of state and observation as one.
     """
     if given is None:
         return None
+    if mix is None:
+        raise _untold(name, given)
     sizes = system.dim_x, system.dim_z
     return seen_at(name, given, system.chain.class_weights, sizes, mix)
 
@@ -139,6 +142,12 @@ def seen_at(name: str, given: Any, shares: FloatArray, sizes: tuple[int, int], m
         given = given * np.eye(q) if given.ndim == 0 else given
     shape = (q, q) if is_noise else (q, m)
     return Parameter(name, given, shares.shape[-1], shape, mix if is_noise else None).at(shares)
+
+
+def _untold(name: str, given: Any) -> ParameterError:
+    return ParameterError(
+        f"{name}: got {brief(given)}, but a pairwise model has no {name[0]} of its own; expected None"
+    )
 
 
 # --------------------------------------------------------------------------- of each step
@@ -165,7 +174,7 @@ def read_controls_of_many(us: Any, many: ManySeries, system: Controlled, begins:
     return np.nan_to_num(found)  # beyond the end of a series, and where it is not used
 
 
-def read_each(name: str, given: Any, n: int, system: SpaceSystem, mix: str) -> FloatArray | None:
+def read_each(name: str, given: Any, n: int, system: SpaceSystem, mix: str | None) -> FloatArray | None:
     """Return R or H of each step of a series at the nodes, (1, n, M, q, ...); None where nothing is given.
 
     Parameters
@@ -177,6 +186,8 @@ def read_each(name: str, given: Any, n: int, system: SpaceSystem, mix: str) -> F
     """
     if given is None:
         return None
+    if mix is None:
+        raise _untold(name, given)
     check_each(name, given, n)
     M, one = len(system.chain), name[0]
     own = system.tables.R if one == "R" else system.tables.H

@@ -40,6 +40,7 @@ from fuzzykf.switching.inference.hindsight import warn_of_hindsight
 from fuzzykf.switching.inference.mixture import Source
 from fuzzykf.switching.inference.registry import METHODS
 from fuzzykf.switching.inference.series import FOUND, SHOWN, check_explained, result_of, smoothed_result
+from fuzzykf.switching.models.hard import CGOMSModel
 from fuzzykf.switching.state_space.model import SwitchingStateSpace
 
 if TYPE_CHECKING:
@@ -64,7 +65,9 @@ class SwitchingKalmanFilter(SavedFilter):
 
     Parameters
     ----------
-    model : SwitchingStateSpace
+    model : SwitchingStateSpace or CGOMSModel
+        The latter made by `CGOMSModel.from_pairwise`, exact or not: it is filtered in pairwise form, and is
+        told no ``u``, ``R`` or ``H``.
     method : {"imm", "gpb2"}
         "imm" merges what leads to a node before each step; "gpb2" updates every pair of nodes and merges
         after it, which is better where offsets or gains fade and the law is poor, and has the better
@@ -108,23 +111,35 @@ class SwitchingKalmanFilter(SavedFilter):
     ((200, 1), (200, 2))
     """
 
-    model: SwitchingStateSpace
-    _system: Any  # a SpaceSystem
+    model: SwitchingStateSpace | CGOMSModel
+    _system: Any  # a SpaceSystem or a JointSystem
 
     def __init__(
         self,
-        model: SwitchingStateSpace,
+        model: SwitchingStateSpace | CGOMSModel,
         *,
         method: Literal["imm", "gpb2"] = "imm",
         n_nodes: int = 5,
         rule: str = "cell",
     ) -> None:
-        if not isinstance(model, SwitchingStateSpace):
-            raise ParameterError(f"model: got {type(model).__name__}, expected a SwitchingStateSpace")
+        if not isinstance(model, SwitchingStateSpace | CGOMSModel):
+            raise ParameterError(
+                f"model: got {type(model).__name__}, expected a SwitchingStateSpace, or a CGOMSModel made by "
+                "from_pairwise"
+            )
         as_choice("method", method, CHOICES)
         self.model, self.method, self.n_nodes, self.rule = model, method, n_nodes, rule
-        system: Any = model.placed(n_nodes, rule)
-        super().__init__(system, METHODS[method])
+        system: Any
+        if isinstance(model, CGOMSModel):
+            system, name = model.jointly(n_nodes, rule), f"joint_{method}"
+        else:
+            system, name = model.placed(n_nodes, rule), method
+        super().__init__(system, METHODS[name])
+
+    @property
+    def _mix(self) -> str | None:
+        """How an R that is told is mixed; None where none can be told."""
+        return self.model.form.mix if isinstance(self.model, SwitchingStateSpace) else None
 
     def _options(self) -> dict[str, Any]:
         # where there are no fewer classes than nodes none lie between, whatever is asked for
@@ -196,7 +211,7 @@ class SwitchingKalmanFilter(SavedFilter):
         NotPositiveDefiniteError
             If ``R`` is indefinite, or the covariance of the observation is singular at a node.
         """
-        noise, seen = (read_seen(*one, self._system, self.model.form.mix) for one in (("R", R), ("H", H)))
+        noise, seen = (read_seen(*one, self._system, self._mix) for one in (("R", R), ("H", H)))
         before = self._next
         self._next = Told(before.u, seen, noise)
         try:
@@ -447,7 +462,7 @@ class SwitchingKalmanFilter(SavedFilter):
 
     def _read(self, n: int, us: Any, Rs: Any, Hs: Any, begins: bool = True) -> Inputs:
         """Return what is told along a series."""
-        system, mix = self._system, self.model.form.mix
+        system, mix = self._system, self._mix
         noise, seen = (read_each(*one, n, system, mix) for one in (("Rs", Rs), ("Hs", Hs)))
         return Inputs(read_controls(us, n, system, begins), seen, noise)
 

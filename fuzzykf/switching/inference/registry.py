@@ -12,5 +12,7 @@ METHODS = Registry(
         "exact": "fuzzykf.switching.inference.exact:EXACT",
         "imm": "fuzzykf.switching.inference.on_nodes:IMM",
         "gpb2": "fuzzykf.switching.inference.on_nodes:GPB2",
+        "joint_imm": "fuzzykf.switching.inference.joint:JOINT_IMM",
+        "joint_gpb2": "fuzzykf.switching.inference.joint:JOINT_GPB2",
     }
 )

@@ -11,6 +11,7 @@ from fuzzykf.gaussian import as_choice, as_numbers, is_whole
 from fuzzykf.io import FILTERS, part_from_dict, part_to_dict
 from fuzzykf.reprs import shown
 from fuzzykf.switching.dynamics.forms import CovarianceForm, RegressionForm, TransitionForm
+from fuzzykf.switching.dynamics.pairwise import PairwiseForm
 from fuzzykf.switching.dynamics.registry import FORMS
 from fuzzykf.switching.laws.chain import SwitchChain
 from fuzzykf.switching.laws.quadrature import RULES
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.results import FitResult
     from fuzzykf.switching.dynamics.base import Dynamics
+    from fuzzykf.switching.dynamics.joint import JointSystem
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
     from fuzzykf.switching.state_space.converted import Construction, Mode, Noise
 
@@ -138,6 +140,73 @@ class CGOMSModel(SwitchingModel):
         form = RegressionForm(
             Ayy=Ayy, Ny=Ny, Qyy=Qyy, Axx=Axx, H=H, G=G, c=c, C=C, means=means, covariances=covariances
         )
+        return cls._from_form(transition, form, initial)
+
+    @classmethod
+    def from_pairwise(
+        cls,
+        transition: ArrayLike,
+        A: ArrayLike,
+        *,
+        noise: ArrayLike,
+        offset: ArrayLike | None = None,
+        means: ArrayLike,
+        covariances: ArrayLike,
+        dim_x: int,
+        initial: ArrayLike | None = None,
+    ) -> CGOMSModel:
+        """Make a model from Z' = A_k Z + offset_k + N(0, noise_k), k the regime of arrival, Z = (X, Y).
+
+        In blocks A = [[Axx, Axy], [Ayx, Ayy]]: where Ayx is not zero the state acts on the next
+        observation, and filtering need not be exact.  The model is made all the same; `exactness` says which
+        kind it is of.  If it is exact, `CGOMSMFilter` takes it; `SwitchingKalmanFilter` takes any.
+
+        Parameters
+        ----------
+        transition : array_like, shape (K, K)
+            ``transition[i, j]`` is the probability of regime j after regime i.
+        A : array_like, shape (K, d, d)
+            How Z moves to each regime; d = dim_x + dim_z.
+        noise : array_like, shape (K, d, d)
+            Covariance of its noise; may be singular, but for the block of Y.
+        offset : array_like, shape (K, d), optional
+            By default zero.
+        means, covariances : array_like, shapes (K, d) and (K, d, d)
+            Law of the first Z in each regime.
+        dim_x : int
+            Number of components of the state.
+        initial : array_like, shape (K,), optional
+            Probability of the first regime; the stationary one by default.
+
+        Returns
+        -------
+        CGOMSModel
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If shapes do not agree, or probabilities do not sum to one.
+        NotPositiveDefiniteError
+            If a covariance is indefinite, or that of an observation singular; the message names the argument,
+            the regime and the eigenvalue.
+
+        Examples
+        --------
+        A state that leaves nothing behind, once it was seen: X' follows what was observed of Y'.
+
+        >>> from fuzzykf import CGOMSModel
+        >>> model = CGOMSModel.from_pairwise(
+        ...     [[0.9, 0.1], [0.2, 0.8]],
+        ...     A=[[[0.5, 0.1], [1.0, 0.2]], [[0.4, 0.0], [0.8, 0.3]]],
+        ...     noise=[[[1.0, 0.5], [0.5, 1.0]]] * 2,
+        ...     means=[[0.0, 0.0], [0.0, 3.0]],
+        ...     covariances=[[[1.0, 0.0], [0.0, 1.0]]] * 2,
+        ...     dim_x=1,
+        ... )
+        >>> model.exactness
+        'exact: A_yx[k] Abar[j] = 0 for every regime k that may follow a regime j'
+        """
+        form = PairwiseForm(A, noise=noise, offset=offset, means=means, covariances=covariances, dim_x=dim_x)
         return cls._from_form(transition, form, initial)
 
     @classmethod
@@ -378,6 +447,32 @@ class CGOMSModel(SwitchingModel):
         as_choice("rule", rule, RULES)
         return self._system
 
+    @property
+    def exactness(self) -> str:
+        """Whether the model has an exact filter, in words; if not, which regimes stand against it."""
+        return self.form.exactness(self._system.chain).words
+
+    def jointly(self, n_nodes: int | None = None, rule: str = "cell") -> JointSystem:
+        """Return a pairwise model on its regimes with all of (X, Y) for a state: any such model has that.
+
+        Parameters
+        ----------
+        n_nodes, rule
+            As in `placed`.
+
+        Raises
+        ------
+        ParameterError
+            If the model was not made by `from_pairwise`.
+        """
+        self.placed(n_nodes, rule)  # what makes no sense is refused
+        if not isinstance(self.form, PairwiseForm):
+            raise ParameterError(
+                f"model: got a CGOMSModel of the form {self.form.kind!r}, expected a SwitchingStateSpace, or "
+                "a model made by CGOMSModel.from_pairwise"
+            )
+        return self.form.jointly(self._system.chain)
+
     def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
         """Make the filter of the model.
 
@@ -389,6 +484,11 @@ class CGOMSModel(SwitchingModel):
         Returns
         -------
         CGOMSMFilter
+
+        Raises
+        ------
+        ParameterError
+            If the model has no exact filter, see `exactness`.
         """
         self.placed(n_nodes, rule)  # what makes no sense is refused
         return FILTERS["CGOMSMFilter"](self)

@@ -10,6 +10,7 @@ from fuzzykf.errors import NotStableError, ParameterError
 from fuzzykf.gaussian import as_choice, mixture_moments, semidefinite_root
 from fuzzykf.results import Simulation
 from fuzzykf.switching.dynamics.base import Dynamics
+from fuzzykf.switching.dynamics.exactness import Exactness, mixed_regimes
 from fuzzykf.switching.dynamics.nodes import joint_moments
 from fuzzykf.switching.laws.chain import SAME_VALUE, stationary_distribution
 from fuzzykf.switching.state_space.parameters import Parameter, columns_of, rows_of
@@ -167,6 +168,12 @@ class StateSpaceForm(Dynamics):
         return joint_moments(*self.state_at(u), *(self.at(name, u) for name in ("H", "d", "R")))
 
     # ------------------------------------------------------------------ placed
+
+    def exactness(self, chain: SwitchChain) -> Exactness:
+        """Say whether filtering is exact on a chain: where no two histories of the switch meet."""
+        if mixed_regimes(chain).any():
+            return Exactness(False, "not exact: histories of the switch meet, and the state tells them apart")
+        return Exactness(True, "exact: no two histories of the switch meet; it is the Kalman filter")
 
     def placed(self, chain: SwitchChain) -> SpaceSystem:  # type: ignore[override]
         """Return the form on the nodes of a chain."""

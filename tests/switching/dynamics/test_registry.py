@@ -12,6 +12,7 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.switching import CGLSSM, SwitchChain
 from fuzzykf.switching.dynamics.base import Dynamics
 from fuzzykf.switching.dynamics.forms import CovarianceForm, RegressionForm, TransitionForm
+from fuzzykf.switching.dynamics.pairwise import PairwiseForm
 from fuzzykf.switching.dynamics.registry import FORMS
 from fuzzykf.switching.state_space.converted_form import ConvertedForm
 
@@ -28,6 +29,10 @@ EXAMPLES = {
     "regression": RegressionForm(
         Ayy=0.5 * ONE, Ny=0.0 * ONE[..., 0], Qyy=ONE, Axx=0.9 * ONE, H=0.1 * ONE, G=0.3 * ONE,
         c=0.0 * ONE[..., 0], C=ONE, means=MEANS, covariances=[Z, Z],
+    ),
+    "pairwise": PairwiseForm(
+        [[[0.5, 0.1], [0.0, 0.8]]] * 2, noise=[np.eye(2), 2.0 * Z], offset=MEANS, means=MEANS,
+        covariances=[Z, Z], dim_x=1,
     ),
     "cglssm": ConvertedForm(
         CGLSSM(T, A=[[[0.9]], [[0.5]]], B=[[[1.0]]] * 2, C=[[[0.3]], [[1.0]]], D=[[[0.5]]] * 2),

@@ -11,6 +11,7 @@ import pytest
 from fuzzykf import FadeLaw, SwitchingStateSpace
 from fuzzykf.errors import NumericalRangeError
 from fuzzykf.switching import EXACT, GPB2, IMM
+from fuzzykf.switching.inference.joint import JOINT_GPB2, JOINT_IMM
 from fuzzykf.switching.inference.registry import METHODS
 from fuzzykf.switching.inference.series import FOUND, SHOWN, Stand
 
@@ -25,10 +26,11 @@ def system():
 
 
 def test_methods_are_found_by_their_names():
-    assert dict(METHODS) == {"exact": EXACT, "imm": IMM, "gpb2": GPB2}
+    joint = {"joint_imm": JOINT_IMM, "joint_gpb2": JOINT_GPB2}
+    assert dict(METHODS) == {"exact": EXACT, "imm": IMM, "gpb2": GPB2} | joint
 
 
-@pytest.mark.parametrize("method", [IMM, GPB2])
+@pytest.mark.parametrize("method", [IMM, GPB2, JOINT_IMM, JOINT_GPB2])
 def test_there_is_one_of_each(method):
     assert copy.deepcopy(method) is pickle.loads(pickle.dumps(method)) is method
 
