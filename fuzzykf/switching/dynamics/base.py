@@ -109,7 +109,8 @@ class Dynamics(Immutable, ABC):
     def closeness(self, weights: ArrayLike) -> float:
         """Compare the filter with the optimal one of `cglssm`; see `CGOMSModel.closeness`."""
         raise ParameterError(
-            "closeness: got a model that stands for itself, expected one made by CGOMSModel.from_cglssm"
+            "closeness: got a model that stands for itself, expected one made by CGOMSModel.from_cglssm or "
+            "SwitchingStateSpace.to_exact"
         )
 
     @abstractmethod

@@ -14,5 +14,6 @@ FORMS = Registry(
         "regression": "fuzzykf.switching.dynamics.forms:RegressionForm",
         "pairwise": "fuzzykf.switching.dynamics.pairwise:PairwiseForm",
         "cglssm": "fuzzykf.switching.state_space.converted_form:ConvertedForm",
+        "space_on_nodes": "fuzzykf.switching.state_space.converted_form:ConvertedNodesForm",
     }
 )

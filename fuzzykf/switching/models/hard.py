@@ -408,20 +408,26 @@ class CGOMSModel(SwitchingModel):
         return self._system.chain.initial
 
     def class_weights(self, r: ArrayLike) -> FloatArray:
-        """Return the one-hot shares of regimes 0, 1, ..., K - 1: (..., K)."""
+        """Return the one-hot shares of regimes 0, 1, ..., K - 1: (..., K).
+
+        Where `SwitchingStateSpace.to_exact` made the model, its regimes are nodes, with class weights.
+        """
         value = as_numbers("r", r)
         if not np.isin(value, np.arange(self.n_classes)).all():
             raise ParameterError(f"r: expected regimes 0 to {self.n_classes - 1}, got {np.unique(value)[:5]}")
-        one_hot: FloatArray = np.eye(self.n_classes)[value.astype(int)]
-        return one_hot
+        shares: FloatArray = self._system.chain.class_weights[value.astype(int)]
+        return shares
 
     @property
     def p_hard(self) -> float:
-        """Probability that the switch is in a hard regime: always one."""
-        return 1.0
+        """Probability that the switch is in a hard regime: one; of a model made by `to_exact`, at first."""
+        chain = self._system.chain
+        return 1.0 if chain.atoms.all() else float(chain.initial[chain.atoms].sum())
 
     def describe_switch(self) -> str:
         """Say in words how the switch moves."""
+        if not self._system.chain.atoms.all():
+            return f"fuzzy switch, a chain on {self.n_classes} nodes"
         if self.n_classes == 1:
             return "1 hard regime, which stays"
         stays = ", ".join(f"{p:.3g}" for p in self.transition.diagonal())
@@ -494,7 +500,9 @@ class CGOMSModel(SwitchingModel):
         return FILTERS["CGOMSMFilter"](self)
 
     def _sample_switch(self, n: int, rng: np.random.Generator, n_nodes: int | None) -> FloatArray:
-        return self._system.chain.sample(n, rng)
+        chain, numbers = self._system.chain, np.arange(self.n_classes)  # of nodes, which may share a value
+        own = SwitchChain(numbers, chain.weights, chain.initial, chain.transition, chain.class_weights)
+        return own.sample(n, rng)
 
     @property
     def cglssm(self) -> CGLSSM | None:
@@ -503,7 +511,7 @@ class CGOMSModel(SwitchingModel):
         return given
 
     def closeness(self, weights: ArrayLike | None = None) -> float:
-        """Compare the filter of a model made by `from_cglssm` with the optimal one.
+        """Compare the filter of a converted model (`from_cglssm`, `to_exact`) with the optimal one.
 
         Both are told the regimes and run on data of the state-space model; the optimal one is
         then the Kalman filter.  No simulation: `fuzzykf.switching.state_space.closeness` has the recursions.
@@ -524,7 +532,7 @@ class CGOMSModel(SwitchingModel):
         Raises
         ------
         ParameterError
-            If the model was not made by `from_cglssm`, or ``weights`` are negative or all zero;
+            If the model was not converted, or ``weights`` are negative or all zero;
             likewise if a time-varying model ceases to exist before the ratio has settled.
 
         Examples

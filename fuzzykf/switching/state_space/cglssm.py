@@ -95,6 +95,10 @@ class CGLSSM(SwitchingStateSpace):
     array([0.621, 1.31 ])
     """
 
+    #: A CGLSSM has no offsets, and mean zero.
+    offsets: None = None
+    initial_mean: None = None
+
     def __init__(
         self,
         transition: ArrayLike,

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.switching.dynamics.pairs import PairCoefficients
     from fuzzykf.switching.state_space.converted import ConvertedSystem
 
@@ -95,8 +95,8 @@ def error_ratio(system: ConvertedSystem, weights: ArrayLike) -> float:
     return float(converted / kalman) if kalman > 0.0 else without_kalman_error
 
 
-def warn_if_far(system: ConvertedSystem) -> None:
-    """Warn the caller of `CGOMSModel.from_cglssm` if the ratio is above `CLOSENESS_LEVEL`."""
+def warn_if_far(system: ConvertedSystem, stacklevel: int = 3) -> None:
+    """Warn the caller of who calls this, or one farther above, if the ratio is above `CLOSENESS_LEVEL`."""
     try:
         ratio = error_ratio(system, np.ones(system.dim_x))
     except (NotPositiveDefiniteError, NotStableError) as error:
@@ -104,12 +104,12 @@ def warn_if_far(system: ConvertedSystem) -> None:
     else:
         if ratio <= CLOSENESS_LEVEL:
             return
+        way = "a larger order" if system.construction == "gain" else "construction='gain' with a larger order"
         message = (
             f"with known regimes, the mean squared error of this model's filter is {ratio:.3g} times that of "
-            f"the Kalman filter (warned above {CLOSENESS_LEVEL:g}); construction='gain' with a larger order "
-            "comes nearer"
+            f"the Kalman filter (warned above {CLOSENESS_LEVEL:g}); {way} comes nearer"
         )
-    warnings.warn(message, ClosenessWarning, stacklevel=3)
+    warnings.warn(message, ClosenessWarning, stacklevel=stacklevel)
 
 
 def _mean_squared_errors(system: ConvertedSystem, weights: FloatArray) -> Iterator[tuple[float, ...]]:
@@ -128,7 +128,7 @@ def _mean_squared_errors(system: ConvertedSystem, weights: FloatArray) -> Iterat
         kernel, log_next = backward_kernel(law.log_p, transition)
         length = min(n + 2, system.order) * system.dim_z
         M = error_step(M, system.pair_tables(n).pairs, space, kernel, length)
-        P = riccati(P[:, None], space) if before is None else kalman_step(P, space, before)
+        P = riccati(P[:, None], space) if before is None else kalman_step(P, space, before, transition > 0.0)
         variances = np.diagonal(M, axis1=1, axis2=2)
         p = np.exp(log_next)
         converted, total = p @ (variances[:, :m] @ weights), p @ (variances[:, m : 2 * m] @ weights)
@@ -174,7 +174,9 @@ def error_step(
     return mixed
 
 
-def kalman_step(P: FloatArray, space: StateSpace, kernel: FloatArray) -> FloatArray:
+def kalman_step(
+    P: FloatArray, space: StateSpace, kernel: FloatArray, where: BoolArray | None = None
+) -> FloatArray:
     """Mean covariance of the Kalman filter given the regimes (r_n, r_{n+1}), from that given (r_{n-1}, r_n).
 
     Parameters
@@ -183,8 +185,14 @@ def kalman_step(P: FloatArray, space: StateSpace, kernel: FloatArray) -> FloatAr
     space : StateSpace
     kernel : ndarray, shape (K, K)
         p(r_{n-1} = h | r_n = i).
+    where : ndarray of bool, shape (K, K), optional
+        Which pairs (r_n, r_{n+1}) can occur; the others are left out, and come out as zero.
     """
-    mean: FloatArray = np.einsum("hi,hijkl->ijkl", kernel, riccati(P[:, :, None], space))
+    possible = (kernel > 0.0)[:, :, None] & (True if where is None else where)
+    h, i, j = np.nonzero(possible)
+    each = riccati(P[h, i], StateSpace(*(one[j] for one in space)))
+    mean = np.zeros((*kernel.shape, *P.shape[2:]))
+    np.add.at(mean, (i, j), kernel[h, i, None, None] * each)
     return mean
 
 

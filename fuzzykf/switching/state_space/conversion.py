@@ -69,13 +69,14 @@ class StateSpace(NamedTuple):
 
 
 class WindowLaw(NamedTuple):
-    """Second moments of the window w = (y_n, y_{n-1}, ...) and of X_n given each regime.
+    """Moments of the window w = (y_n, y_{n-1}, ...) and of X_n given each regime.
 
     A regime that cannot occur has an identity for a factor, which is never used.
     """
 
     log_p: FloatArray  # (K,): log p(r_n)
     factor: FloatArray  # (K, w + m, w + m): lower triangular, rows w, X
+    mean: FloatArray | None = None  # (K, w + m); None where all means are zero
 
 
 class PairMoments(NamedTuple):
@@ -144,7 +145,9 @@ def stationary_covariance(kernel: FloatArray, A: FloatArray, C: FloatArray) -> F
     return symmetrize(G.reshape(K, m, m))
 
 
-def first_window(log_p: FloatArray, root: FloatArray, B: FloatArray, D: FloatArray) -> WindowLaw:
+def first_window(
+    log_p: FloatArray, root: FloatArray, B: FloatArray, D: FloatArray, mean: FloatArray | None = None
+) -> WindowLaw:
     """Law of (y_1, X_1) given each regime.
 
     Parameters
@@ -153,12 +156,14 @@ def first_window(log_p: FloatArray, root: FloatArray, B: FloatArray, D: FloatArr
     root : ndarray, shape (K, m, .)
         Any factor of the covariance of X_1.
     B, D : ndarray, shapes (K, q, m) and (K, q, .)
+    mean : ndarray, shape (K, q + m), optional
+        Of (y_1, X_1); zero by default.
     """
     below = np.zeros((*root.shape[:2], D.shape[-1]))
     rows = np.concatenate(
         [np.concatenate([B @ root, D], axis=-1), np.concatenate([root, below], axis=-1)], axis=-2
     )
-    return _or_identity(log_p, lower_factor(rows))
+    return _or_identity(log_p, lower_factor(rows), mean)
 
 
 def pair_moments(law: WindowLaw, space: StateSpace, describe: Describe, where: np.ndarray) -> PairMoments:
@@ -208,6 +213,7 @@ def advance_window(
     kernel: FloatArray,
     log_next: FloatArray,
     length: int,
+    means: tuple[FloatArray, FloatArray] | None = None,
 ) -> WindowLaw:
     """Carry the law of the window one step on; for X alone this is recursion (18).
 
@@ -223,6 +229,8 @@ def advance_window(
         As returned by `backward_kernel`.
     length : int
         Components of the window to keep.
+    means : tuple of ndarray, optional
+        As returned by `fuzzykf.switching.state_space.offsets.mixed_means`, if means are not zero.
     """
     K, m, w = moments.J.shape
     q = moments.Ly.shape[-1]
@@ -231,14 +239,20 @@ def advance_window(
     rows_y = np.concatenate([moments.E @ Lw, moments.Ly, np.zeros((K, K, q, m))], axis=-1)
     rows_w = np.concatenate([keep, np.zeros((*keep.shape[:-1], q + m))], axis=-1)
     rows_x = np.concatenate([A @ law.factor[:, None, w:, :w], moments.K @ moments.Ly, moments.Lnew], axis=-1)
-    rows = np.concatenate([rows_y, rows_w, rows_x], axis=-2) * np.sqrt(kernel)[..., None, None]
+    rows = np.concatenate([rows_y, rows_w, rows_x], axis=-2)
+    mean = None
+    if means is not None:
+        mean, off = means
+        rows = np.concatenate([rows, off[..., None]], axis=-1)
+    rows = rows * np.sqrt(kernel)[..., None, None]
     side_by_side = np.moveaxis(rows, 0, 2).reshape(K, rows.shape[2], -1)
-    return _or_identity(log_next, lower_factor(side_by_side))
+    return _or_identity(log_next, lower_factor(side_by_side), mean)
 
 
-def _or_identity(log_p: FloatArray, factor: FloatArray) -> WindowLaw:
-    there = np.isfinite(log_p)[:, None, None]
-    return WindowLaw(log_p, np.where(there, factor, np.eye(factor.shape[-1])))
+def _or_identity(log_p: FloatArray, factor: FloatArray, mean: FloatArray | None) -> WindowLaw:
+    there = np.isfinite(log_p)[:, None]
+    factor = np.where(there[..., None], factor, np.eye(factor.shape[-1]))
+    return WindowLaw(log_p, factor, None if mean is None else np.where(there, mean, 0.0))
 
 
 # --------------------------------------------------------------------------- the constructions

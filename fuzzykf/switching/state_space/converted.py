@@ -14,14 +14,17 @@ from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairT
 from fuzzykf.switching.dynamics.placed import KnownPath
 from fuzzykf.switching.laws.chain import SUM_TOLERANCE
 from fuzzykf.switching.state_space import conversion
-from fuzzykf.switching.state_space.cglssm import CGLSSM
 from fuzzykf.switching.state_space.conversion import WindowLaw
+from fuzzykf.switching.state_space.offsets import first_mean, mixed_means, pair_means, with_offsets
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.state_space.cglssm import CGLSSM
     from fuzzykf.switching.state_space.conversion import PairMoments
+    from fuzzykf.switching.state_space.offsets import PairMeans
+    from fuzzykf.switching.state_space.space_on_nodes import SpaceOnNodes
 
 __all__ = ["Construction", "ConvertedPath", "ConvertedSystem", "Mode", "Noise"]
 
@@ -49,11 +52,12 @@ _PROVED_STEPS = 100
 
 
 class ConvertedSystem:
-    """A CGLSSM turned into a model that has an exact filter, on its regimes.
+    """A state-space model turned into one that has an exact filter, on its regimes.
 
     Parameters
     ----------
-    cglssm : CGLSSM
+    cglssm : CGLSSM or SpaceOnNodes
+        The latter, whose regimes are nodes, with ``construction="gain"`` and ``noise="pair"``.
     construction : {"gain", "markov_x", "clip"}
     noise : {"pair", "averaged"}
     order : int
@@ -72,7 +76,12 @@ class ConvertedSystem:
     """
 
     def __init__(
-        self, cglssm: CGLSSM, construction: Construction, noise: Noise, order: int, mode: Mode
+        self,
+        cglssm: CGLSSM | SpaceOnNodes,
+        construction: Construction,
+        noise: Noise,
+        order: int,
+        mode: Mode,
     ) -> None:
         for name, value, options in (
             ("construction", construction, get_args(Construction)),
@@ -91,6 +100,11 @@ class ConvertedSystem:
             raise ParameterError(
                 f"order: got {order}, expected 1 with construction={construction!r}; longer windows of "
                 "observations go with construction='gain'"
+            )
+        if cglssm.offsets is not None and (construction, noise) != ("gain", "pair"):
+            raise ParameterError(
+                f"construction, noise: got {construction!r} and {noise!r}, expected 'gain' and 'pair' for a "
+                "model with offsets"
             )
         if mode == "stationary":
             cglssm.check_stationary()
@@ -127,7 +141,10 @@ class ConvertedSystem:
             strict=True,
             where=np.isfinite(log_p),
         )
-        return conversion.first_window(log_p, semidefinite_root(G), B, D)
+        mean = None
+        if self.cglssm.offsets is not None:
+            mean = first_mean(self.cglssm.initial_mean, B, self.cglssm.offsets.d)
+        return conversion.first_window(log_p, semidefinite_root(G), B, D, mean)
 
     def law(self, n: int) -> WindowLaw:
         """Return the law of the regime, the window and the state at observation ``n`` (0, 1, ...)."""
@@ -150,12 +167,21 @@ class ConvertedSystem:
         kernel, log_next = conversion.backward_kernel(law.log_p, self.chain.transition)
         moments = self._pair_moments(n, law)
         length = min(n + 2, self.order) * self.dim_z
-        new = conversion.advance_window(law, moments, self.cglssm.A, kernel, log_next, length)
+        pairs = self._pair_means(law)
+        means = None if pairs is None else mixed_means(pairs, kernel, length)
+        A = self.cglssm.space.A
+        new = conversion.advance_window(law, moments, A, kernel, log_next, length, means)
         if not np.abs(new.factor).max() < _LARGEST:
             raise NotStableError(
                 f"A: the covariance of the state has grown beyond {_LARGEST**2:g} at step {n + 1}"
             )
         return new
+
+    def _pair_means(self, law: WindowLaw) -> PairMeans | None:
+        """Return the means of a step from a law; None where all are zero."""
+        if law.mean is None or self.cglssm.offsets is None:
+            return None
+        return pair_means(law.mean, self.cglssm.space, self.cglssm.offsets)
 
     def possible(self, law: WindowLaw) -> np.ndarray:
         """Tell which pairs of regimes can occur after a law, (K, K)."""
@@ -180,7 +206,7 @@ class ConvertedSystem:
         """Return the law of the first regime and of (X_1, Y_1)."""
         law, m = self.law(0), self.dim_x
         factor = np.roll(law.factor, m, axis=-2)  # rows X, Y
-        mean = np.zeros(factor.shape[:-1])
+        mean = np.zeros(factor.shape[:-1]) if law.mean is None else np.roll(law.mean, m, axis=-1)
         return InitialLaw(self.chain.initial, mean, square(factor))
 
     def pair_tables(self, n: int) -> PairTables:
@@ -211,6 +237,9 @@ class ConvertedSystem:
         space = self.cglssm.space
         if self.construction == "gain":
             pairs = conversion.gain_coefficients(moments, space)
+            means = self._pair_means(law)
+            if means is not None and self.cglssm.offsets is not None:
+                pairs = with_offsets(pairs, moments, means, space, self.cglssm.offsets)
         elif self.construction == "clip":
             pairs = conversion.clip_coefficients(moments, space, describe, where)
         else:
@@ -235,7 +264,8 @@ class ConvertedSystem:
             return None
         law = self.law(n)
         log_p = np.where(np.isfinite(law.log_p), law.log_p, np.nan)  # a regime that cannot occur
-        return {"log_p": encode(log_p), "factor": law.factor.tolist()}
+        mean = {} if law.mean is None else {"mean": law.mean.tolist()}
+        return {"log_p": encode(log_p), "factor": law.factor.tolist()} | mean
 
     def restore_law(self, n: int, values: Mapping[str, Any] | None) -> None:
         """Take the law at observation ``n`` from what `law_to_dict` returned: no step is done again.
@@ -255,11 +285,16 @@ class ConvertedSystem:
             raise FileFormatError(f"the law after {n} observations has the shape {factor.shape}")
         if not (np.isfinite(factor).all() and abs(np.nansum(np.exp(log_p)) - 1.0) < SUM_TOLERANCE):
             raise FileFormatError(f"the law after {n} observations is none: {log_p.tolist()}")
-        laws = {n: WindowLaw(np.where(np.isnan(log_p), -np.inf, log_p), factor)}
+        mean = None
+        if self.cglssm.offsets is not None:
+            mean = decode(values["mean"], 2)
+            if mean.shape != factor.shape[:-1] or not np.isfinite(mean).all():
+                raise FileFormatError(f"the mean after {n} observations is none of {factor.shape[:-1]}")
+        laws = {n: WindowLaw(np.where(np.isnan(log_p), -np.inf, log_p), factor, mean)}
         self._laws = self._laws | laws
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.cglssm.to_dict(), self.options)
+        return _restored, (type(self.cglssm), self.cglssm.to_dict(), self.options)
 
     def __copy__(self) -> Self:
         return self
@@ -268,8 +303,10 @@ class ConvertedSystem:
         return self
 
 
-def _restored(cglssm: dict[str, Any], options: dict[str, Any]) -> ConvertedSystem:
-    return ConvertedSystem(CGLSSM.from_dict(cglssm), **options)
+def _restored(
+    kind: type[CGLSSM | SpaceOnNodes], cglssm: dict[str, Any], options: dict[str, Any]
+) -> ConvertedSystem:
+    return ConvertedSystem(kind.from_dict(cglssm), **options)
 
 
 def _regimes(pair: tuple[int, ...]) -> str:

@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from fuzzykf import CGOMSModel
+from fuzzykf import CGOMSModel, SwitchingStateSpace
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching import CGLSSM, SwitchChain
 from fuzzykf.switching.dynamics.base import Dynamics
@@ -38,6 +38,9 @@ EXAMPLES = {
         CGLSSM(T, A=[[[0.9]], [[0.5]]], B=[[[1.0]]] * 2, C=[[[0.3]], [[1.0]]], D=[[[0.5]]] * 2),
         "gain", "pair", 3, "stationary",
     ),
+    "space_on_nodes": SwitchingStateSpace(
+        T, F=[[[0.9]], [[0.5]]], H=1.0, Q=[[[0.1]], [[1.0]]], R=0.2, b=[1.0], d=[[3.0], [0.0]]
+    ).to_exact(3).form,
 }  # fmt: skip
 
 
@@ -81,6 +84,8 @@ def test_dynamics_come_back_bit_for_bit(form, again):
 def test_only_converted_dynamics_stand_for_a_state_space_model():
     assert isinstance(EXAMPLES["cglssm"].cglssm, CGLSSM)
     assert EXAMPLES["cglssm"].closeness([1.0]) >= 0.99
+    assert EXAMPLES["space_on_nodes"].closeness([1.0]) >= 0.99
+    assert EXAMPLES["space_on_nodes"].cglssm is None
     assert EXAMPLES["covariance"].cglssm is None
     with pytest.raises(ParameterError, match="closeness: got a model that stands for itself"):
         EXAMPLES["covariance"].closeness([1.0])
