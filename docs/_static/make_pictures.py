@@ -16,10 +16,11 @@ HERE = Path(__file__).parent
 runpy.run_path(str(HERE.parents[1] / "examples" / "plot_fuzzy_switches.py"))
 plt.savefig(HERE / "fuzzy_switches.png", dpi=110)
 
-# the first listing of the page on laws leaves its figure behind
-page = (HERE.parent / "howto" / "laws.md").read_text(encoding="utf-8")
-listing = re.search(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-assert listing is not None
-drawn: dict[str, object] = {}
-exec(compile(listing[1], "laws.md", "exec"), drawn)
-drawn["figure"].savefig(HERE / "laws.png", dpi=90)  # type: ignore[attr-defined]
+# the first listing of these pages leaves its figure behind
+for name in ("howto/laws.md", "theory/exactness.md"):
+    page = (HERE.parent / name).read_text(encoding="utf-8")
+    listing = re.search(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert listing is not None
+    drawn: dict[str, object] = {}
+    exec(compile(listing[1], name, "exec"), drawn)
+    drawn["figure"].savefig(HERE / f"{Path(name).stem}.png", dpi=90)  # type: ignore[attr-defined]

@@ -95,6 +95,15 @@ ON_NODES = (
     "switching/filters/test_known_switch.py",
     "switching/state_space/test_model.py",
 )
+PAIRWISE = (
+    "switching/dynamics/test_exactness.py",
+    "switching/dynamics/test_joint.py",
+    "switching/inference/test_joint.py",
+    "exactness/test_pairwise.py",
+    "switching/models/test_pairwise.py",
+    "switching/filters/test_pairwise_kalman.py",
+)
+TO_EXACT = ("exactness/test_to_exact.py", "switching/state_space/test_to_exact.py")
 CLOSED = ("possibility/test_closed_form.py", "possibility/test_norms.py", "possibility/memberships")
 KALMAN = (
     "kalman/test_fields.py",
@@ -193,6 +202,13 @@ TARGETS = (
     Target(SPACE + "stationary.py", 4, ON_NODES[::-1]),
     Target(ENGINE + "nodes.py", 10, ON_NODES),
     Target(INFERENCE + "on_nodes.py", 5, ON_NODES[1:]),
+    Target("switching/dynamics/exactness.py", 4, PAIRWISE),
+    Target("switching/dynamics/joint.py", 3, PAIRWISE[1:]),
+    Target("switching/dynamics/pairwise.py", 3, PAIRWISE[::-1]),
+    Target(INFERENCE + "joint.py", 3, PAIRWISE[2:]),
+    Target(INFERENCE + "joint_smoother.py", 8, PAIRWISE[3:]),
+    Target(SPACE + "offsets.py", 4, TO_EXACT),
+    Target(SPACE + "space_on_nodes.py", 3, TO_EXACT[::-1]),
     Target("possibility/closed_form.py", 5, CLOSED),
     Target("possibility/norms.py", 6, CLOSED[1:] + CLOSED[:1]),
     Target("possibility/memberships/elliptical.py", 4, CLOSED[::-1]),
