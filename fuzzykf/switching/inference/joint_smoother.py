@@ -163,7 +163,7 @@ def _moved(
 ) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance of Z_n+1 in each pair, (M, J, d) and (M, J, d, d)."""
     mean = (F @ z[:, None, :, None])[..., 0] + b
-    return mean, symmetrize(F @ P[:, None] @ np.swapaxes(F, -1, -2) + Q)
+    return mean, F @ P[:, None] @ np.swapaxes(F, -1, -2) + Q
 
 
 def _regressed(across: FloatArray, spread: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:

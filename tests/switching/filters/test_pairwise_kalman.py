@@ -240,3 +240,19 @@ def test_an_outlier_leaves_a_sound_state(method):
     for P in result.P:
         assert np.linalg.eigvalsh(P).min() > 0.0
     assert np.isfinite(f.smooth(zs).x).all()
+
+
+def test_an_outlier_does_not_round_the_weights_away():
+    # the observation tells nothing of the regimes, which only the state has, however far off it is
+    given = given_of(1, 1, 2)
+    for name in ("A", "noise", "offset", "covariances", "means"):
+        given[name][1, ..., 1:] = given[name][0, ..., 1:]
+    given["noise"] = np.array([np.eye(2), np.diag([3.0, 1.0])])
+    given["A"][:, 1, 0], given["A"][1, 1, 1] = 0.0, given["A"][0, 1, 1]
+    given["covariances"] = np.array([np.eye(2)] * 2)
+    given["transition"], given["initial"] = np.array([[0.9, 0.1], [0.4, 0.6]]), np.array([0.3, 0.7])
+    model, zs = CGOMSModel.from_pairwise(**given), data(1, gaps=False)
+    zs[6] = 1e9
+    expected = given["initial"] @ np.linalg.matrix_power(given["transition"], 5)
+    for f in (SwitchingKalmanFilter(model, method="gpb2"), CGOMSMFilter(model)):
+        np.testing.assert_allclose(f.smooth(zs).mu[5], expected, rtol=1e-9)

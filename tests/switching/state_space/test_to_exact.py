@@ -17,6 +17,7 @@ from fuzzykf import (
     GraphLaw,
     KalmanFilter,
     KnownSwitchFilter,
+    SwitchChain,
     SwitchingStateSpace,
     io,
 )
@@ -255,3 +256,27 @@ def test_only_a_stationary_start_is_taken_for_one(change, stationary):
     law = SpaceOnNodes.of(made("matrix").placed())
     same = made("matrix", x0=law.initial_mean, P0=law.initial_covariance)
     assert SpaceOnNodes.of(same.placed()).starts_stationary
+
+
+@pytest.mark.parametrize("units", [1e-6, 1.0, 1e6])
+def test_a_start_is_judged_whatever_the_units(units):
+    plain = made("matrix", m=2)
+    law, t = SpaceOnNodes.of(plain.placed()), plain.placed().tables
+    sd = np.sqrt(np.diagonal(law.initial_covariance, axis1=1, axis2=2))
+
+    def starts(mean, covariance):
+        given = {"F": t.F, "H": t.H / units, "Q": units**2 * t.Q, "R": t.R, "b": units * t.b, "d": t.d}
+        model = SwitchingStateSpace(LAWS["matrix"], **given, x0=units * mean, P0=units**2 * covariance)
+        return SpaceOnNodes.of(model.placed()).starts_stationary
+
+    assert starts(law.initial_mean, law.initial_covariance)
+    assert not starts(law.initial_mean, law.initial_covariance * (1.0 + 1e-6))
+    assert not starts(law.initial_mean + 1e-6 * sd, law.initial_covariance)
+
+
+def test_a_node_that_never_is_has_no_say_in_what_is_stationary():
+    T = np.array([[0.9, 0.1, 0.0], [0.3, 0.7, 0.0], [0.5, 0.5, 0.0]])
+    chain = SwitchChain([0.0, 1.0, 0.5], np.ones(3), [0.75, 0.25, 0.0], T)
+    model = SwitchingStateSpace(chain, F=[[[0.5]], [[0.8]]], H=1.0, Q=0.3, R=0.2, b=[1.0])
+    assert SpaceOnNodes.of(model.placed()).starts_stationary
+    assert model.to_exact(2).placed().steady_from == 1
