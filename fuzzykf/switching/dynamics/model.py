@@ -184,6 +184,15 @@ class SwitchingModel(Immutable, Document):
 
     # ------------------------------------------------------------------ the way to a filter
 
+    @property
+    def exactness(self) -> str:
+        """Whether the model, on its nodes, has an exact filter, in words.
+
+        Where it has none, by how much the condition is missed, and at which pair of regimes, is said of a
+        model made by `CGOMSModel.from_pairwise`.
+        """
+        return self.form.exactness(self.placed().chain).words
+
     @abstractmethod
     def placed(self, n_nodes: int | None = None, rule: str = "cell") -> SwitchingSystem:
         """Place the dynamics on the nodes of the switch.

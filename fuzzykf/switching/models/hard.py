@@ -453,11 +453,6 @@ class CGOMSModel(SwitchingModel):
         as_choice("rule", rule, RULES)
         return self._system
 
-    @property
-    def exactness(self) -> str:
-        """Whether the model has an exact filter, in words; if not, which regimes stand against it."""
-        return self.form.exactness(self._system.chain).words
-
     def jointly(self, n_nodes: int | None = None, rule: str = "cell") -> JointSystem:
         """Return a pairwise model on its regimes with all of (X, Y) for a state: any such model has that.
 

@@ -172,7 +172,8 @@ class StateSpaceForm(Dynamics):
     def exactness(self, chain: SwitchChain) -> Exactness:
         """Say whether filtering is exact on a chain: where no two histories of the switch meet."""
         if mixed_regimes(chain).any():
-            return Exactness(False, "not exact: histories of the switch meet, and the state tells them apart")
+            words = "not exact in general: histories of the switch meet, and every observation asks the state"
+            return Exactness(False, words)
         return Exactness(True, "exact: no two histories of the switch meet; it is the Kalman filter")
 
     def placed(self, chain: SwitchChain) -> SpaceSystem:  # type: ignore[override]

@@ -7,7 +7,15 @@ import pickle
 import numpy as np
 import pytest
 
-from fuzzykf import CGOMSMFilter, CGOMSModel, KnownSwitchFilter, SwitchingKalmanFilter, io
+from fuzzykf import (
+    CGOMSMFilter,
+    CGOMSModel,
+    FadeLaw,
+    KnownSwitchFilter,
+    SwitchingKalmanFilter,
+    SwitchingStateSpace,
+    io,
+)
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
 from fuzzykf.testing import check_filter
 
@@ -55,8 +63,16 @@ def test_a_model_says_whether_it_is_exact(change, words):
     assert made(**change).exactness == words
 
 
-def test_models_of_other_forms_are_exact(hard_model):
-    assert hard_model.exactness == "exact: Y alone is Markov given the switch"
+def test_any_model_says_whether_it_is_exact(hard_model, fuzzy_model):
+    given = {"F": 0.5, "H": 1.0, "Q": 1.0, "R": 1.0}
+    space = SwitchingStateSpace(T, **given)
+    apart = SwitchingStateSpace(np.eye(2), **given, initial=[0.5, 0.5], x0=[0.0], P0=1.0)
+    for model in (hard_model, fuzzy_model, space.to_exact(3)):
+        assert model.exactness == "exact: Y alone is Markov given the switch"
+    for one in (SwitchingStateSpace([[1.0]], **given), apart):
+        assert one.exactness == "exact: no two histories of the switch meet; it is the Kalman filter"
+    for one in (space, SwitchingStateSpace(FadeLaw.between(20, 6), **given)):
+        assert one.exactness.startswith("not exact in general: histories of the switch meet")
 
 
 def test_what_has_no_exact_filter_is_refused_with_the_way_on():
