@@ -159,9 +159,9 @@ def as_choice(name: str, value: Any, options: Iterable[str]) -> str:
     options = tuple(options)
     if not (isinstance(value, str) and value in options):
         *others, last = map(repr, options)
-        either = (
-            f"{', '.join(others)} or {last}" if len(others) < 3 else f"one of {', '.join([*others, last])}"
-        )
+        either = f"one of {', '.join([*others, last])}"
+        if len(others) < 3:
+            either = f"{', '.join(others)} or {last}" if others else last
         raise ParameterError(f"{name}: got {brief(value)}, expected {either}")
     return value
 

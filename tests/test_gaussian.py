@@ -64,6 +64,22 @@ def test_what_is_no_whole_number(value):
 # --------------------------------------------------------------------------- definiteness
 
 
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("a",), "expected 'a'"),
+        (("a", "b"), "expected 'a' or 'b'"),
+        (("a", "b", "c", "d"), "expected one of 'a', 'b', 'c', 'd'"),
+    ],
+)
+def test_a_word_that_is_none_of_a_few(options, told):
+    assert gaussian.as_choice("w", "a", options) == "a"
+    for value in ("z", 1, ["a"]):
+        with pytest.raises(ParameterError, match="w: got") as caught:
+            gaussian.as_choice("w", value, options)
+        assert str(caught.value).endswith(told)
+
+
 def test_semidefinite_matrices_pass():
     for P in (np.zeros((2, 2)), np.diag([1.0, 0.0]), np.ones((3, 3)), np.eye(2) - 1e-12):
         gaussian.check_definite(np.asarray(P), name)

@@ -343,7 +343,7 @@ class SwitchingKalmanFilter(SavedFilter):
             As in `filter`.
         weights : {"density", "kim"}
             How likely each node is before one that follows: with the density of the state there, or without,
-            as Kim has them (1994), which is nearly always worse.
+            as Kim has them (1994), which is nearly always worse and not for pairwise models.
 
         Returns
         -------
@@ -364,7 +364,7 @@ class SwitchingKalmanFilter(SavedFilter):
             As from `filter`, or if verbs of a subclass do more than to pass on other observations.
         """
         zs, keep_nodes = self._named(zs), as_flag("keep_nodes", keep_nodes)
-        as_choice("weights", weights, ("density", "kim"))
+        as_choice("weights", weights, ("density", "kim") if self._mix else ("density",))
         check_aligned(zs=zs, us=us, Rs=Rs, Hs=Hs)
         ys, index = as_observations(zs, self.dim_z), index_of(zs)
         inputs = self._read(len(ys), us, Rs, Hs)
@@ -377,7 +377,8 @@ class SwitchingKalmanFilter(SavedFilter):
             if walked is not None:
                 check_explained(type(self).__name__, walked, trajectory)
             method: Any = self._method
-            smoothed = method.smooth(system, trajectory, ys, weights == "density")
+            kim = {} if weights == "density" else {"by_density": False}
+            smoothed = method.smooth(system, trajectory, ys, **kim)
             if walked is None:
                 self._adopt(trajectory, ys)
                 self._latest = inputs.told(-1) if len(ys) else NOTHING

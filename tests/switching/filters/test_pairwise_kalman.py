@@ -218,6 +218,13 @@ def test_what_a_pairwise_model_does_not_have_cannot_be_told(call):
     assert f.to_dict() == before
 
 
+def test_a_pairwise_model_is_smoothed_by_the_density_alone():
+    f = SwitchingKalmanFilter(made())
+    assert f.smooth(data(2), weights="density").x.shape == (len(data(2)), f.dim_x)
+    with pytest.raises(ParameterError, match="weights: got 'kim', expected 'density'"):
+        f.smooth(data(2), weights="kim")
+
+
 def test_models_of_other_forms_are_refused(hard_model, fuzzy_model):
     with pytest.raises(
         ParameterError, match="model: got a CGOMSModel of the form 'transition', expected a Sw"
