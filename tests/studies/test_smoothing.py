@@ -1,4 +1,4 @@
-"""What looking back is worth where sensors and motions fade, and what it costs if the switch is taken for hard.
+"""What looking back is worth where sensors and motions fade, and what it costs under a hard switch.
 
 The systems are those of the study of filters: the parameters of both classes are known, the fuzzy law is told
 how long stays and fades are meant to last, and nothing is learned.
