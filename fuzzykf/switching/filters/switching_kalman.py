@@ -403,6 +403,8 @@ class SwitchingKalmanFilter(SavedFilter):
     ) -> FilterResult:
         """Filter many series side by side, each as `filter` would; the filter stays as it is.
 
+        Series with gaps go with the others, and share the threads.
+
         Parameters
         ----------
         zs, keep, by, threads, resume
