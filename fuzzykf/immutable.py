@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-__all__ = ["Immutable", "cached_property"]
+__all__ = ["Immutable", "Unassignable", "cached_property"]
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,6 +26,33 @@ else:
         def __init__(self, func: Callable[[Any], Any]) -> None:
             super().__init__(func)
             self.lock = nullcontext()
+
+
+class Unassignable:
+    """An attribute that is not there, and that nobody may add: whoever assigns it means something else.
+
+    Parameters
+    ----------
+    advice : str
+        What to do instead.
+    """
+
+    def __init__(self, advice: str) -> None:
+        self._advice = advice
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        if instance is None:
+            return self
+        raise AttributeError(f"{type(instance).__name__!r} object has no attribute {self._name!r}")
+
+    def __set__(self, instance: Any, value: Any) -> None:
+        """Refuse."""
+        raise AttributeError(
+            f"{self._name}: cannot be assigned to a {type(instance).__name__}; {self._advice}"
+        )
 
 
 class Immutable:

@@ -66,14 +66,14 @@ cdef class Stepper:
     cdef object mixture, before, z, tables
     cdef double log_likelihood
 
-    def _arm(self, tables, table, window, mass, every_pair):
+    def _arm(self, tables, known, every_pair):
         """See `fuzzykf.switching.filters.stepper.Stepper`."""
         packed = tables.kernel
         self._disarm()
         if isinstance(packed, NodeKernel):
-            self._arm_nodes(packed, table, every_pair)
+            self._arm_nodes(packed, known.table, every_pair)
         elif isinstance(packed, Kernel):
-            self._arm_pairs(packed, table, window, mass)
+            self._arm_pairs(packed, known.table, known.window, known.mass)
         else:  # a system too large to be compiled
             return False
         self.tables, self.ahead = tables, False

@@ -37,15 +37,8 @@ if TYPE_CHECKING or not STREAMS:
         _z: FloatArray
         _log_likelihood: float
 
-        def _arm(
-            self,
-            tables: PairTables,
-            table: FloatArray,
-            window: FloatArray,
-            mass: FloatArray | None,
-            every_pair: bool,
-        ) -> bool:
-            """Hand over state, window and the constant tables of all steps to come.
+        def _arm(self, tables: PairTables, known: Mixture, every_pair: bool) -> bool:
+            """Hand over the state and the constant tables of all steps to come.
 
             On nodes, whose tables are of another kind, ``every_pair`` says that it is GPB2.
 

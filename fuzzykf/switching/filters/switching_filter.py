@@ -19,6 +19,7 @@ from fuzzykf.base import (
 )
 from fuzzykf.errors import ParameterError, SequenceError
 from fuzzykf.gaussian import as_count, as_flag
+from fuzzykf.immutable import Unassignable
 from fuzzykf.labels import check_many, labels_of, match_row, match_series
 from fuzzykf.many import read_many, stacked
 from fuzzykf.overrides import ACCESS, VERBS, is_patched, lookups, overrides
@@ -94,6 +95,9 @@ class SwitchingFilter(Stepper, Filter):
     nis, mahalanobis : float
         Normalised innovation squared, y' S^-1 y, and its square root.
     """
+
+    # filterpy's users assign them; here that would say nothing
+    F, H, Q, R, B, M = (Unassignable("its model has the parameters: make another one") for _ in range(6))
 
     def __init__(self, system: SwitchingSystem, method: Method = EXACT) -> None:
         if not hasattr(system, "pair_tables"):
@@ -242,8 +246,7 @@ class SwitchingFilter(Stepper, Filter):
             return False
         if steady_from is None or self._n <= steady_from or self._predicted or self._system.chain.is_signed:
             return False
-        begin = known.table, known.window, known.mass
-        return self._is_plain() and self._arm(self._next_tables(), *begin, self._method.every_pair)
+        return self._is_plain() and self._arm(self._next_tables(), known, self._method.every_pair)
 
     @staticmethod
     def _as_mixture(table: FloatArray, window: FloatArray, mass: FloatArray | None) -> Mixture:

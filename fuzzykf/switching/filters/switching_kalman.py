@@ -17,6 +17,7 @@ from fuzzykf.base import (
 )
 from fuzzykf.errors import FileFormatError, ParameterError
 from fuzzykf.gaussian import as_choice, as_count, as_flag
+from fuzzykf.immutable import Unassignable
 from fuzzykf.io import decode, encode
 from fuzzykf.labels import labels_of, match_row
 from fuzzykf.many import stacked
@@ -116,6 +117,8 @@ class SwitchingKalmanFilter(SavedFilter):
     model: SwitchingStateSpace | CGOMSModel
     _system: Any  # a SpaceSystem or a JointSystem
 
+    H, R = (Unassignable("give it to update, step or filter, or make another model") for _ in range(2))
+
     def __init__(
         self,
         model: SwitchingStateSpace | CGOMSModel,
@@ -126,8 +129,8 @@ class SwitchingKalmanFilter(SavedFilter):
     ) -> None:
         if not isinstance(model, SwitchingStateSpace | CGOMSModel):
             raise ParameterError(
-                f"model: got {type(model).__name__}, expected a SwitchingStateSpace, or a CGOMSModel made by "
-                "from_pairwise"
+                f"model: got {type(model).__name__}, expected a SwitchingStateSpace (from_filters makes one "
+                "of Kalman filters), or a CGOMSModel made by from_pairwise"
             )
         as_choice("method", method, CHOICES)
         self.model, self.method, self.n_nodes, self.rule = model, method, n_nodes, rule

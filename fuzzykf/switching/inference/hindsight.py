@@ -77,8 +77,9 @@ def warn_of_hindsight(fields: Mapping[str, FloatArray], smoothed: FilterResult) 
     if ratio > LARGEST:
         warnings.warn(
             f"smooth: later observations move the states {ratio:.3g} times as much, in squares, as the model "
-            f"admits (at most {LARGEST:g} is expected): it is wrong, and what is smoothed likely worse than "
-            "what is filtered",
+            f"admits (at most {LARGEST:g} is expected): it is wrong, or the filter has lost the switch, and "
+            "what is smoothed is likely worse than what is filtered; a law that fades or jumps, or "
+            "method='gpb2', may help",
             HindsightWarning,
             stacklevel=3,
         )

@@ -8,6 +8,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_choice, as_count, as_numbers, brief
+from fuzzykf.immutable import Unassignable
 from fuzzykf.io import FILTERS, MODELS, part_from_dict, part_to_dict
 from fuzzykf.reprs import shown, value_text
 from fuzzykf.switching.dynamics.model import NODES, SwitchingModel
@@ -125,6 +126,8 @@ class SwitchingStateSpace(SwitchingModel):
 
     form: StateSpaceForm
 
+    F, H, Q, R, b, d, B, x0, P0 = (Unassignable("it never changes: make another one") for _ in range(9))
+
     def __init__(
         self,
         law: Law | SwitchChain | ArrayLike,
@@ -196,7 +199,12 @@ class SwitchingStateSpace(SwitchingModel):
         >>> model.form.at("H", np.array([0.5, 0.5]))
         array([[0.7]])
         """
-        return SwitchingStateSpace(law, **matrices_of(filters), initial=initial, mix=mix)
+        matrices, law = matrices_of(filters), _as_law(law, initial)
+        if len(filters) != law.n_classes:
+            raise ParameterError(
+                f"filters: got {len(filters)}, expected {law.n_classes}, as many as the law has classes"
+            )
+        return SwitchingStateSpace(law, **matrices, initial=initial, mix=mix)
 
     # ------------------------------------------------------------------ the switch
 
@@ -551,6 +559,9 @@ def _stack(name: str, values: Sequence[Any], shape: tuple[int, ...]) -> FloatArr
         if array.shape in ((), (1,)) and set(shape) == {1}:
             array = array.reshape(shape)
         if array.shape != shape:
-            raise ShapeError(f"filters[{k}].{name}: got shape {array.shape}, expected {shape}")
+            rest = (
+                ", as the first (IMMEstimator takes filters of unequal states, with state_maps)" if k else ""
+            )
+            raise ShapeError(f"filters[{k}].{name}: got shape {array.shape}, expected {shape}{rest}")
         rows.append(as_array(f"filters[{k}].{name}", array, shape))
     return np.array(rows)

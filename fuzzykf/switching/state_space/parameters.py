@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_numbers, check_covariance
 from fuzzykf.immutable import Immutable
 from fuzzykf.reprs import reprs
@@ -125,10 +125,12 @@ class Parameter(Immutable):
             first, again = (
                 as_numbers(self.name, self.function(weights.copy())).copy() for _ in range(2)
             )  # each with weights of its own, so that it may write into them
-        except TypeError as error:  # such as a function of two arguments
+        except Exception as error:  # such as a function of two arguments
+            if isinstance(error, FuzzykfError):
+                raise
             raise ParameterError(
-                f"{self.name}{where}: the function raised a TypeError ({error}); expected one that takes the "
-                f"class weights ({self.n_classes},) and returns {text_of(self.shape)}"
+                f"{self.name}{where}: the function raised a {type(error).__name__} ({error}); expected one "
+                f"that takes the class weights ({self.n_classes},) and returns {text_of(self.shape)}"
             ) from error
         value = self._checked(first, where)
         if not np.array_equal(first, again):
@@ -172,10 +174,10 @@ def _shape_of(name: str, given: Any, weights: FloatArray) -> tuple[int, ...]:
     if callable(given):
         try:
             given = given(weights.copy())
-        except TypeError as error:
+        except Exception as error:
             raise ParameterError(
-                f"{name} at the class weights {text_of(weights)}: the function raised a TypeError ({error}); "
-                f"expected one that takes the class weights ({len(weights)},)"
+                f"{name} at the class weights {text_of(weights)}: the function raised a "
+                f"{type(error).__name__} ({error}); expected one that takes class weights ({len(weights)},)"
             ) from error
     shape = as_numbers(name, given).shape
     if shape == ():

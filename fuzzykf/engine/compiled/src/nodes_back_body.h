@@ -177,3 +177,4 @@ FK_TARGET static void FK_NAME(fk_nodes_back)(const fk_nodes *k, const int by_den
 }
 
 #undef FK_THERE
+#undef FK_STATES
