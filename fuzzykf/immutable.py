@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import functools
 from contextlib import nullcontext
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 
-__all__ = ["Immutable", "Unassignable", "cached_property"]
+_Class = TypeVar("_Class")
+
+__all__ = ["Immutable", "Unassignable", "cached_property", "keeps"]
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,6 +55,42 @@ class Unassignable:
         raise AttributeError(
             f"{self._name}: cannot be assigned to a {type(instance).__name__}; {self._advice}"
         )
+
+
+class _Kept:
+    """An attribute that is set once."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        if instance is None:
+            return self
+        try:
+            return instance.__dict__[self._name]
+        except KeyError:
+            raise AttributeError(
+                f"{type(instance).__name__!r} object has no attribute {self._name!r}"
+            ) from None
+
+    def __set__(self, instance: Any, value: Any) -> None:
+        """Set it for the first time."""
+        if self._name in instance.__dict__:
+            raise AttributeError(
+                f"{self._name}: a {type(instance).__name__} keeps what it was made with; make another one"
+            )
+        instance.__dict__[self._name] = value
+
+
+def keeps(*names: str) -> Callable[[type[_Class]], type[_Class]]:
+    """Let objects of a class keep attributes that they were made with, which others would not be read for."""
+
+    def decorated(cls: type[_Class]) -> type[_Class]:
+        for name in names:
+            setattr(cls, name, _Kept(name))
+        return cls
+
+    return decorated
 
 
 class Immutable:

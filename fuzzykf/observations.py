@@ -19,7 +19,7 @@ from fuzzykf.times import check_increasing
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
 
-__all__ = ["as_many", "as_observation", "as_observations", "check_aligned", "index_of"]
+__all__ = ["as_many", "as_observation", "as_observations", "check_ahead", "check_aligned", "index_of"]
 
 
 def as_observation(z: Numbers, dim_z: int) -> FloatArray | None:
@@ -243,3 +243,30 @@ def _ends(index: Any) -> str:
     if len(index) == 0:
         return "no row"
     return f"{len(index)} from {index[0]} to {index[-1]}"
+
+
+def check_ahead(ahead: Any, steps: int, tables: Mapping[str, Any]) -> None:
+    """Raise unless the tables for a forecast have the index of its rows, where that is known.
+
+    Rows that are numbered from 0 go by position if those ahead are numbered: so are those of a table that
+    was made for the forecast alone.
+
+    Parameters
+    ----------
+    ahead : object
+        Index of the rows ahead; None if nobody knows it.
+    steps : int
+    tables : mapping of str to object
+        By the names of the arguments.
+
+    Raises
+    ------
+    ParameterError
+        As from `check_aligned`.
+    """
+    for name, table in tables.items():
+        index = index_of(table)
+        if ahead is None or not hasattr(index, "equals"):
+            check_aligned(**{name: table})
+        elif not (ahead.dtype.kind in "iu" and list(index) == list(range(steps))):
+            check_aligned(forecast=ahead.to_series(), **{name: index[:steps].to_series()})

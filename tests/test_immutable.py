@@ -60,3 +60,21 @@ def test_copies_and_pickles_are_as_before() -> None:
     for g in (copy.copy(f), copy.deepcopy(f), pickle.loads(pickle.dumps(f))):
         np.testing.assert_array_equal(g.x, f.x)
     assert isinstance(SwitchingKalmanFilter.R, Unassignable)
+
+
+@pytest.mark.parametrize(
+    ("made", "name"),
+    [
+        *((lambda: SwitchingKalmanFilter(model()), name) for name in ("model", "method", "n_nodes", "rule")),
+        (lambda: KnownSwitchFilter(model()), "model"),
+    ],
+)
+def test_a_filter_keeps_what_it_was_made_with(made, name) -> None:
+    # another method or model would be written to a file, and not be used
+    f = made()
+    before = getattr(f, name)
+    with pytest.raises(AttributeError, match=rf"^{name}: a \w+ keeps what it was made with"):
+        setattr(f, name, "gpb2")
+    assert getattr(f, name) is before
+    assert getattr(pickle.loads(pickle.dumps(f)), name) is not None
+    assert not hasattr(type(f).__new__(type(f)), name)

@@ -10,8 +10,8 @@ from fuzzykf.engine.selected import merge_modes
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_count
 from fuzzykf.kalman.arguments import as_matrix, as_square, as_state
-from fuzzykf.kalman.controls import check_ahead
 from fuzzykf.kalman.linearization import linearize_observation, observation_functions
+from fuzzykf.observations import check_ahead
 from fuzzykf.results import FilterResult
 
 if TYPE_CHECKING:

@@ -112,7 +112,7 @@ def test_two_observations_are_smoothed_by_gpb2_nearly_exactly() -> None:
     result = SwitchingKalmanFilter(model, method="gpb2", n_nodes=1).smooth(ys[:2])
     for got, wanted in ((result.x[:, 0], mean), (result.P[:, 0, 0], variance), (result.mu, mu)):
         np.testing.assert_allclose(got[1], wanted[1], rtol=1e-9)
-        np.testing.assert_allclose(got[0], wanted[0], atol=0.02)
+        np.testing.assert_allclose(got[0], wanted[0], atol=0.04)
 
 
 def one_regime(m=3, q=2):
@@ -191,3 +191,46 @@ def test_no_observations_and_one_are_smoothed_as_well() -> None:
     f = SwitchingKalmanFilter(model_of({}))
     assert f.smooth(np.empty(0)).x.shape == (0, 1)
     np.testing.assert_allclose(f.smooth([0.3]).x, f.filter([0.3]).x, rtol=1e-14)
+
+
+ZS = np.array([1.0, 0.5, 2.0, 1.0, 1.0, 0.5, 2.0, 1.0])
+SWITCH = [[0.9, 0.1], [0.2, 0.8]]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("unit", [1e3, 1e-3, 1e8])
+def test_units_count_for_nothing_where_predicted_covariances_differ_in_rank(method, unit) -> None:
+    # a start that is known, constant velocity against an acceleration; and noise in one class alone
+    def smoothed(s):
+        still = np.zeros((2, 2))
+        common = {"R": s * s, "x0": np.zeros(2), "P0": still}
+        noise = [still, np.diag([0.0, s * s])]
+        model = SwitchingStateSpace(SWITCH, [[1.0, 1.0], [0.0, 1.0]], [[1.0, 0.0]], noise, **common)
+        one = {"Q": [[[0.0]], [[s * s]]], "R": s * s, "x0": [0.0], "P0": [[[0.0]], [[s * s]]]}
+        scalar = SwitchingStateSpace(SWITCH, F=0.9, H=1.0, **one)
+        results = [SwitchingKalmanFilter(m, method=method).smooth(s * ZS) for m in (model, scalar)]
+        return [(result.x / s, result.P / s**2, result.mu) for result in results]
+
+    for found, expected in zip(smoothed(unit), smoothed(1.0), strict=True):
+        for got, wanted in zip(found, expected, strict=True):
+            np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-10)
+
+
+def test_weights_of_a_noise_that_vanishes_are_those_of_none() -> None:
+    def mu(q):
+        one = {"Q": [[[q]], [[1.0]]], "R": 1.0, "x0": [0.0], "P0": [[[q]], [[1.0]]]}
+        return SwitchingKalmanFilter(SwitchingStateSpace(SWITCH, F=0.9, H=1.0, **one)).smooth(ZS).mu[0]
+
+    np.testing.assert_allclose(mu(1e-9), mu(0.0), rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_diffuse_start_hides_no_component(method) -> None:
+    def position(P0):
+        Q = 0.01 * np.array([[0.25, 0.5], [0.5, 1.0]])
+        noise = {"R": [[[1.0]], [[1e4]]], "x0": [0.0, 0.0], "P0": P0 * np.eye(2)}
+        model = SwitchingStateSpace(SWITCH, [[1.0, 1.0], [0.0, 1.0]], [[1.0, 0.0]], Q, **noise)
+        return SwitchingKalmanFilter(model, method=method).smooth([0.0, 1.2, 1.9, 3.3, 4.1]).x[0]
+
+    for P0, near in ((1e10, 0.02), (1e13, 0.05)):  # of 16 digits three are left of the second
+        np.testing.assert_allclose(position(P0), position(1e6), rtol=near)

@@ -6,8 +6,10 @@ pair (i, j) and with the parameters of j, as Rauch, Tung and Striebel,
     x- = F x_i + b,    P- = F P_i F' + Q,    G = P_i F' P-^-1,
     x_ij = x_i + G (x_j^s - x-),    P_ij = P_i + G (P_j^s - P-) G',
 
-weighed by p(i | j) = c mu_i T_ij N(x_j^s; x-, P-) and mu_j^s, and merged over j.  Kim's weights (1994) lack
-the density.  What P- knows without error is left out of its inverse, and of the density.
+weighed by p(i | j) = c mu_i T_ij N(x_j^s; x-, P- + P_j^s) and mu_j^s, and merged over j.  The density is that
+of the next state in the mean over what is known of it.  At x_j^s alone, with P- only, it tells as much where
+P- is regular, but depends on the units where it is not, and is another one where it nearly is not.  Kim's
+weights (1994) lack the density.  What P- knows without error is left out of its inverse.
 """
 
 from __future__ import annotations
@@ -27,8 +29,9 @@ if TYPE_CHECKING:
 
 __all__ = ["smooth_nodes"]
 
-#: A variance given other components that is a smaller part of what it is the rest of is rounding error.
-CERTAIN = 1e-13
+#: A variance given other components that is a smaller part of what it is the rest of, for each state, is
+#: rounding error.
+CERTAIN = 4.0 * float(np.finfo(np.float64).eps)
 
 
 @QUIET
@@ -99,43 +102,53 @@ def _looked_back(
     # of the terms that P_ahead is the sum of, which may cancel
     deviation = np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
     size = (np.abs(F) @ deviation[..., None])[..., 0] ** 2 + np.diagonal(Q, axis1=-2, axis2=-1)
-    gain, log_density = _regressed(P_ahead, size, F @ P, off)
+    gain = _gain(*_factored(P_ahead, size), F @ P)
     rest = np.eye(x.shape[-1]) - gain @ F
     spread = rest @ P @ np.swapaxes(rest, -1, -2) + gain @ (Q + Ps) @ np.swapaxes(gain, -1, -2)
     mean = x + (gain @ off[..., None])[..., 0]
-    return mean, 0.5 * (spread + np.swapaxes(spread, -1, -2)), log_density
+    there = _factored(P_ahead + Ps, size + np.diagonal(Ps, axis1=-2, axis2=-1))
+    return mean, 0.5 * (spread + np.swapaxes(spread, -1, -2)), _log_density(*there, off)
 
 
-def _regressed(
-    S: FloatArray, size: FloatArray, across: FloatArray, off: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Gain (N, m, m) of the regression on what has the covariance S, and log N(off; 0, S).
+def _factored(S: FloatArray, size: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """L (N, m, m) and 1 / D (N, m) of S = L D L', L with ones in the diagonal that are left out.
 
-    ``across`` (N, m, m) is the covariance of that (rows) with what is estimated.  From S = L D L', where
-    pivots that are rounding error, beside the ``size`` (N, m), leave their component out: those before it
-    say all of it.
+    Pivots that are rounding error, beside the ``size`` (N, m), leave their component out, and 1 / D is zero:
+    those before it say all of it.
     """
     m = S.shape[-1]
-    L, weight = np.zeros_like(S), np.zeros(S.shape[:-1])  # 1 / D, zero of what is left out
-    Z, white, log_density = across.copy(), off.copy(), np.zeros(len(S))
+    L, weight, D = np.zeros_like(S), np.zeros(S.shape[:-1]), np.zeros(S.shape[:-1])
     for a in range(m):
         pivot = S[:, a, a].copy()
         for t in range(a):
-            known = (L[:, a, :t] * L[:, t, :t] * _inverse(weight[:, :t])).sum(axis=-1)
+            known = (L[:, a, :t] * L[:, t, :t] * D[:, :t]).sum(axis=-1)
             L[:, a, t] = (S[:, a, t] - known) * weight[:, t]
-            pivot -= L[:, a, t] ** 2 * _inverse(weight[:, t])
-            Z[:, a] -= L[:, a, t, None] * Z[:, t]
-            white[:, a] -= L[:, a, t] * white[:, t]
-        there = pivot > CERTAIN * size[:, a]
-        pivot = np.where(there, pivot, 1.0)
-        weight[:, a] = there / pivot
-        log_density -= 0.5 * there * (white[:, a] ** 2 / pivot + np.log(pivot) + LOG_2PI)
+            pivot -= L[:, a, t] ** 2 * D[:, t]
+        there = pivot > CERTAIN * m * size[:, a]
+        D[:, a] = np.where(there, pivot, 0.0)
+        weight[:, a] = there / np.where(there, pivot, 1.0)
+    return L, weight
+
+
+def _gain(L: FloatArray, weight: FloatArray, across: FloatArray) -> FloatArray:
+    """Gain (N, m, m) of the regression on what has the covariance L D L'.
+
+    ``across`` (N, m, m) is the covariance of that (rows) with what is estimated.
+    """
+    m, Z = across.shape[-1], across.copy()
+    for a in range(m):
+        Z[:, a] -= (L[:, a, :a, None] * Z[:, :a]).sum(axis=1)
     Z *= weight[..., None]
     for a in range(m - 2, -1, -1):
         Z[:, a] -= (L[:, a + 1 :, a, None] * Z[:, a + 1 :]).sum(axis=1)
-    return np.swapaxes(Z, -1, -2), log_density
+    return np.swapaxes(Z, -1, -2)
 
 
-def _inverse(weight: FloatArray) -> FloatArray:
-    """1 / weight, zero where that is zero."""
-    return np.divide(1.0, weight, out=np.zeros_like(weight), where=weight > 0.0)
+def _log_density(L: FloatArray, weight: FloatArray, off: FloatArray) -> FloatArray:
+    """Return log N(off; 0, L D L'), (N,), of the components that have a variance."""
+    white, there = off.copy(), weight > 0.0
+    for a in range(off.shape[-1]):
+        white[:, a] -= (L[:, a, :a] * white[:, :a]).sum(axis=-1)
+    log_det = np.log(np.where(there, weight, 1.0)) - there * LOG_2PI
+    value: FloatArray = -0.5 * (white**2 * weight - log_det).sum(axis=-1)
+    return value

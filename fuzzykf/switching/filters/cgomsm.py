@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.immutable import keeps
 from fuzzykf.switching.filters.saved import SavedFilter
 from fuzzykf.switching.inference.registry import METHODS
 from fuzzykf.switching.models.hard import CGOMSModel
@@ -10,6 +11,7 @@ from fuzzykf.switching.models.hard import CGOMSModel
 __all__ = ["CGOMSMFilter"]
 
 
+@keeps("model")
 class CGOMSMFilter(SavedFilter):
     """Exact recursive filter for K hard regimes.
 

@@ -10,6 +10,7 @@ import numpy as np
 from fuzzykf.base import FilterResult, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_flag
+from fuzzykf.immutable import keeps
 from fuzzykf.labels import labels_of, match_row
 from fuzzykf.many import stacked
 from fuzzykf.observations import check_aligned
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
 __all__ = ["KnownSwitchFilter"]
 
 
+@keeps("model")
 class KnownSwitchFilter(SwitchingFilter):
     """Exact filter for a switch that is known: the best that any filter can do.
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.immutable import keeps
 from fuzzykf.switching.filters.saved import SavedFilter
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 
 __all__ = ["OFSRFilter"]
 
 
+@keeps("model", "n_nodes", "rule")
 class OFSRFilter(SavedFilter):
     """Optimal fuzzy switching recursive filter (2020 paper, section IV).
 

@@ -17,11 +17,11 @@ from fuzzykf.base import (
 )
 from fuzzykf.errors import FileFormatError, ParameterError
 from fuzzykf.gaussian import as_choice, as_count, as_flag
-from fuzzykf.immutable import Unassignable
+from fuzzykf.immutable import Unassignable, keeps
 from fuzzykf.io import decode, encode
 from fuzzykf.labels import labels_of, match_row
 from fuzzykf.many import stacked
-from fuzzykf.observations import check_aligned
+from fuzzykf.observations import check_ahead, check_aligned
 from fuzzykf.overrides import lookups, overrides
 from fuzzykf.sequel import warn_of_steps
 from fuzzykf.switching.filters.inputs import (
@@ -59,6 +59,7 @@ __all__ = ["SwitchingKalmanFilter"]
 CHOICES = ("imm", "gpb2")
 
 
+@keeps("model", "method", "n_nodes", "rule")
 class SwitchingKalmanFilter(SavedFilter):
     """Kalman filters on the nodes of a switch, hard or fuzzy, that interact.
 
@@ -459,14 +460,15 @@ class SwitchingKalmanFilter(SavedFilter):
             ``nodes``, ``class_weights``, ``switch`` and ``switch_mean``.
         """
         steps = as_count("steps", steps, 1, MOST_STEPS)
-        check_aligned(us=us)
+        ahead = self._index_ahead(steps)
+        check_ahead(ahead, steps, {"us": us})
         controls = read_controls(us, steps, self._system, begins=self._n == 0)
         if controls is None and self._next.u is not None:
             controls = np.zeros((1, steps, len(self._next.u)))
             controls[0, 0] = self._next.u
         system: Any = Inputs(controls).drive(self._system, self._n)
         found = forecast(self._method, system, self._mixture, self._n, steps)
-        return replace(found, index=self._index_ahead(steps))
+        return replace(found, index=ahead)
 
     def _read(self, n: int, us: Any, Rs: Any, Hs: Any, begins: bool = True) -> Inputs:
         """Return what is told along a series."""

@@ -298,7 +298,11 @@ def test_tables_go_by_their_names_and_their_index():
     np.testing.assert_array_equal(found.x, f.filter(zs, np.ones(12)).x)
     assert found.index.equals(times)
     f.filter(frame, us)
+    ahead = pd.Series([1.0, 2.0], index=times[-1] + pd.to_timedelta([1, 2], unit="h"))
     assert f.forecast(2).index[0] == times[-1] + pd.Timedelta("1h")
+    np.testing.assert_array_equal(f.forecast(2, ahead).x, f.forecast(2, ahead.to_numpy()).x)
+    with pytest.raises(ParameterError, match="forecast, us: rows of different indexes"):
+        f.forecast(2, ahead.set_axis(times[:2]))
     with pytest.raises(ParameterError, match="zs, us: rows of different indexes"):
         f.filter(frame, us[::-1])
     f.step({"b": 1.0, "a": 2.0})

@@ -7,8 +7,9 @@
 #define FK_NODES_LARGEST 16 /* states, and observed components */
 #define FK_NODES_SQUARE (FK_NODES_LARGEST * FK_NODES_LARGEST)
 #define FK_NODES_LOG_2PI 1.83787706640934548356
-/* A variance given other components that is a smaller part of what it is the rest of is rounding error. */
-#define FK_NODES_CERTAIN 1e-13
+/* A variance given other components that is a smaller part of what it is the rest of, for each state, is
+ * rounding error. */
+#define FK_NODES_CERTAIN (4.0 * DBL_EPSILON)
 /* A pivot of S that is smaller than this fraction of its diagonal entry is rounding error. */
 #define FK_NODES_PIVOT (16.0 * DBL_EPSILON)
 

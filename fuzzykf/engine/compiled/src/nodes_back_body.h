@@ -6,14 +6,25 @@
 /* Entry r of a parameter at node j. */
 #define FK_THERE(name, r) FK_NAME(fk_all)(k->name[(size_t)(r) * ld + j])
 
+/* The pivot of a component of S, `size` being what it is the rest of: 0 where it is rounding error. */
+FK_INLINE_HERE FK_V FK_NAME(fk_pivot)(const int m, FK_V pivot, FK_V size) {
+  return FK_NAME(fk_select)((FK_B)(pivot > FK_NODES_CERTAIN * m * size), pivot, FK_NAME(fk_all)(0.0));
+}
+
+/* 1 / pivot, and 0 of none. */
+FK_INLINE_HERE FK_V FK_NAME(fk_weight_of)(FK_V pivot) {
+  const FK_B there = (FK_B)(pivot > 0.0);
+  return FK_NAME(fk_select)(there, 1.0 / FK_NAME(fk_select)(there, pivot, FK_NAME(fk_all)(1.0)), FK_NAME(fk_all)(0.0));
+}
+
 /* Moments x1, P1 of the states of vector b given node j and all observations, from x, P, what the filter knew;
- * the log-density of the state at j. */
+ * the log-density of the state at j, in the mean over what is known of it. */
 FK_INLINE_HERE void FK_NAME(fk_look_back_sized)(const fk_nodes *k, const int m, const int j, const double *after,
                                                 const FK_V *x, const FK_V *P, const FK_V *deviation, FK_V *x1,
                                                 FK_V *P1, FK_V *log_density) {
   const size_t ld = fk_padded(k->M);
   FK_V Z[FK_NODES_SQUARE], S[FK_NODES_SQUARE], L[FK_NODES_SQUARE], A[FK_NODES_SQUARE]; /* Z: F P, then G' */
-  FK_V D[FK_NODES_LARGEST], weight[FK_NODES_LARGEST], off[FK_NODES_LARGEST], white[FK_NODES_LARGEST], row[FK_NODES_LARGEST];
+  FK_V D[FK_NODES_LARGEST], weight[FK_NODES_LARGEST], off[FK_NODES_LARGEST], white[FK_NODES_LARGEST], row[FK_NODES_LARGEST], sizes[FK_NODES_LARGEST];
   const FK_V none = FK_NAME(fk_all)(0.0), one = FK_NAME(fk_all)(1.0);
   FK_V density = none;
   FK_UNROLL for (int r = 0; r < m; r++) {
@@ -31,26 +42,41 @@ FK_INLINE_HERE void FK_NAME(fk_look_back_sized)(const fk_nodes *k, const int m, 
       S[r * m + c] = sum;
     }
   }
+  FK_UNROLL for (int a = 0; a < m; a++) {
+    FK_V size = none; /* of what S is the sum of */
+    FK_UNROLL for (int t = 0; t < m; t++) size += fabs(k->F[(size_t)(a * m + t) * ld + j]) * deviation[t];
+    sizes[a] = size * size + FK_THERE(Q, a * m + a);
+  }
+  /* log N(off; 0, S + P_j) */
+  FK_UNROLL for (int a = 0; a < m; a++) {
+    const FK_V own = FK_NAME(fk_all)(after[(size_t)(1 + m + a * m + a) * ld + j]);
+    FK_V pivot = S[a * m + a] + own;
+    FK_UNROLL for (int t = 0; t < a; t++) {
+      FK_V sum = S[a * m + t] + after[(size_t)(1 + m + a * m + t) * ld + j];
+      FK_UNROLL for (int s = 0; s < t; s++) sum -= A[a * m + s] * A[t * m + s] * D[s];
+      A[a * m + t] = sum * weight[t];
+      pivot -= A[a * m + t] * A[a * m + t] * D[t];
+      white[a] -= A[a * m + t] * white[t];
+    }
+    D[a] = FK_NAME(fk_pivot)(m, pivot, sizes[a] + own);
+    weight[a] = FK_NAME(fk_weight_of)(D[a]);
+    const FK_V log_2pi_D = FK_NAME(fk_logs)(FK_NAME(fk_select)((FK_B)(D[a] > 0.0), D[a], one)) + FK_NODES_LOG_2PI;
+    density -= FK_NAME(fk_select)((FK_B)(D[a] > 0.0), 0.5 * (white[a] * white[a] * weight[a] + log_2pi_D), none);
+  }
+  *log_density = density;
   /* S = L D L'; what is certain, given the components before it, is left out: its weight 1 / D is zero */
   FK_UNROLL for (int a = 0; a < m; a++) {
-    FK_V pivot = S[a * m + a], size = none; /* of what S is the sum of */
-    FK_UNROLL for (int t = 0; t < m; t++) size += fabs(k->F[(size_t)(a * m + t) * ld + j]) * deviation[t];
-    size = size * size + FK_THERE(Q, a * m + a);
+    FK_V pivot = S[a * m + a];
     FK_UNROLL for (int t = 0; t < a; t++) {
       FK_V sum = S[a * m + t];
       FK_UNROLL for (int s = 0; s < t; s++) sum -= L[a * m + s] * L[t * m + s] * D[s];
       L[a * m + t] = sum * weight[t];
       pivot -= L[a * m + t] * L[a * m + t] * D[t];
-      white[a] -= L[a * m + t] * white[t];
       FK_UNROLL for (int r = 0; r < m; r++) Z[a * m + r] -= L[a * m + t] * Z[t * m + r];
     }
-    const FK_B there = (FK_B)(pivot > FK_NODES_CERTAIN * size);
-    const FK_V safe = FK_NAME(fk_select)(there, pivot, one);
-    D[a] = FK_NAME(fk_select)(there, pivot, none);
-    weight[a] = FK_NAME(fk_select)(there, 1.0 / safe, none);
-    density -= FK_NAME(fk_select)(there, 0.5 * (white[a] * white[a] * weight[a] + FK_NAME(fk_logs)(safe) + FK_NODES_LOG_2PI), none);
+    D[a] = FK_NAME(fk_pivot)(m, pivot, sizes[a]);
+    weight[a] = FK_NAME(fk_weight_of)(D[a]);
   }
-  *log_density = density;
   FK_UNROLL for (int a = m - 1; a >= 0; a--)
     FK_UNROLL for (int r = 0; r < m; r++) {
       FK_V g = Z[a * m + r] * weight[a];
