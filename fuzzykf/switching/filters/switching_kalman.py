@@ -18,6 +18,7 @@ from fuzzykf.base import (
 from fuzzykf.errors import FileFormatError, ParameterError
 from fuzzykf.gaussian import as_choice, as_count, as_flag
 from fuzzykf.immutable import Unassignable, keeps
+from fuzzykf.hindsight import warn_of_hindsight
 from fuzzykf.io import decode, encode
 from fuzzykf.labels import labels_of, match_row
 from fuzzykf.many import stacked
@@ -37,7 +38,6 @@ from fuzzykf.switching.filters.inputs import (
 from fuzzykf.switching.filters.saved import SavedFilter
 from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
 from fuzzykf.switching.inference.forecast import MOST_STEPS, forecast
-from fuzzykf.switching.inference.hindsight import warn_of_hindsight
 from fuzzykf.switching.inference.mixture import Source
 from fuzzykf.switching.inference.registry import METHODS
 from fuzzykf.switching.inference.series import FOUND, SHOWN, check_explained, result_of, smoothed_result
@@ -360,7 +360,7 @@ class SwitchingKalmanFilter(SavedFilter):
         HindsightWarning
             If the states move more than their covariances admit when the later observations are known: the
             model is wrong then, and what is smoothed is likely to be worse than what is filtered.  See
-            `fuzzykf.switching.inference.hindsight`.
+            `fuzzykf.hindsight`.
 
         Raises
         ------

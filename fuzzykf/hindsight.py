@@ -61,7 +61,7 @@ def hindsight_ratio(x: FloatArray, P: FloatArray, xs: FloatArray, Ps: FloatArray
     return moved / learned if learned > 0.0 else np.inf
 
 
-def warn_of_hindsight(fields: Mapping[str, FloatArray], smoothed: FilterResult) -> None:
+def warn_of_hindsight(fields: Mapping[str, FloatArray], smoothed: FilterResult, level: int = 3) -> None:
     """Warn if a smoother has moved states by more than the model admits.
 
     Parameters
@@ -69,6 +69,8 @@ def warn_of_hindsight(fields: Mapping[str, FloatArray], smoothed: FilterResult) 
     fields : mapping
         ``x`` and ``P`` of the filter.
     smoothed : FilterResult
+    level : int
+        How many calls lie between the user and here, this one counted: whose line the warning names.
     """
     x, P = fields["x"], fields["P"]
     if len(x) < FEWEST:
@@ -81,5 +83,5 @@ def warn_of_hindsight(fields: Mapping[str, FloatArray], smoothed: FilterResult) 
             "what is smoothed is likely worse than what is filtered; a law that fades or jumps, or "
             "method='gpb2', may help",
             HindsightWarning,
-            stacklevel=3,
+            stacklevel=level,
         )

@@ -9,7 +9,7 @@ import pytest
 
 from fuzzykf import FadeLaw, SwitchingKalmanFilter, SwitchingStateSpace
 from fuzzykf.errors import HindsightWarning
-from fuzzykf.switching.inference.hindsight import FEWEST, hindsight_ratio
+from fuzzykf.hindsight import FEWEST, hindsight_ratio
 
 #: A speed that is seen by a sensor whose offset fades.
 PARTS = {"F": 0.98, "Q": 0.2**2, "H": 1.0, "R": 0.7**2, "d": [[0.0], [5.0]], "x0": [0.0], "P0": 1.0}
