@@ -27,6 +27,7 @@ from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.forecast import expected_mixture, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD
 from fuzzykf.kalman.gpb2 import predict_pairs, update_pairs
+from fuzzykf.kalman.imm_smoothing import smooth_bank
 from fuzzykf.kalman.series import (
     BANK_FIELDS,
     as_batch,
@@ -425,6 +426,56 @@ class IMMEstimator(BankStepper, Filter):
         """
         as_flag("resume", resume)
         return as_batch(self, self._collect(zs, us), zs, np.ndim(self.x) == 1)
+
+    def smooth(
+        self,
+        zs: ManyNumbers,
+        us: PerStep | None = None,
+        *,
+        weights: Literal["density", "kim"] = "density",
+    ) -> FilterResult:
+        """Estimate every state of a series from all of it; the bank stays at the last observation.
+
+        Approximate, as the filter is: what is known of each mode is merged after each step back.  Where
+        ``H`` differs between the members, "gpb2" smooths better.
+
+        Parameters
+        ----------
+        zs, us
+            As in `filter`.
+        weights : {"density", "kim"}
+            How likely each mode is before one that follows: with the density of the state there, or without,
+            as Kim has them (1994), which is nearly always worse.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, ``mu``, ``nodes``, ``switch``, the most likely path of the modes in
+            ``switch_path``, and the ``log_likelihood`` of the filter.
+
+        Warns
+        -----
+        HindsightWarning
+            If the states move more than their covariances admit when the later observations are known: the
+            model is wrong then, and what is smoothed is likely to be worse than what is filtered.  See
+            `fuzzykf.hindsight`.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `filter`; if a member is no plain `KalmanFilter` with alpha 1 and without a state map, or
+            a `predict` of a subclass does more than mix the modes and move them, which the way back could
+            not know.  Bank and filters are then as they were before.
+
+        Examples
+        --------
+        >>> calm, lively = (KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], Q=q) for q in (0.01, 9.0))
+        >>> imm = IMMEstimator([calm, lively], [0.5, 0.5], [[0.95, 0.05], [0.05, 0.95]])
+        >>> result = imm.smooth([0.0, 0.1, None, 3.0])
+        >>> result.x.shape, result.mu.shape
+        ((4, 1), (4, 2))
+        """
+        return smooth_bank(self, zs, us, weights)
 
     def forecast(self, steps: int, us: PerStep | None = None) -> FilterResult:
         """Predict states, observations and modes ahead; the bank stays where it is.

@@ -1,0 +1,198 @@
+"""The way back of a bank of Kalman filters.
+
+A bank of plain Kalman filters is a state-space model on as many nodes as it has modes, with F, B, Q, H and R
+of the mode arrived at.  What it knows of its modes after each observation is smoothed backward by
+`fuzzykf.engine.numpy.nodes_backward.smooth_nodes`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from fuzzykf.engine import selected as engine
+from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import as_choice
+from fuzzykf.hindsight import warn_of_hindsight
+from fuzzykf.kalman import bank
+from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError, as_matrix, as_square, check_in_range
+from fuzzykf.kalman.kalman_filter import KalmanFilter
+from fuzzykf.kalman.series import as_result, empty_fields, field_shapes, given_per_step, whole_verb
+from fuzzykf.kalman.smoothing import check_motion
+from fuzzykf.observations import as_observations, check_aligned
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.results import FilterResult
+
+__all__ = ["Known", "check_members", "smooth_bank"]
+
+
+class Known(NamedTuple):
+    """What a bank knows of its modes after an observation, and how they came there."""
+
+    table: FloatArray  # (1 + n + n*n, N): logarithms of mu, means, covariances
+    space: engine.NodeSpace  # of the step to it, (1, 1, N, ...)
+
+
+def smooth_bank(imm: Any, zs: Any, us: Any, weights: Any) -> FilterResult:
+    """Do `IMMEstimator.smooth`, whose parameters these are."""
+    by_density = as_choice("weights", weights, ("density", "kim")) == "density"
+    check_members(imm, "smooth")
+    with whole_verb(imm, *imm.filters):
+        stored, states = _forward(imm, zs, us)
+        mu, x, P, path = stored["mu"], stored["x"], stored["P"], np.empty(0, dtype=np.intp)
+        if states:
+            mu, xs, Ps, path = look_back(states, imm._log_transition(), by_density)
+            x, P = engine.merge_modes(mu, xs, Ps)
+        check_in_range(x=x, P=P)
+        forward = as_result(imm, stored, zs)
+    modes = np.arange(imm.N, dtype=np.float64)
+    smoothed = replace(
+        forward,
+        **{"x": x, "P": P, "x_prior": None, "P_prior": None, "mu": mu, "nodes": modes},
+        **{"switch": modes[mu.argmax(axis=1)], "switch_path": modes[path]},
+    )
+    warn_of_hindsight(stored, smoothed, level=4)
+    return smoothed
+
+
+def check_members(imm: Any, verb: str) -> None:
+    """Raise unless a bank is a state-space model on nodes; the way back knows of nothing else.
+
+    Raises
+    ------
+    ParameterError
+        Names the member, and what it is that the model does not have.
+    """
+    for k, f in enumerate(imm.filters):
+        if type(f) is not KalmanFilter:
+            raise ParameterError(
+                f"{verb}: filters[{k}] is a {type(f).__module__}.{type(f).__qualname__}, expected a "
+                "fuzzykf.KalmanFilter: the way back knows linear members alone, and no verbs of a subclass"
+            )
+        if not f._is_plain():
+            raise ParameterError(
+                f"{verb}: filters[{k}] has a predict, update or inv of its own, which the way back does not "
+                "know; expected those of KalmanFilter"
+            )
+        if f.alpha != 1.0:
+            raise ParameterError(
+                f"{verb}: filters[{k}].alpha is {f.alpha}, expected 1: fading memory belongs to no model "
+                "on which a bank could look back"
+            )
+        if imm.state_maps is not None and imm.state_maps[k] is not None:
+            raise ParameterError(
+                f"{verb}: filters[{k}] has a map in state_maps, expected none: the way back goes through one "
+                "space, in which every filter moves"
+            )
+
+
+def look_back(
+    states: Sequence[Known], log_transition: FloatArray, by_density: bool = True
+) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+    """Estimate what a bank knew after some observations in a row from all of them.
+
+    Parameters
+    ----------
+    states : sequence of n Known
+    log_transition : ndarray, shape (N, N)
+    by_density : bool
+        Whether weights have the density of the next state, and not Kim's.
+
+    Returns
+    -------
+    mu, xs, Ps : ndarray, shapes (n, N), (n, N, d) and (n, N, d, d)
+    path : ndarray of int, shape (n,)
+        The most likely one.
+    """
+    table = np.array([one.table for one in states])
+    if len(states) > 1:
+        spaces = {id(one.space): one.space for one in states[1:]}  # the step to the first is not gone back
+        parts = [*spaces.values()] if len(spaces) == 1 else [one.space for one in states]
+        space = engine.NodeSpace(*(np.concatenate(one, axis=1) for one in zip(*parts, strict=True)))
+        table, path = engine.smooth_nodes(engine.pack_nodes(space, log_transition), table, by_density)
+    else:
+        path = table[:, 0].argmax(axis=1)
+    d = states[0].space.F.shape[-1]
+    return np.exp(table[:, 0]), *engine.node_moments(table, d), path
+
+
+# --------------------------------------------------------------------------- on the way forward
+
+
+def _forward(imm: Any, zs: Any, us: Any) -> tuple[dict[str, FloatArray], list[Known]]:
+    """Filter a series, and keep what is known of the modes after each observation."""
+    check_aligned(zs=zs, us=us)
+    series = as_observations(zs, imm.dim_z)
+    if not (us is None and len(series) and imm._log_cbar is None and imm._is_plain()):
+        return _by_verbs(imm, series, given_per_step(len(series), us=us))
+    begin, space, log_M = _table_of(imm), _space_of(imm.filters), imm._log_transition()
+    stored = imm._collect(series, None)
+    out = {"table": np.empty((1, len(series), *begin.shape))}
+    modes = np.arange(imm.N)
+    ends = np.ones(imm.N, dtype=np.intp)
+    ends[-1] = 2
+    switch = modes.astype(np.float64), np.ones(imm.N), np.ones(imm.N, dtype=np.bool_), np.array([modes, ends])
+    kernel, every_pair = engine.pack_nodes(space, log_M), imm.method != "imm"
+    try:
+        engine.filter_nodes(kernel, every_pair, begin[None], False, series[None], out, switch)
+    except np.linalg.LinAlgError as error:
+        raise SingularInnovationError(SINGULAR) from error
+    return stored, [Known(table, space) for table in out["table"][0]]
+
+
+def _by_verbs(
+    imm: Any, series: FloatArray, moves: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, FloatArray], list[Known]]:
+    """Filter a series by the verbs, which somebody may have changed; F, B and Q are those of each time."""
+    shapes, states = field_shapes(imm.dim_x, imm.N), []
+    stored = empty_fields(shapes, shapes, len(series))
+    for k, z in enumerate(series):
+        before, log_M = _table_of(imm), imm._log_transition()
+        imm.predict(**moves[k])
+        space = _space_of(imm.filters, moves[k].get("u"))
+        check_step(imm, k, before, space, log_M)
+        imm.update(z)
+        states.append(Known(_table_of(imm), space))
+        for name, values in stored.items():
+            values[k] = np.reshape(getattr(imm, name), shapes[name])
+    return stored, states
+
+
+def check_step(imm: Any, k: int, before: FloatArray, space: engine.NodeSpace, log_M: FloatArray) -> None:
+    """Refuse to smooth where a predict of somebody else's did something that the way back does not know."""
+    found = engine.before_node_step(engine.pack_nodes(space, log_M), before[None])
+    mu, xs, Ps = (one[0] for one in found)
+    x, P = engine.merge_modes(mu, xs, Ps)
+    check_motion(imm, k, x.reshape(imm._form), P, "M and F, Q and B of its filters")
+    for j in np.flatnonzero(mu > 0.0):  # the moments of a mode that cannot be are anything
+        check_motion(imm.filters[j], k, xs[j].reshape(imm._form), Ps[j], "M and F, Q and B of the bank")
+
+
+def _table_of(imm: Any) -> FloatArray:
+    """Return what a bank knows of its modes now, (1 + n + n*n, N)."""
+    xs, Ps = bank.member_states(imm.filters)
+    log_mu = imm._log_weights() if imm._log_cbar is None else imm._log_cbar
+    return np.concatenate([np.maximum(log_mu, engine.LOG_ZERO)[None], xs.T, Ps.reshape(imm.N, -1).T])
+
+
+def _space_of(filters: Sequence[Any], u: Any = None) -> engine.NodeSpace:
+    """Return what plain Kalman filters say of a step now, (1, 1, N, ...)."""
+    n, m = filters[0].dim_x, filters[0].dim_z
+    F, H = (
+        np.array([as_matrix(f"filters[{k}].{name}", getattr(f, name), shape) for k, f in enumerate(filters)])
+        for name, shape in (("F", (n, n)), ("H", (m, n)))
+    )
+    Q, R = (
+        np.array([as_square(f"filters[{k}].{name}", getattr(f, name), size) for k, f in enumerate(filters)])
+        for name, size in (("Q", n), ("R", m))
+    )
+    terms = bank.control_terms(filters, u)
+    b = np.zeros((len(filters), n)) if terms is None else terms
+    parts = F, b, Q, H, np.zeros((len(filters), m)), R
+    return engine.NodeSpace(*(one[None, None] for one in parts))
