@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from fuzzykf.base import Filter
     from fuzzykf.comparison import compare_models
     from fuzzykf.errors import FuzzykfError
+    from fuzzykf.fixed_lag import FixedLag
     from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
     from fuzzykf.possibility import (
         CauchyMembership,
@@ -54,6 +55,7 @@ _HOMES = {
         "fuzzykf.base": "Filter",
         "fuzzykf.comparison": "compare_models",
         "fuzzykf.errors": "FuzzykfError",
+        "fuzzykf.fixed_lag": "FixedLag",
         "fuzzykf.kalman": "ExtendedKalmanFilter IMMEstimator KalmanFilter",
         "fuzzykf.possibility": (
             "CauchyMembership FunctionMembership FuzzyRelationEstimator GaussianMembership "
@@ -81,6 +83,7 @@ __all__ = [
     "FadeLaw",
     "Filter",
     "FilterResult",
+    "FixedLag",
     "FunctionMembership",
     "FuzzyMarkovLaw",
     "FuzzyRelationEstimator",

@@ -19,6 +19,7 @@ from fuzzykf.base import (
 )
 from fuzzykf.engine.selected import log_mixing, merge_modes, mix_modes, weigh_modes
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.fixed_lag import as_lag
 from fuzzykf.gaussian import as_array, as_choice, as_flag, as_numbers, brief
 from fuzzykf.kalman import bank, bank_series
 from fuzzykf.kalman.arguments import SingularInnovationError, check_in_range
@@ -27,7 +28,7 @@ from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.forecast import expected_mixture, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD
 from fuzzykf.kalman.gpb2 import predict_pairs, update_pairs
-from fuzzykf.kalman.imm_smoothing import smooth_bank
+from fuzzykf.kalman.imm_smoothing import BankWayBack, can_look_back, smooth_bank
 from fuzzykf.kalman.series import (
     BANK_FIELDS,
     as_batch,
@@ -469,6 +470,7 @@ class IMMEstimator(BankStepper, Filter):
 
         Examples
         --------
+        >>> from fuzzykf.kalman import KalmanFilter
         >>> calm, lively = (KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], Q=q) for q in (0.01, 9.0))
         >>> imm = IMMEstimator([calm, lively], [0.5, 0.5], [[0.95, 0.05], [0.05, 0.95]])
         >>> result = imm.smooth([0.0, 0.1, None, 3.0])
@@ -476,6 +478,62 @@ class IMMEstimator(BankStepper, Filter):
         ((4, 1), (4, 2))
         """
         return smooth_bank(self, zs, us, weights)
+
+    def smooth_lag(
+        self,
+        zs: ManyNumbers,
+        lag: int,
+        us: PerStep | None = None,
+        *,
+        weights: Literal["density", "kim"] = "density",
+    ) -> FilterResult:
+        """Estimate every state from what was observed up to a few steps later.
+
+        Parameters
+        ----------
+        zs, us
+            As in `filter`; the bank ends at the last observation.
+        lag : int
+            How many steps later, at least 0: row n is the estimate given the observations up to n + lag, or
+            to the end.  With 0 it is `filter`, with the length of the series `smooth`.
+        weights : {"density", "kim"}
+            As in `smooth`.
+
+        Returns
+        -------
+        FilterResult
+            As from `smooth`, without the most likely path.
+
+        Warns
+        -----
+        HindsightWarning
+            As from `smooth`.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `smooth`; if ``lag`` is no whole number of at least 0.
+
+        See Also
+        --------
+        fuzzykf.FixedLag : The same step by step.
+
+        Examples
+        --------
+        >>> from fuzzykf.kalman import KalmanFilter
+        >>> calm, lively = (KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], Q=q) for q in (0.01, 9.0))
+        >>> imm = IMMEstimator([calm, lively], [0.5, 0.5], [[0.95, 0.05], [0.05, 0.95]])
+        >>> imm.smooth_lag([0.0, 0.1, None, 3.0], lag=2).mu.shape
+        (4, 2)
+        """
+        return smooth_bank(self, zs, us, weights, as_lag(lag))
+
+    @property
+    def has_smoother(self) -> bool:
+        """Whether its members are such that `smooth` can be called."""
+        return can_look_back(self)
+
+    _way_back = BankWayBack  # of `fuzzykf.FixedLag`
 
     def forecast(self, steps: int, us: PerStep | None = None) -> FilterResult:
         """Predict states, observations and modes ahead; the bank stays where it is.

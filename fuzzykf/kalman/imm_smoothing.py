@@ -14,12 +14,20 @@ import numpy as np
 
 from fuzzykf.engine import selected as engine
 from fuzzykf.errors import ParameterError
+from fuzzykf.fixed_lag import Nodes, over_windows
 from fuzzykf.gaussian import as_choice
 from fuzzykf.hindsight import warn_of_hindsight
 from fuzzykf.kalman import bank
 from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError, as_matrix, as_square, check_in_range
 from fuzzykf.kalman.kalman_filter import KalmanFilter
-from fuzzykf.kalman.series import as_result, empty_fields, field_shapes, given_per_step, whole_verb
+from fuzzykf.kalman.series import (
+    as_result,
+    empty_fields,
+    field_shapes,
+    given_per_step,
+    unchanged_on_error,
+    whole_verb,
+)
 from fuzzykf.kalman.smoothing import check_motion
 from fuzzykf.observations import as_observations, check_aligned
 
@@ -29,7 +37,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.results import FilterResult
 
-__all__ = ["Known", "check_members", "smooth_bank"]
+__all__ = ["BankWayBack", "Known", "can_look_back", "check_members", "smooth_bank"]
 
 
 class Known(NamedTuple):
@@ -39,15 +47,66 @@ class Known(NamedTuple):
     space: engine.NodeSpace  # of the step to it, (1, 1, N, ...)
 
 
-def smooth_bank(imm: Any, zs: Any, us: Any, weights: Any) -> FilterResult:
-    """Do `IMMEstimator.smooth`, whose parameters these are."""
+class BankWayBack:
+    """The `fuzzykf.fixed_lag.WayBack` of a bank of Kalman filters.
+
+    Parameters
+    ----------
+    imm : IMMEstimator
+
+    Raises
+    ------
+    ParameterError
+        As from `check_members`.
+    """
+
+    def __init__(self, imm: Any) -> None:
+        check_members(imm, "FixedLag")
+        self.filter = imm
+
+    def standing(self) -> Any:
+        """Return the numbers of mu, of x and P of the modes, and whether the bank has predicted."""
+        xs, Ps = bank.member_states(self.filter.filters)
+        mu = np.asarray(self.filter.mu)
+        return mu.tobytes(), xs.tobytes(), Ps.tobytes(), self.filter._log_cbar is None
+
+    def step(self, z: Any, told: dict[str, Any]) -> Known:
+        """Do a step; ``told`` is u of `predict`."""
+        imm, u = self.filter, told.pop("u", None)
+        with unchanged_on_error(imm, *imm.filters):
+            check_members(imm, "step")
+            before, log_M = _table_of(imm), imm._log_transition()
+            if u is None and not told and imm._is_plain():
+                space = _space_of(imm.filters)
+                imm.step(z)
+            else:
+                imm.predict(**({} if u is None else {"u": u}))
+                space = _space_of(imm.filters, u)
+                check_step(imm, None, before, space, log_M)
+                imm.update(z, **told)
+            return Known(_table_of(imm), space)
+
+    def look_back(self, states: Sequence[Known]) -> Nodes:
+        """Go back over some states in a row."""
+        return Nodes(*look_back(states, self.filter._log_transition())[:3])
+
+
+def smooth_bank(imm: Any, zs: Any, us: Any, weights: Any, lag: int | None = None) -> FilterResult:
+    """Do `IMMEstimator.smooth`, or with a lag `IMMEstimator.smooth_lag`, whose parameters these are."""
     by_density = as_choice("weights", weights, ("density", "kim")) == "density"
-    check_members(imm, "smooth")
+    check_members(imm, "smooth" if lag is None else "smooth_lag")
+
+    def back(states: Sequence[Known]) -> Nodes:
+        return Nodes(*look_back(states, imm._log_transition(), by_density)[:3])
+
     with whole_verb(imm, *imm.filters):
         stored, states = _forward(imm, zs, us)
         mu, x, P, path = stored["mu"], stored["x"], stored["P"], np.empty(0, dtype=np.intp)
-        if states:
+        if states and lag is None:
             mu, xs, Ps, path = look_back(states, imm._log_transition(), by_density)
+            x, P = engine.merge_modes(mu, xs, Ps)
+        elif states and lag is not None:
+            mu, xs, Ps = over_windows(back, states, lag)
             x, P = engine.merge_modes(mu, xs, Ps)
         check_in_range(x=x, P=P)
         forward = as_result(imm, stored, zs)
@@ -55,10 +114,19 @@ def smooth_bank(imm: Any, zs: Any, us: Any, weights: Any) -> FilterResult:
     smoothed = replace(
         forward,
         **{"x": x, "P": P, "x_prior": None, "P_prior": None, "mu": mu, "nodes": modes},
-        **{"switch": modes[mu.argmax(axis=1)], "switch_path": modes[path]},
+        **{"switch": modes[mu.argmax(axis=1)], "switch_path": modes[path] if lag is None else None},
     )
     warn_of_hindsight(stored, smoothed, level=4)
     return smoothed
+
+
+def can_look_back(imm: Any) -> bool:
+    """Whether a bank is a state-space model on nodes, see `check_members`."""
+    try:
+        check_members(imm, "smooth")
+    except ParameterError:
+        return False
+    return True
 
 
 def check_members(imm: Any, verb: str) -> None:
@@ -164,7 +232,9 @@ def _by_verbs(
     return stored, states
 
 
-def check_step(imm: Any, k: int, before: FloatArray, space: engine.NodeSpace, log_M: FloatArray) -> None:
+def check_step(
+    imm: Any, k: int | None, before: FloatArray, space: engine.NodeSpace, log_M: FloatArray
+) -> None:
     """Refuse to smooth where a predict of somebody else's did something that the way back does not know."""
     found = engine.before_node_step(engine.pack_nodes(space, log_M), before[None])
     mu, xs, Ps = (one[0] for one in found)

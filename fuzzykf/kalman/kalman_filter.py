@@ -26,6 +26,7 @@ from fuzzykf.kalman.arguments import (
 from fuzzykf.kalman.controls import linear_controls
 from fuzzykf.kalman.forecast import expected_linear, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD, GaussianFilter
+from fuzzykf.kalman.looking_back import LinearWayBack, smooth_lag
 from fuzzykf.kalman.series import (
     FIELDS,
     as_batch,
@@ -41,7 +42,7 @@ from fuzzykf.kalman.series import (
     unchanged_on_error,
     whole_verb,
 )
-from fuzzykf.kalman.smoothing import LinearMotions, rts_smoother, smooth_result
+from fuzzykf.kalman.smoothing import LinearMotions, rts_smoother, smooth_result, smooth_steady
 from fuzzykf.kalman.stepper import LinearStepper
 from fuzzykf.kalman.updates import condition, condition_linear, log_density, observed, zero_where_missing
 from fuzzykf.many import stacked
@@ -529,16 +530,48 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         array([0.909, 1.273, 1.636])
         """
         check_aligned(zs=zs, us=us)
-        d = self.dim_x
         if us is None and self._is_plain():
-            forward = self.filter(zs)
-            F = np.broadcast_to(as_matrix("F", self.F, (d, d)), (len(forward), d, d))
-            return smooth_result(forward, F, as_square("Q", self.Q, d), self._alpha_sq)
+            return smooth_steady(self, self.filter(zs))
         series = as_observations(zs, self.dim_z)
         motions = LinearMotions(self, given_per_step(len(series), us=us))
         with whole_verb(self):
-            stored = collect(self, series, field_shapes(d), motions.moves, moved=motions)
+            stored = collect(self, series, field_shapes(self.dim_x), motions.moves, moved=motions)
             return smooth_result(as_result(self, stored, zs), motions.F, motions.noise)
+
+    def smooth_lag(self, zs: ManyNumbers, lag: int, us: PerStep | None = None) -> FilterResult:
+        """Estimate every state from what was observed up to a few steps later.
+
+        Parameters
+        ----------
+        zs, us
+            As in `filter`; the filter ends at the last observation.
+        lag : int
+            How many steps later, at least 0: row n is the estimate given the observations up to n + lag, or
+            to the end.  With 0 it is `filter`, with the length of the series `smooth`.
+
+        Returns
+        -------
+        FilterResult
+            ``x`` and ``P``, and the ``log_likelihood`` of the filter.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `smooth`; if ``lag`` is no whole number of at least 0.  The filter is then as it was.
+
+        See Also
+        --------
+        fuzzykf.FixedLag : The same step by step.
+
+        Examples
+        --------
+        >>> result = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]]).smooth_lag([1.0, None, 2.0], lag=1)
+        >>> result.x.ravel().round(3)
+        array([0.667, 1.273, 1.636])
+        """
+        return smooth_lag(self, zs, lag, us)
+
+    _way_back = LinearWayBack  # of `fuzzykf.FixedLag`
 
     def forecast(self, steps: int, us: PerStep | None = None) -> FilterResult:
         """Predict states and observations ahead; the filter stays where it is.

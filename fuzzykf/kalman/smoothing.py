@@ -22,7 +22,14 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.kalman.series import PerStep
 
-__all__ = ["LinearMotions", "check_motion", "rts_smoother", "smooth_moments", "smooth_result"]
+__all__ = [
+    "LinearMotions",
+    "check_motion",
+    "rts_smoother",
+    "smooth_moments",
+    "smooth_result",
+    "smooth_steady",
+]
 
 #: How far, in parts of the largest number, what was predicted may be off what the attributes say.
 _ROUNDING = 1e-9
@@ -158,8 +165,15 @@ def smooth_result(forward: FilterResult, F: FloatArray, Q: FloatArray, alpha_sq:
     )
 
 
+def smooth_steady(filter_: Any, forward: FilterResult) -> FilterResult:
+    """Smooth what a Kalman filter found on its way forward by F, Q and alpha that are those of every step."""
+    d = filter_.dim_x
+    F = np.broadcast_to(as_matrix("F", filter_.F, (d, d)), (len(forward), d, d))
+    return smooth_result(forward, F, as_square("Q", filter_.Q, d), filter_._alpha_sq)
+
+
 def check_motion(
-    filter_: Any, k: int, expected: FloatArray | None, covariance: FloatArray, motion: str
+    filter_: Any, k: int | None, expected: FloatArray | None, covariance: FloatArray, motion: str
 ) -> None:
     """Refuse to smooth where a predict of somebody else's did something that the way back does not know.
 
@@ -167,8 +181,8 @@ def check_motion(
     ----------
     filter_ : GaussianFilter
         After its prediction.
-    k : int
-        Number of the step.
+    k : int or None
+        Number of the step; None where they are not counted.
     expected : ndarray or None
         What x should be; None where any will do.
     covariance : ndarray, shape (d, d)
@@ -187,8 +201,9 @@ def check_motion(
         shape = np.shape(value)
         size = max(np.abs(value).max(initial=0.0), np.finfo(np.float64).tiny)
         if np.shape(got) != shape or not (np.abs(np.subtract(got, value)) <= _ROUNDING * size).all():
+            when = "predict" if k is None else f"predict of step {k}"
             raise ParameterError(
-                f"smooth: after predict of step {k}, {name} of this {type(f).__name__} is "
+                f"smooth: after {when}, {name} of this {type(f).__name__} is "
                 f"{np.asarray(got).tolist()}, but {motion} lead to {np.asarray(value).tolist()}; the way "
                 "back knows of no other motion: let predict set these attributes, or override smooth as well"
             )

@@ -1,0 +1,184 @@
+"""Looking back with a fixed lag: estimates of the state a few steps before the latest observation.
+
+Between the filter, which tells at once, and the smoother, which waits for the end of a series.  A filter that
+can look back has a `WayBack`: what it knows after an observation, and how it goes back over some of that.
+All else is the same for all of them, and stands here.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError, SequenceError
+from fuzzykf.gaussian import as_count, mixture_moments
+from fuzzykf.reprs import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from fuzzykf.arrays import FloatArray
+
+__all__ = ["FixedLag", "Nodes", "WayBack", "as_lag", "over_windows"]
+
+#: Most steps that may be looked back.
+MOST_LAG = 1_000_000_000
+
+
+class Nodes(NamedTuple):
+    """Estimates of the state at n times, given each of M nodes of a switch; one node where there is none."""
+
+    mu: FloatArray  # (n, M)
+    x: FloatArray  # (n, M, m)
+    P: FloatArray  # (n, M, m, m)
+
+
+class WayBack(Protocol):
+    """How a filter looks back over what it knew."""
+
+    def standing(self) -> Any:
+        """Return something that is equal as long as nobody moves the filter."""
+
+    def step(self, z: Any, told: dict[str, Any]) -> Any:
+        """Do a step of the filter, and return what is known after it; an error leaves it as it was.
+
+        Parameters
+        ----------
+        z : array_like or None
+            The observation.
+        told : dict
+            What the verbs are told beside it.
+        """
+
+    def look_back(self, states: Sequence[Any]) -> Nodes:
+        """Estimate what was known at some times in a row, returned by `step`, from all of it."""
+
+
+def as_lag(lag: Any) -> int:
+    """Return how many steps are looked back, a whole number."""
+    return as_count("lag", lag, 0, MOST_LAG)
+
+
+def over_windows(look_back: Callable[[Sequence[Any]], Nodes], states: Sequence[Any], lag: int) -> Nodes:
+    """Estimate the state at each time n of a series from what was observed up to n + lag, or to its end.
+
+    Parameters
+    ----------
+    look_back : callable
+        As that of a `WayBack`.
+    states : sequence
+        What was known after each observation, of which there is one at least.
+    lag : int
+    """
+    last = max(0, len(states) - 1 - lag)  # from here on the end of the series comes first
+    rows = [Nodes(*(one[:1] for one in look_back(states[n : n + lag + 1]))) for n in range(last)]
+    return Nodes(*map(np.concatenate, zip(*rows, look_back(states[last:]), strict=True)))
+
+
+class FixedLag:
+    """A filter that tells of each state a few steps later, when more has been observed.
+
+    Only the states that are looked back over are kept.  Means and covariances are the rows of the
+    ``smooth_lag`` of the filter, up to rounding.
+
+    Parameters
+    ----------
+    f : filter
+        One that has ``smooth_lag``: a `KalmanFilter`, an `IMMEstimator` of such, a switching filter.  It is
+        used as it stands, and its steps are to be done here.
+    lag : int
+        How many steps later, at least 0.
+
+    Attributes
+    ----------
+    filter : filter
+        As given.
+    lag : int
+        As given.
+    n : int or None
+        Which observation, counted from 0 since it was made, `x` and `P` belong to; None before there are any.
+    x, P : ndarray, shapes (dim_x, 1) and (dim_x, dim_x), or None
+        Mean and covariance of the state there, given all observations so far.
+    mu : ndarray, shape (M,), or None
+        Probabilities there of the nodes of the switch, or of the modes; of one if there is no switch.
+
+    Raises
+    ------
+    ParameterError
+        If the filter cannot look back, or ``lag`` is no whole number of at least 0.
+
+    See Also
+    --------
+    KalmanFilter.smooth_lag : The same for a whole series.
+
+    Examples
+    --------
+    >>> from fuzzykf import FixedLag, KalmanFilter
+    >>> lagged = FixedLag(KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]]), lag=1)
+    >>> for z in (1.0, None, 2.0):
+    ...     x = lagged.step(z)
+    ...     print(lagged.n, None if x is None else round(x.item(), 3))
+    None None
+    0 0.667
+    1 1.273
+    """
+
+    def __init__(self, f: Any, lag: int) -> None:
+        way = getattr(f, "_way_back", None)
+        if way is None:
+            raise ParameterError(
+                f"f: got {type(f).__name__}, which cannot look back; expected a KalmanFilter, an "
+                "IMMEstimator or a switching filter"
+            )
+        self.filter, self.lag = f, as_lag(lag)
+        self._back: WayBack = way(f)
+        self._states: deque[Any] = deque(maxlen=self.lag + 1)
+        self._standing = self._back.standing()
+        self.n: int | None = None
+        self.x: FloatArray | None = None
+        self.P: FloatArray | None = None
+        self.mu: FloatArray | None = None
+
+    def step(self, z: Any, **told: Any) -> FloatArray | None:
+        """Do a step of the filter, and estimate the state ``lag`` steps before.
+
+        Parameters
+        ----------
+        z : array_like or None
+            The observation; None or NaN where missing.
+        **told
+            What else the filter is told, by the names of its verbs: ``u``, ``R``, ``H``, ``r``.
+
+        Returns
+        -------
+        ndarray, shape (dim_x, 1), or None
+            The new ``x``; None as long as there are no more than ``lag`` observations.
+
+        Raises
+        ------
+        SequenceError
+            If somebody else has moved the filter since the latest step.
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from the verbs of the filter; it is then as it was before.
+        """
+        if self._standing != self._back.standing():
+            raise SequenceError(
+                f"step: this {type(self.filter).__name__} has moved since the latest step of FixedLag; "
+                "expected all of its steps to be done here (make a new FixedLag to begin where it stands)"
+            )
+        known = self._back.step(z, {name: one for name, one in told.items() if one is not None})
+        self._states.append(known)
+        self._standing = self._back.standing()
+        if len(self._states) <= self.lag:
+            return None
+        found = Nodes(*(one[0] for one in self._back.look_back(list(self._states))))
+        x, self.P = mixture_moments(*found)
+        self.n, self.x, self.mu = 0 if self.n is None else self.n + 1, x[:, None], found.mu
+        return self.x
+
+    @shown
+    def __repr__(self) -> str:
+        latest = "none yet" if self.n is None else f"observation {self.n}"
+        return f"FixedLag(lag={self.lag}): {latest}\n  filter: {type(self.filter).__name__}"

@@ -1,0 +1,115 @@
+"""How a Kalman filter looks back over its latest states."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from fuzzykf.base import FilterResult
+from fuzzykf.engine.selected import predict_linear
+from fuzzykf.fixed_lag import Nodes, as_lag, over_windows
+from fuzzykf.kalman.arguments import as_matrix, as_square, check_in_range, control_term
+from fuzzykf.kalman.series import (
+    as_result,
+    collect,
+    field_shapes,
+    given_per_step,
+    unchanged_on_error,
+    whole_verb,
+)
+from fuzzykf.kalman.smoothing import LinearMotions, check_motion, smooth_moments
+from fuzzykf.observations import as_observations, check_aligned
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fuzzykf.arrays import FloatArray
+
+__all__ = ["LinearWayBack", "smooth_lag"]
+
+
+class Known(NamedTuple):
+    """What a Kalman filter knows after an observation, and how the state came there."""
+
+    x: FloatArray  # (d,)
+    P: FloatArray  # (d, d)
+    x_prior: FloatArray
+    P_prior: FloatArray
+    F: FloatArray  # (d, d)
+    noise: FloatArray  # (d, d), that of fading memory included
+
+
+class LinearWayBack:
+    """The `fuzzykf.fixed_lag.WayBack` of a Kalman filter.
+
+    Parameters
+    ----------
+    f : KalmanFilter
+    """
+
+    def __init__(self, f: Any) -> None:
+        self.filter = f
+
+    def standing(self) -> Any:
+        """Return the numbers of x and P."""
+        return np.asarray(self.filter.x).tobytes(), np.asarray(self.filter.P).tobytes()
+
+    def step(self, z: Any, told: dict[str, Any]) -> Known:
+        """Do a step; ``told`` are u of `predict`, R and H of `update`."""
+        f = self.filter
+        d, u = f.dim_x, told.pop("u", None)
+        with unchanged_on_error(f):
+            x, P = f._state()
+            F, Q = as_matrix("F", f.F, (d, d)), as_square("Q", f.Q, d)
+            if u is None and not told and f._is_plain():
+                f.step(z)
+            else:
+                f.predict(**({} if u is None else {"u": u}))
+                F, Q = as_matrix("F", f.F, (d, d)), as_square("Q", f.Q, d)
+                expected, covariance = predict_linear(x, P, F, Q, f._alpha_sq)
+                expected = expected + control_term(f.B, u, x)
+                check_motion(f, None, expected, covariance, "F, Q, B, alpha and u")
+                f.update(z, **told)
+            noise = Q if f._alpha_sq == 1.0 else Q + (f._alpha_sq - 1.0) * F.dot(P).dot(F.T)
+            return Known(f.x.reshape(d), f.P, f.x_prior.reshape(d), f.P_prior, F.copy(), noise.copy())
+
+    def look_back(self, states: Sequence[Known]) -> Nodes:
+        """Go back over some states in a row as Rauch, Tung and Striebel."""
+        return look_back(states)
+
+
+def look_back(states: Sequence[Known]) -> Nodes:
+    """Go back over some states in a row, one at least."""
+    x, P, x_prior, P_prior, F, noise = map(np.array, zip(*states, strict=True))
+    x, P = smooth_moments(x, P, x_prior, P_prior, F, noise, 1.0)
+    check_in_range(x=x, P=P)
+    return Nodes(np.ones((len(x), 1)), x[:, None], P[:, None])
+
+
+def smooth_lag(f: Any, zs: Any, lag: Any, us: Any) -> FilterResult:
+    """Do `KalmanFilter.smooth_lag`, whose parameters these are."""
+    lag, d = as_lag(lag), f.dim_x
+    check_aligned(zs=zs, us=us)
+    series = as_observations(zs, f.dim_z)
+    with whole_verb(f):
+        if us is None and len(series) and f._is_plain():
+            F, Q = as_matrix("F", f.F, (d, d)), as_square("Q", f.Q, d)
+            begin = f._state()[1]
+            stored = f._filter_at_once(series)
+            before = np.concatenate([begin[None], stored["P"][:-1]])
+            Fs = np.broadcast_to(F, before.shape)
+            noise = np.broadcast_to(Q, before.shape) + (f._alpha_sq - 1.0) * (F @ before @ F.T)
+        else:
+            motions = LinearMotions(f, given_per_step(len(series), us=us))
+            stored = collect(f, series, field_shapes(d), motions.moves, moved=motions)
+            Fs, noise = motions.F, motions.noise
+        x, P = stored["x"], stored["P"]
+        if len(series):
+            fields = *(stored[name] for name in ("x", "P", "x_prior", "P_prior")), Fs, noise
+            states = [Known(*row) for row in zip(*fields, strict=True)]
+            x, P = (one[:, 0] for one in over_windows(look_back, states, lag)[1:])
+        forward = as_result(f, stored, zs)
+    return FilterResult(
+        x=x, P=P, log_likelihood=forward.log_likelihood, index=forward.index, coords=forward.coords
+    )
