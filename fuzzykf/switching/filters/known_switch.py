@@ -9,6 +9,7 @@ import numpy as np
 
 from fuzzykf.base import FilterResult, as_observation, as_observations, check_keep, index_of
 from fuzzykf.errors import ParameterError
+from fuzzykf.fixed_lag import as_lag
 from fuzzykf.gaussian import as_flag
 from fuzzykf.immutable import keeps
 from fuzzykf.labels import labels_of, match_row
@@ -45,6 +46,7 @@ from fuzzykf.switching.filters.known_values import (
     unknown_nodes,
     with_switch,
 )
+from fuzzykf.switching.filters.looking_back import smooth_trajectory
 from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
 from fuzzykf.switching.inference.registry import METHODS
 from fuzzykf.switching.inference.series import (
@@ -350,22 +352,61 @@ class KnownSwitchFilter(SwitchingFilter):
         -------
         FilterResult
         """
-        ys, r, path, told = self._read(zs, r, us, Rs, Hs)
+        return self._look_back(zs, r, (us, Rs, Hs), keep_nodes)
+
+    def smooth_lag(  # type: ignore[override]
+        self,
+        zs: ManyNumbers,
+        lag: int,
+        r: ArrayLike,
+        us: Any = None,
+        Rs: Any = None,
+        Hs: Any = None,
+        *,
+        keep_nodes: bool = False,
+    ) -> FilterResult:
+        """Estimate every state of a series from what was observed up to a few steps later, and its switches.
+
+        Parameters
+        ----------
+        zs, r, us, Rs, Hs, keep_nodes
+            As in `filter`.
+        lag : int
+            How many steps later, at least 0; see `SwitchingFilter.smooth_lag`.
+
+        Returns
+        -------
+        FilterResult
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `smooth`; if ``lag`` is no whole number of at least 0.
+        """
+        return self._look_back(zs, r, (us, Rs, Hs), keep_nodes, as_lag(lag))
+
+    def _look_back(
+        self, zs: Any, r: Any, told: tuple[Any, Any, Any], keep_nodes: Any, lag: int | None = None
+    ) -> FilterResult:
+        """Do `smooth`, or with a lag `smooth_lag`."""
+        ys, r, path, inputs = self._read(zs, r, *told)
         keep_nodes = as_flag("keep_nodes", keep_nodes)
-        if self._is_plain():
-            trajectory = self._method.run(path, ys, ("log_likelihood",), states=True)
-            smoothed = self._method.smooth(path, trajectory, ys)
-            self._adopt_path(trajectory, ys, path, told)
-        else:
-            with self._as_it_was_on_error():
-                walked, ys = self._by_verbs(ys, *self._by_step(r, told, Rs, Hs))
-                trajectory = self._method.run(path, ys, FOUND, states=True)
+        with self._as_it_was_on_error():
+            walked = None
+            if not self._is_plain():
+                walked, ys = self._by_verbs(ys, *self._by_step(r, inputs, *told[1:]))
+            fields = ("log_likelihood",) if walked is None else FOUND
+            trajectory = self._method.run(path, ys, fields, states=True)
+            if walked is not None:
                 check_explained(type(self).__name__, walked, trajectory)
-                smoothed = self._method.smooth(path, trajectory, ys)
+            smoothed = smooth_trajectory(self._method, path, trajectory, ys, lag)
+            if walked is None:
+                self._adopt_path(trajectory, ys, path, inputs)
         self._follow(index_of(zs))
         warn_of_steps(index_of(zs))
         result = smoothed_result(path.chain, trajectory, smoothed, keep_nodes, index_of(zs))
-        return replace(with_switch(result, r, self.model), switch_path=r).with_coords(zs)
+        result = with_switch(result, r, self.model).with_coords(zs)
+        return replace(result, switch_path=r) if lag is None else result
 
     def filter_many(  # type: ignore[override]
         self,

@@ -18,6 +18,7 @@ from fuzzykf.base import (
     index_of,
 )
 from fuzzykf.errors import ParameterError, SequenceError
+from fuzzykf.fixed_lag import as_lag
 from fuzzykf.gaussian import as_count, as_flag
 from fuzzykf.immutable import Unassignable
 from fuzzykf.labels import check_many, labels_of, match_row, match_series
@@ -25,6 +26,7 @@ from fuzzykf.many import read_many, stacked
 from fuzzykf.overrides import ACCESS, VERBS, is_patched, lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.sequel import warn_of_steps
+from fuzzykf.switching.filters.looking_back import SwitchingWayBack, smooth_series
 from fuzzykf.switching.filters.stepper import STREAMS, Stepper
 from fuzzykf.switching.filters.walk import walk
 from fuzzykf.switching.inference.exact import EXACT
@@ -36,10 +38,8 @@ from fuzzykf.switching.inference.series import (
     SHOWN,
     Stand,
     Trajectory,
-    check_explained,
     class_weights_of,
     result_of,
-    smoothed_result,
 )
 
 if TYPE_CHECKING:
@@ -384,24 +384,38 @@ class SwitchingFilter(Stepper, Filter):
             If the method has no smoother, or verbs of a subclass do more than to pass on other
             observations (an outlier as missing, for instance): the way back knows the system alone.
         """
-        zs = self._named(zs)
-        ys, index = as_observations(zs, self.dim_z), index_of(zs)
-        keep_nodes = as_flag("keep_nodes", keep_nodes)
-        if self._is_plain():
-            trajectory = self._method.run(self._system, ys, ("log_likelihood",), states=True)
-            smoothed = self._method.smooth(self._system, trajectory, ys)
-            self._adopt(trajectory, ys)
-        else:
-            with self._as_it_was_on_error():
-                walked, ys = self._by_verbs(ys)
-                trajectory = self._method.run(self._system, ys, FOUND, states=True)
-                check_explained(type(self).__name__, walked, trajectory)
-                smoothed = self._method.smooth(self._system, trajectory, ys)
-        if index is not None:
-            self._follow(index)
-            warn_of_steps(index)
-        result = smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index)
-        return result.with_coords(zs) if hasattr(zs, "coords") else result
+        return smooth_series(self, zs, keep_nodes)
+
+    def smooth_lag(self, zs: ManyNumbers, lag: int, *, keep_nodes: bool = False) -> FilterResult:
+        """Estimate every state of a series from what was observed up to a few steps later.
+
+        As exact as `smooth`, with gaps as without; the filter stays at the last observation.
+
+        Parameters
+        ----------
+        zs, keep_nodes
+            As in `filter`.
+        lag : int
+            How many steps later, at least 0: row n is the estimate given the observations up to n + lag, or
+            to the end.  With 0 it is `filter`, with the length of the series `smooth`.
+
+        Returns
+        -------
+        FilterResult
+            As from `smooth`, without the most likely path.
+
+        Raises
+        ------
+        ParameterError
+            If ``lag`` is no whole number of at least 0; as from `smooth`.
+
+        See Also
+        --------
+        fuzzykf.FixedLag : The same step by step.
+        """
+        return smooth_series(self, zs, keep_nodes, as_lag(lag))
+
+    _way_back = SwitchingWayBack  # of `fuzzykf.FixedLag`
 
     @property
     def has_smoother(self) -> bool:

@@ -16,6 +16,7 @@ from fuzzykf.base import (
     index_of,
 )
 from fuzzykf.errors import FileFormatError, ParameterError
+from fuzzykf.fixed_lag import as_lag
 from fuzzykf.gaussian import as_choice, as_count, as_flag
 from fuzzykf.immutable import Unassignable, keeps
 from fuzzykf.hindsight import warn_of_hindsight
@@ -35,6 +36,7 @@ from fuzzykf.switching.filters.inputs import (
     read_each,
     read_seen,
 )
+from fuzzykf.switching.filters.looking_back import smooth_trajectory
 from fuzzykf.switching.filters.saved import SavedFilter
 from fuzzykf.switching.filters.switching_filter import READ, SwitchingFilter
 from fuzzykf.switching.inference.forecast import MOST_STEPS, forecast
@@ -367,6 +369,59 @@ class SwitchingKalmanFilter(SavedFilter):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `filter`, or if verbs of a subclass do more than to pass on other observations.
         """
+        return self._look_back(zs, (us, Rs, Hs), weights, keep_nodes)
+
+    def smooth_lag(
+        self,
+        zs: ManyNumbers,
+        lag: int,
+        us: Any = None,
+        Rs: Any = None,
+        Hs: Any = None,
+        *,
+        weights: Literal["density", "kim"] = "density",
+        keep_nodes: bool = False,
+    ) -> FilterResult:
+        """Estimate every state of a series from what was observed up to a few steps later.
+
+        Approximate, as `smooth` is; the filter stays at the last observation.
+
+        Parameters
+        ----------
+        zs, us, Rs, Hs, keep_nodes
+            As in `filter`.
+        lag : int
+            How many steps later, at least 0: row n is the estimate given the observations up to n + lag, or
+            to the end.  With 0 it is `filter`, with the length of the series `smooth`.
+        weights : {"density", "kim"}
+            As in `smooth`.
+
+        Returns
+        -------
+        FilterResult
+            As from `smooth`, without the most likely path.
+
+        Warns
+        -----
+        HindsightWarning
+            As from `smooth`.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `smooth`; if ``lag`` is no whole number of at least 0.
+
+        See Also
+        --------
+        fuzzykf.FixedLag : The same step by step.
+        """
+        return self._look_back(zs, (us, Rs, Hs), weights, keep_nodes, as_lag(lag))
+
+    def _look_back(
+        self, zs: Any, told: tuple[Any, Any, Any], weights: Any, keep_nodes: Any, lag: int | None = None
+    ) -> FilterResult:
+        """Do `smooth`, or with a lag `smooth_lag`."""
+        us, Rs, Hs = told
         zs, keep_nodes = self._named(zs), as_flag("keep_nodes", keep_nodes)
         as_choice("weights", weights, ("density", "kim") if self._mix else ("density",))
         check_aligned(zs=zs, us=us, Rs=Rs, Hs=Hs)
@@ -380,9 +435,8 @@ class SwitchingKalmanFilter(SavedFilter):
             trajectory = self._method.run(system, ys, FOUND, states=True)
             if walked is not None:
                 check_explained(type(self).__name__, walked, trajectory)
-            method: Any = self._method
             kim = {} if weights == "density" else {"by_density": False}
-            smoothed = method.smooth(system, trajectory, ys, **kim)
+            smoothed = smooth_trajectory(self._method, system, trajectory, ys, lag, **kim)
             if walked is None:
                 self._adopt(trajectory, ys)
                 self._latest = inputs.told(-1) if len(ys) else NOTHING
@@ -390,7 +444,7 @@ class SwitchingKalmanFilter(SavedFilter):
             self._follow(index)
             warn_of_steps(index)
         result = smoothed_result(self._system.chain, trajectory, smoothed, keep_nodes, index)
-        warn_of_hindsight(trajectory.fields, result)
+        warn_of_hindsight(trajectory.fields, result, level=4)
         return result.with_coords(zs) if hasattr(zs, "coords") else result
 
     def filter_many(

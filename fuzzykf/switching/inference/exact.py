@@ -28,12 +28,15 @@ import numpy as np
 
 from fuzzykf.engine import selected as engine
 from fuzzykf.switching.dynamics.pairs import Ahead
-from fuzzykf.switching.inference.method import Method, out_of_range
+from fuzzykf.switching.inference.method import Known, Method, out_of_range, tables_to
 from fuzzykf.switching.inference.mixture import Mixture
 from fuzzykf.switching.inference.signed import check_signed, too_coarse
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.fixed_lag import Nodes
     from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables, SwitchingSystem
     from fuzzykf.switching.inference.method import Smoothed
     from fuzzykf.switching.inference.series import Trajectory
@@ -150,6 +153,19 @@ class Exact(Method):
         from fuzzykf.switching.inference.smoother import smooth_back
 
         return smooth_back(system, trajectory, ys)
+
+    def known_along(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> list[Known]:
+        """Return what was known after each observation of a filtered series."""
+        from fuzzykf.switching.inference.smoother import mixtures_of
+
+        steps = tables_to(system, len(ys))
+        return [*map(Known, mixtures_of(system, trajectory, ys), steps, ys)]
+
+    def look_back(self, system: SwitchingSystem, states: Sequence[Known]) -> Nodes:
+        """Estimate what was known after some observations in a row from all of them, see `smooth_back`."""
+        from fuzzykf.switching.inference.smoother import look_back
+
+        return look_back(system, states)
 
     def __reduce__(self) -> str | tuple[Any, ...]:
         if type(self) is Exact:

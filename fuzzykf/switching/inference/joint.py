@@ -19,14 +19,17 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from fuzzykf.switching.dynamics.joint import law_of_whole
-from fuzzykf.switching.inference.joint_smoother import smooth_joint
-from fuzzykf.switching.inference.method import Method
+from fuzzykf.switching.inference.joint_smoother import look_back, smooth_joint
+from fuzzykf.switching.inference.method import Known, Method, tables_to
 from fuzzykf.switching.inference.mixture import Mixture, Source
 from fuzzykf.switching.inference.on_nodes import GPB2, IMM
 from fuzzykf.switching.inference.series import Trajectory
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.fixed_lag import Nodes
     from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables
     from fuzzykf.switching.inference.method import Smoothed
     from fuzzykf.switching.inference.on_nodes import OnNodes
@@ -116,6 +119,16 @@ class OnJointNodes(Method):
     def smooth(self, system: Any, trajectory: Trajectory, ys: FloatArray) -> Smoothed:
         """Estimate every state of a filtered series from all of it, see `smooth_joint`."""
         return smooth_joint(system, trajectory, ys)
+
+    def known_along(self, system: Any, trajectory: Trajectory, ys: FloatArray) -> list[Known]:
+        """Return what was known after each observation of a series (n, q)."""
+        table, steps = trajectory.fields["joint"], tables_to(system, len(ys))
+        states = zip(table, steps, ys, strict=True)
+        return [Known(_windowed(Mixture(one, y), y.size), step, y) for one, step, y in states]
+
+    def look_back(self, system: Any, states: Sequence[Known]) -> Nodes:
+        """Estimate what was known after some observations in a row from all of them."""
+        return look_back(system, states)
 
 
 def _windowed(mixture: Mixture, q: int) -> Mixture:

@@ -27,15 +27,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.engine import selected as engine
+from fuzzykf.fixed_lag import Nodes
 from fuzzykf.gaussian import LOG_2PI, RANK_TOLERANCE, mixture_moments, symmetrize
 from fuzzykf.switching.inference.method import Smoothed, out_of_range
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from fuzzykf.arrays import BoolArray, FloatArray, IntArray
     from fuzzykf.switching.dynamics.nodes import NodeTables
+    from fuzzykf.switching.inference.method import Known
     from fuzzykf.switching.inference.series import Trajectory
 
-__all__ = ["smooth_joint"]
+__all__ = ["look_back", "smooth_joint"]
 
 
 @engine.QUIET
@@ -55,7 +59,33 @@ def smooth_joint(system: Any, trajectory: Trajectory, ys: FloatArray) -> Smoothe
     Smoothed
         Moments of X alone.
     """
-    m, d, table = system.dim_x, system.dim_x + system.dim_z, trajectory.fields["joint"]
+    table = trajectory.fields["joint"]
+    found = _back_through(system, table, ys, system.pair_tables)
+    return Smoothed(*found, _most_likely_path(system, table, system.dim_x + system.dim_z, ys))
+
+
+@engine.QUIET
+def look_back(system: Any, states: Sequence[Known]) -> Nodes:
+    """Smooth what was known after some observations in a row.
+
+    Parameters
+    ----------
+    system : JointSystem or JointPath
+    states : sequence of Known
+        With tables of all of Z.
+
+    Returns
+    -------
+    Nodes
+        Moments of X alone.
+    """
+    table, ys = np.array([one.mixture.table for one in states]), np.array([one.y for one in states])
+    return _back_through(system, table, ys, lambda k: states[k + 1].tables)
+
+
+def _back_through(system: Any, table: FloatArray, ys: FloatArray, tables: Callable[[int], Any]) -> Nodes:
+    """Go back from the last observation; ``tables`` are those of the step from each."""
+    m, d = system.dim_x, system.dim_x + system.dim_z
     log_p = table[:, 0]
     z, P = (np.array(one) for one in engine.node_moments(table, d))
     mu = np.exp(log_p)
@@ -65,11 +95,10 @@ def smooth_joint(system: Any, trajectory: Trajectory, ys: FloatArray) -> Smoothe
     for k in range(last - 1, -1, -1):
         settled = system.settled & (not missing[k : k + 2].any())
         after = mu[k + 1], z[k + 1], P[k + 1]
-        mu[k], z[k], P[k] = step_back(system.pair_tables(k), settled, log_p[k], z[k], P[k], ys[k + 1], *after)
+        mu[k], z[k], P[k] = step_back(tables(k), settled, log_p[k], z[k], P[k], ys[k + 1], *after)
     if not all(np.isfinite(part).all() for part in (mu, z, P)):
         raise out_of_range(ys[np.nanargmax(np.abs(ys).max(axis=1, where=~missing, initial=0.0))], 1e100)
-    path = _most_likely_path(system, table, d, ys)
-    return Smoothed(mu, z[..., :m], P[..., :m, :m], path)
+    return Nodes(mu, z[..., :m], P[..., :m, :m])
 
 
 def step_back(

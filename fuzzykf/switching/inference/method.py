@@ -12,11 +12,14 @@ from fuzzykf.switching.inference.mixture import Mixture
 from fuzzykf.switching.inference.series import filter_many, filter_one
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.fixed_lag import Nodes
     from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables, SwitchingSystem
     from fuzzykf.switching.inference.series import Stand, Trajectory
 
-__all__ = ["Method", "Smoothed", "out_of_range"]
+__all__ = ["Known", "Method", "Smoothed", "out_of_range", "tables_to"]
 
 
 class Smoothed(NamedTuple):
@@ -25,7 +28,15 @@ class Smoothed(NamedTuple):
     mu: FloatArray  # (n, M)
     x: FloatArray  # (n, M, m): given each node
     P: FloatArray  # (n, M, m, m)
-    path: IntArray  # (n,): numbers of the nodes of the most likely path
+    path: IntArray | None  # (n,): numbers of the nodes of the most likely path; None if it is not looked for
+
+
+class Known(NamedTuple):
+    """What a filter knows after an observation, and how it came there."""
+
+    mixture: Mixture
+    tables: PairTables | None  # of the step to it; None at the first observation of all
+    y: FloatArray  # (q,): the observation, NaN where missing
 
 
 class Method(Protocol):
@@ -169,6 +180,44 @@ class Method(Protocol):
         """
         name = getattr(self, "name", type(self).__name__)
         raise ParameterError(f"smooth: the method {name} has no smoother")
+
+    def known_along(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> list[Known]:
+        """Return what was known after each observation of a filtered series (n, q), for `look_back`.
+
+        Raises
+        ------
+        ParameterError
+            If the method cannot look back.
+        """
+        name = getattr(self, "name", type(self).__name__)
+        raise ParameterError(f"smooth_lag: the method {name} cannot look back")
+
+    def look_back(self, system: SwitchingSystem, states: Sequence[Known]) -> Nodes:
+        """Estimate what was known after some observations in a row from all of them.
+
+        Parameters
+        ----------
+        system : SwitchingSystem
+            Its tables are not asked: those of each step stand in ``states``.
+        states : sequence of Known
+            One at least.
+
+        Raises
+        ------
+        ParameterError
+            If the method cannot look back.
+        """
+        name = getattr(self, "name", type(self).__name__)
+        raise ParameterError(f"smooth_lag: the method {name} cannot look back")
+
+
+def tables_to(system: SwitchingSystem, n: int) -> Iterator[PairTables | None]:
+    """Return the tables of the steps to each of n observations; None to the first."""
+    steady, tables = system.steady_from, None
+    for k in range(n):
+        if k and (tables is None or steady is None or k <= steady + 1):
+            tables = system.pair_tables(k - 1)
+        yield tables
 
 
 def out_of_range(y: FloatArray, limit: float = 1e150) -> NumericalRangeError:

@@ -23,14 +23,17 @@ import numpy as np
 
 from fuzzykf.engine import selected as engine
 from fuzzykf.errors import NotPositiveDefiniteError
+from fuzzykf.fixed_lag import Nodes
 from fuzzykf.gaussian import check_definite, mixture_moments
 from fuzzykf.switching.dynamics.nodes import joint_moments
 from fuzzykf.switching.dynamics.pairs import Ahead
-from fuzzykf.switching.inference.method import Method, Smoothed, out_of_range
+from fuzzykf.switching.inference.method import Known, Method, Smoothed, out_of_range, tables_to
 from fuzzykf.switching.inference.mixture import Mixture, Source
 from fuzzykf.switching.inference.series import Trajectory, allocate, over_threads, shown
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.nodes import NodeLaw, NodeSystem, NodeTables
     from fuzzykf.switching.inference.series import Stand
@@ -152,6 +155,31 @@ class OnNodes(Method):
         if not engine.is_in_range(found).all():
             raise out_of_range(ys[np.nanargmax(np.abs(ys).max(axis=1, where=~np.isnan(ys), initial=0.0))])
         return Smoothed(np.exp(found[:, 0]), *engine.node_moments(found, m), path)
+
+    def known_along(  # type: ignore[override]
+        self, system: NodeSystem, trajectory: Trajectory, ys: FloatArray
+    ) -> list[Known]:
+        """Return what was known after each observation of a series (n, q)."""
+        table = trajectory.fields["table"]
+        steps = tables_to(cast("Any", system), len(ys))
+        return [Known(Mixture(one, _NONE), *step) for one, *step in zip(table, steps, ys, strict=True)]
+
+    def look_back(  # type: ignore[override]
+        self, system: NodeSystem, states: Sequence[Known], by_density: bool = True
+    ) -> Nodes:
+        """Estimate what was known after some observations in a row from all of them; see `smooth`."""
+        table = np.array([one.mixture.table for one in states])
+        if len(states) > 1:
+            steps: list[Any] = [one.tables for one in states[1:]]
+            kernel = steps[0].kernel
+            if any(one is not steps[0] for one in steps):
+                spaces = [one.space for one in (steps[0], *steps)]  # that to the first is not gone back
+                space = engine.NodeSpace(*(np.concatenate(one, axis=1) for one in zip(*spaces, strict=True)))
+                kernel = engine.pack_nodes(space, steps[0].log_transition)
+            table, _ = engine.smooth_nodes(kernel, table, by_density)
+            if not engine.is_in_range(table).all():
+                raise out_of_range(states[-1].y)
+        return Nodes(np.exp(table[:, 0]), *engine.node_moments(table, system.dim_x))
 
     def run_many(  # type: ignore[override]
         self,

@@ -376,7 +376,7 @@ def check_explained(name: str, walked: Trajectory, explained: Trajectory) -> Non
     """
     for field in ("x", "P", "mu"):
         got, expected = walked.fields[field], explained.fields[field]
-        off = np.abs(got - expected).reshape(len(got), -1).max(axis=1, initial=0.0)
+        off = np.abs(got - expected).max(axis=tuple(range(1, got.ndim)), initial=0.0)
         wrong = np.flatnonzero(~(off <= _ROUNDING * np.abs(expected).max(initial=0.0)))
         if wrong.size:
             k = int(wrong[0])
@@ -465,7 +465,7 @@ def smoothed_result(
         switch=most_likely_switch(chain, smoothed.mu),
         switch_mean=smoothed.mu @ chain.nodes if chain.nodes.ndim == 1 else None,
         class_weights=class_weights_of(chain, smoothed.mu),
-        switch_path=chain.nodes[smoothed.path],
+        switch_path=None if smoothed.path is None else chain.nodes[smoothed.path],
         log_likelihood=trajectory.fields["log_likelihood"],
         node_x=smoothed.x if keep_nodes else None,
         node_P=smoothed.P if keep_nodes else None,

@@ -14,26 +14,29 @@ exact for a single class and an approximation for several.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.engine import selected as engine
+from fuzzykf.fixed_lag import Nodes
 from fuzzykf.switching.inference.gap_smoother import smooth_state, step_back, window_known
 from fuzzykf.switching.inference.method import Smoothed, out_of_range
 from fuzzykf.switching.inference.mixture import Mixture
-from fuzzykf.switching.inference.series import windows_of
+from fuzzykf.switching.inference.series import Trajectory, windows_of
 from fuzzykf.switching.inference.signed import check_signed_moments
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
     from fuzzykf.switching.inference.gap_smoother import Moments
-    from fuzzykf.switching.inference.series import Trajectory
+    from fuzzykf.switching.inference.method import Known
 
-__all__ = ["smooth_back"]
+__all__ = ["look_back", "mixtures_of", "smooth_back"]
 
 
 @engine.QUIET
@@ -53,15 +56,57 @@ def smooth_back(system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray)
     NumericalRangeError, QuadratureError
         If double precision cannot hold what follows; if negative weights have made no law of it.
     """
+    backward = _Backward(system, trajectory, ys)
+    return Smoothed(*_back_to(backward, 0), backward.most_likely_path())
+
+
+@engine.QUIET
+def look_back(system: SwitchingSystem, states: Sequence[Known]) -> Nodes:
+    """Smooth what was known after some observations in a row.
+
+    What came before is in the windows of the first state.
+
+    Parameters
+    ----------
+    system : SwitchingSystem
+    states : sequence of Known
+
+    Raises
+    ------
+    NumericalRangeError, QuadratureError
+        As from `smooth_back`.
+    """
+    mixtures = [one.mixture for one in states]
+    before = mixtures[0].window.reshape(-1, system.dim_z)[::-1]  # the first observation is its last row
+    ys, first = np.concatenate([before, *(one.y[None] for one in states[1:])]), len(before) - 1
+    table = np.array([one.state_table(system.dim_x) for one in mixtures])
+    fields = {"table": np.concatenate([np.repeat(table[:1], first, axis=0), table])}
+    if system.chain.is_signed:
+        signs = np.array([np.ones(table.shape[-1]) if one.sign is None else one.sign for one in mixtures])
+        fields["sign"] = np.concatenate([np.repeat(signs[:1], first, axis=0), signs])
+    gaps = {k: one for k, one in enumerate(mixtures, first) if one.unknown}
+    window: Any = _Window(system, [one.tables for one in states], first)
+    backward = _Backward(window, Trajectory(fields, gaps, None, None), ys)
+    return Nodes(*(one[first:] for one in _back_to(backward, first)))
+
+
+def mixtures_of(system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> list[Mixture]:
+    """Return what a filter knew after each observation of a series (n, q)."""
+    backward = _Backward(system, trajectory, ys)
+    return [backward.mixture(k) for k in range(len(ys))]
+
+
+def _back_to(backward: _Backward, first: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Smooth the observations from ``first`` on; rows before it are not touched."""
+    system, trajectory, ys = backward.system, backward.trajectory, backward.ys
     n, m, table = len(ys), system.dim_x, trajectory.fields["table"]
     gamma = engine.probabilities(table, trajectory.fields.get("sign"))
     means, covariances = (np.array(a) for a in engine.node_moments(table, m))
-    backward = _Backward(system, trajectory, ys)
     seen = np.flatnonzero(~np.isnan(ys).all(axis=1))
-    last = int(seen[-1]) if seen.size else 0  # nothing can be learned after the last observation
+    last = max(int(seen[-1]), first) if seen.size else first  # nothing is learned after the last observation
     window = backward.window(last) if n else None  # smoothed moments of the window, per node
     stop = last  # the steps from k = stop on are done
-    while stop > 0:
+    while stop > first:
         k = stop - 1
         start = backward.plain_since(k)
         if start < stop:
@@ -89,7 +134,36 @@ def smooth_back(system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray)
         raise out_of_range(ys[np.nanargmax(np.abs(ys).max(axis=1, where=~np.isnan(ys), initial=0.0))], 1e100)
     if system.chain.is_signed:
         check_signed_moments(gamma, means, covariances)
-    return Smoothed(gamma, means, covariances, backward.most_likely_path())
+    return gamma, means, covariances
+
+
+class _Window:
+    """A system over a few steps, of which the tables are known.
+
+    Parameters
+    ----------
+    system : SwitchingSystem
+    tables : sequence
+        Of the steps to each observation from ``first`` on.
+    first : int
+        How many observations come before these.
+    """
+
+    def __init__(self, system: SwitchingSystem, tables: Sequence[Any], first: int) -> None:
+        self.chain, self.dim_x, self.dim_z, self.order = (
+            system.chain,
+            system.dim_x,
+            system.dim_z,
+            system.order,
+        )
+        self._tables, self._first = tables, first
+        whole = first + 1 >= system.order  # windows at the start of a series are shorter
+        steady = system.steady_from is not None and all(one is tables[-1] for one in tables[1:])
+        self.steady_from = first if whole and steady else None
+
+    def pair_tables(self, n: int) -> Any:
+        """Return the tables of the step from observation ``n``."""
+        return self._tables[n + 1 - self._first]
 
 
 class _Backward:
