@@ -7,7 +7,6 @@ All else is the same for all of them, and stands here.
 
 from __future__ import annotations
 
-from collections import deque
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -18,6 +17,7 @@ from fuzzykf.reprs import shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from contextlib import AbstractContextManager
 
     from fuzzykf.arrays import FloatArray
 
@@ -41,8 +41,11 @@ class WayBack(Protocol):
     def standing(self) -> Any:
         """Return something that is equal as long as nobody moves the filter."""
 
+    def unchanged_on_error(self) -> AbstractContextManager[None]:
+        """Return a context that leaves the filter as it was before it if an error is raised in it."""
+
     def step(self, z: Any, told: dict[str, Any]) -> Any:
-        """Do a step of the filter, and return what is known after it; an error leaves it as it was.
+        """Do a step of the filter, and return what is known after it.
 
         Parameters
         ----------
@@ -134,7 +137,7 @@ class FixedLag:
             )
         self.filter, self.lag = f, as_lag(lag)
         self._back: WayBack = way(f)
-        self._states: deque[Any] = deque(maxlen=self.lag + 1)
+        self._states: list[Any] = []
         self._standing = self._back.standing()
         self.n: int | None = None
         self.x: FloatArray | None = None
@@ -168,14 +171,16 @@ class FixedLag:
                 f"step: this {type(self.filter).__name__} has moved since the latest step of FixedLag; "
                 "expected all of its steps to be done here (make a new FixedLag to begin where it stands)"
             )
-        known = self._back.step(z, {name: one for name, one in told.items() if one is not None})
-        self._states.append(known)
-        self._standing = self._back.standing()
-        if len(self._states) <= self.lag:
+        given = {name: one for name, one in told.items() if one is not None}
+        with self._back.unchanged_on_error():
+            states = [*self._states, self._back.step(z, given)][-self.lag - 1 :]
+            found = self._back.look_back(states) if len(states) > self.lag else None
+        self._states, self._standing = states, self._back.standing()
+        if found is None:
             return None
-        found = Nodes(*(one[0] for one in self._back.look_back(list(self._states))))
-        x, self.P = mixture_moments(*found)
-        self.n, self.x, self.mu = 0 if self.n is None else self.n + 1, x[:, None], found.mu
+        mu, x, P = (one[0] for one in found)
+        x, self.P = mixture_moments(mu, x, P)
+        self.n, self.x, self.mu = 0 if self.n is None else self.n + 1, x[:, None], mu
         return self.x
 
     @shown

@@ -28,7 +28,7 @@ from fuzzykf import (
     SwitchingKalmanFilter,
     SwitchingStateSpace,
 )
-from fuzzykf.errors import FuzzykfError, HindsightWarning, ParameterError, SequenceError
+from fuzzykf.errors import FuzzykfError, HindsightWarning, NumericalRangeError, ParameterError, SequenceError
 from fuzzykf.switching import EXACT, Method, SwitchingFilter
 
 N = 12
@@ -134,7 +134,7 @@ FILTERS = {
     "OFSRFilter": (lambda: OFSRFilter(fuzzy(), 3), {}),
     "OFSRFilter, three classes": (lambda: OFSRFilter(three_classes(), 2), {}),
     "OFSRFilter, signed": (
-        lambda: OFSRFilter(fuzzy(law=FuzzyMarkovLaw.fmc2(0.05, 0.75, 0.15)), 20, rule="product"),
+        lambda: OFSRFilter(fuzzy(law=FuzzyMarkovLaw.fmc2(0.05, 0.75, 0.15)), 15, rule="product"),
         {},
     ),
     "CGOMSMFilter": (lambda: CGOMSMFilter(pairwise(coupled=False)), {}),
@@ -161,6 +161,12 @@ def part(told, n):
 
 def fields_of(f):
     return ("x", "P", "mu") if hasattr(f, "mu") else ("x", "P")
+
+
+def test_the_table_has_what_it_says() -> None:
+    assert FILTERS["OFSRFilter, signed"][0]()._system.chain.is_signed
+    assert FILTERS["CGOMSMFilter, order 3"][0]()._system.order == 3
+    assert FILTERS["CGOMSMFilter, time-varying"][0]()._system.steady_from != 0
 
 
 @pytest.mark.parametrize("kind", ["complete", "gaps", "ends"])
@@ -329,6 +335,29 @@ def test_a_refused_step_leaves_everything_as_it_was(name):
         got, expected = lagged.step(z, **given), other.step(z, **given)
         assert (got is None) == (expected is None)
         if got is not None:
+            np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_a_way_back_that_fails_undoes_the_step(name, monkeypatch):
+    make, told = FILTERS[name]
+    lagged, other, zs = FixedLag(make(), 1), FixedLag(make(), 1), series("gaps")
+
+    def failing(states):
+        raise NumericalRangeError("no numbers")
+
+    for n, z in enumerate(zs[:6]):
+        given = {name.removesuffix("s"): values[n] for name, values in told.items()}
+        if n:
+            before = lagged.filter.x.copy(), lagged.filter.P.copy(), lagged.n
+            with monkeypatch.context() as patch:
+                patch.setattr(lagged._back, "look_back", failing)
+                with pytest.raises(NumericalRangeError, match="no numbers"):
+                    lagged.step(z, **given)
+            for got, kept in zip((lagged.filter.x, lagged.filter.P, lagged.n), before, strict=True):
+                np.testing.assert_array_equal(got, kept)
+        got, expected = lagged.step(z, **given), other.step(z, **given)
+        if n:
             np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-13)
 
 

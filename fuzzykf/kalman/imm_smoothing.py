@@ -70,21 +70,24 @@ class BankWayBack:
         mu = np.asarray(self.filter.mu)
         return mu.tobytes(), xs.tobytes(), Ps.tobytes(), self.filter._log_cbar is None
 
+    def unchanged_on_error(self) -> unchanged_on_error:
+        """Return a context that puts the attributes of the bank and of its members back."""
+        return unchanged_on_error(self.filter, *self.filter.filters)
+
     def step(self, z: Any, told: dict[str, Any]) -> Known:
         """Do a step; ``told`` is u of `predict`."""
         imm, u = self.filter, told.pop("u", None)
-        with unchanged_on_error(imm, *imm.filters):
-            check_members(imm, "step")
-            before, log_M = _table_of(imm), imm._log_transition()
-            if u is None and not told and imm._is_plain():
-                space = _space_of(imm.filters)
-                imm.step(z)
-            else:
-                imm.predict(**({} if u is None else {"u": u}))
-                space = _space_of(imm.filters, u)
-                check_step(imm, None, before, space, log_M)
-                imm.update(z, **told)
-            return Known(_table_of(imm), space)
+        check_members(imm, "step")
+        before, log_M = _table_of(imm), imm._log_transition()
+        if u is None and not told and imm._is_plain():
+            space = _space_of(imm.filters)
+            imm.step(z)
+        else:
+            imm.predict(**({} if u is None else {"u": u}))
+            space = _space_of(imm.filters, u)
+            check_step(imm, None, before, space, log_M)
+            imm.update(z, **told)
+        return Known(_table_of(imm), space)
 
     def look_back(self, states: Sequence[Known]) -> Nodes:
         """Go back over some states in a row."""

@@ -55,24 +55,27 @@ class LinearWayBack:
         """Return the numbers of x and P."""
         return np.asarray(self.filter.x).tobytes(), np.asarray(self.filter.P).tobytes()
 
+    def unchanged_on_error(self) -> unchanged_on_error:
+        """Return a context that puts the attributes back."""
+        return unchanged_on_error(self.filter)
+
     def step(self, z: Any, told: dict[str, Any]) -> Known:
         """Do a step; ``told`` are u of `predict`, R and H of `update`."""
         f = self.filter
         d, u = f.dim_x, told.pop("u", None)
-        with unchanged_on_error(f):
-            x, P = f._state()
+        x, P = f._state()
+        F, Q = as_matrix("F", f.F, (d, d)), as_square("Q", f.Q, d)
+        if u is None and not told and f._is_plain():
+            f.step(z)
+        else:
+            f.predict(**({} if u is None else {"u": u}))
             F, Q = as_matrix("F", f.F, (d, d)), as_square("Q", f.Q, d)
-            if u is None and not told and f._is_plain():
-                f.step(z)
-            else:
-                f.predict(**({} if u is None else {"u": u}))
-                F, Q = as_matrix("F", f.F, (d, d)), as_square("Q", f.Q, d)
-                expected, covariance = predict_linear(x, P, F, Q, f._alpha_sq)
-                expected = expected + control_term(f.B, u, x)
-                check_motion(f, None, expected, covariance, "F, Q, B, alpha and u")
-                f.update(z, **told)
-            noise = Q if f._alpha_sq == 1.0 else Q + (f._alpha_sq - 1.0) * F.dot(P).dot(F.T)
-            return Known(f.x.reshape(d), f.P, f.x_prior.reshape(d), f.P_prior, F.copy(), noise.copy())
+            expected, covariance = predict_linear(x, P, F, Q, f._alpha_sq)
+            expected = expected + control_term(f.B, u, x)
+            check_motion(f, None, expected, covariance, "F, Q, B, alpha and u")
+            f.update(z, **told)
+        noise = Q if f._alpha_sq == 1.0 else Q + (f._alpha_sq - 1.0) * F.dot(P).dot(F.T)
+        return Known(f.x.reshape(d), f.P, f.x_prior.reshape(d), f.P_prior, F.copy(), noise.copy())
 
     def look_back(self, states: Sequence[Known]) -> Nodes:
         """Go back over some states in a row as Rauch, Tung and Striebel."""

@@ -15,6 +15,7 @@ from fuzzykf.switching.inference.series import FOUND, check_explained, smoothed_
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from contextlib import AbstractContextManager
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.fixed_lag import Nodes
@@ -49,18 +50,22 @@ class SwitchingWayBack:
         """Return how many observations were taken, and whether the filter has predicted since."""
         return self.filter._n, self.filter._predicted and self.filter._n > 0
 
+    def unchanged_on_error(self) -> AbstractContextManager[None]:
+        """Return a context that puts the state back."""
+        found: AbstractContextManager[None] = self.filter._as_it_was_on_error()
+        return found
+
     def step(self, z: Any, told: dict[str, Any]) -> Known:
         """Do a step; ``told`` are the arguments of `step` beside the observation."""
         f, n = self.filter, self.filter._n + (self.filter._predicted and self.filter._n > 0)
-        with f._as_it_was_on_error():
-            f.step(z, **told)
-            if f._n != n + 1 or f._predicted or f._mixture is None:
-                raise ParameterError(
-                    f"step: this {type(f).__name__} has taken {f._n - n} observations in place of one; the "
-                    "way back knows of no other motion: let predict and update do no more than pass on other "
-                    "observations"
-                )
-            return Known(f._mixture, None if f._before is None else f._before.tables, f._z.copy())
+        f.step(z, **told)
+        if f._n != n + 1 or f._predicted or f._mixture is None:
+            raise ParameterError(
+                f"step: this {type(f).__name__} has taken {f._n - n} observations in place of one; the "
+                "way back knows of no other motion: let predict and update do no more than pass on other "
+                "observations"
+            )
+        return Known(f._mixture, None if f._before is None else f._before.tables, f._z.copy())
 
     def look_back(self, states: Sequence[Known]) -> Nodes:
         """Go back over some states in a row by the method of the filter."""
