@@ -18,8 +18,8 @@ from fuzzykf.base import (
 from fuzzykf.errors import FileFormatError, ParameterError
 from fuzzykf.fixed_lag import as_lag
 from fuzzykf.gaussian import as_choice, as_count, as_flag
-from fuzzykf.immutable import Unassignable, keeps
 from fuzzykf.hindsight import warn_of_hindsight
+from fuzzykf.immutable import Unassignable, keeps
 from fuzzykf.io import decode, encode
 from fuzzykf.labels import labels_of, match_row
 from fuzzykf.many import stacked

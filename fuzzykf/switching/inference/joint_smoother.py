@@ -11,7 +11,7 @@ y_1..n+1.  Where y_n and y_{n+1} are complete, Z_n given the pair then depends o
 
 For any other the step of Rauch, Tung and Striebel in each pair:
 
-    W_ij proportional to p_i P_ij N(zs_j; zhat_ij, Phat_ij),
+    W_ij proportional to p_i P_ij N(zs_j; zhat_ij, Phat_ij + Ps_j),
     z_ij = z_i + G_ij (zs_j - zhat_ij),    G_ij = P_i A_j' Phat_ij^-1.
 
 The weights are those of p(r_{n+1} = j | y_1..N), normalised over i; then pairs are merged over j.  The first
@@ -181,7 +181,9 @@ def _pairs_back(
         H, noise = F[:, at], Q[:, at[:, None], at]
     else:
         residual, H, noise = after[0] - predicted, F, Q + after[1]
-        gain, value = _regressed(across, Phat, residual)
+        gain, _ = _regressed(across, Phat, residual)
+        # in the mean over what is known of Z_n+1: at its mean alone, units count where ranks differ
+        _, value = _regressed(across[..., :0, :], Phat + after[1], residual)
     rest = np.eye(z.shape[-1]) - gain @ H
     covariance = rest @ P[:, None] @ np.swapaxes(rest, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
     return value, z[:, None] + (gain @ residual[..., None])[..., 0], symmetrize(covariance)

@@ -263,3 +263,25 @@ def test_an_outlier_does_not_round_the_weights_away():
     expected = given["initial"] @ np.linalg.matrix_power(given["transition"], 5)
     for f in (SwitchingKalmanFilter(model, method="gpb2"), CGOMSMFilter(model)):
         np.testing.assert_allclose(f.smooth(zs).mu[5], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("unit", [1e3, 1e-3])
+def test_units_count_for_nothing_where_predicted_covariances_differ_in_rank(unit):
+    # a state that moves in one regime alone, from a start that is known; observed with a gap
+    def smoothed(s):
+        noise = np.array([np.diag([0.0, 1.0]), np.diag([1.0, 1.0])]) * s * s
+        A, start = np.array([[0.9, 0.0], [0.9, 0.0]]), np.array([np.diag([0.0, 1.0]), np.eye(2)])
+        model = CGOMSModel.from_pairwise(
+            [[0.9, 0.1], [0.2, 0.8]],
+            [A, A],
+            noise=noise,
+            means=np.zeros((2, 2)),
+            covariances=start * s * s,
+            dim_x=1,
+        )
+        zs = np.array([1.0, 0.5, np.nan, 1.0, 1.0, 0.5, 2.0, 1.0])
+        result = SwitchingKalmanFilter(model).smooth(s * zs)
+        return result.x / s, result.P / s**2, result.mu
+
+    for got, wanted in zip(smoothed(unit), smoothed(1.0), strict=True):
+        np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-10)
