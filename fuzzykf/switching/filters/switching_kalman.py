@@ -90,11 +90,11 @@ class SwitchingKalmanFilter(SavedFilter):
 
     Notes
     -----
-    Neither method is exact: the posterior of a state-space model has more and more components.  Of a pairwise
-    model "gpb2" is exact where `CGOMSModel.exactness` says so, and "imm" where the state does not act on the
-    next observation; such a model has a smoother as well.  Missing
-    observations and components, in any pattern and at any time, need no approximation of their own.  If the
-    covariance of an observation is singular, a `NotPositiveDefiniteError` names the node.
+    Neither method is exact: the posterior of a state-space model has more and more components.  Missing
+    observations and components, in any pattern and at any time, need no approximation of their own.  Of a
+    pairwise model "gpb2" is exact where `CGOMSModel.exactness` says so, as long as nothing is missing, and
+    "imm" where the state does not act on the next observation.  If the covariance of an observation is
+    singular, a `NotPositiveDefiniteError` names the node.
 
     See Also
     --------

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_choice, as_count, as_numbers, brief
+from fuzzykf.gaussian import as_array, as_choice, as_count, as_numbers, brief, check_covariance
 from fuzzykf.immutable import Unassignable
 from fuzzykf.io import FILTERS, MODELS, part_from_dict, part_to_dict
+from fuzzykf.overrides import VERBS, is_patched
 from fuzzykf.reprs import shown, value_text
 from fuzzykf.switching.dynamics.model import NODES, SwitchingModel
 from fuzzykf.switching.dynamics.registry import FORMS
@@ -186,8 +187,10 @@ class SwitchingStateSpace(SwitchingModel):
         Raises
         ------
         ShapeError, ParameterError
-            If there are less than two filters, one lacks a matrix or has a fading memory, or shapes do
-            not agree.
+            If there are less than two filters, or not as many as classes, one lacks a matrix, has a fading
+            memory or verbs of its own, or shapes do not agree.
+        NotPositiveDefiniteError
+            If a covariance is indefinite.
 
         Examples
         --------
@@ -529,6 +532,11 @@ def matrices_of(filters: Sequence[Any]) -> dict[str, Any]:
                     f"filters[{k}]: got a {type(f).__name__} without a matrix {name}, expected a KalmanFilter"
                 )
             found[name].append(value)
+        if not _has_plain_verbs(f):
+            raise ParameterError(
+                f"filters[{k}]: got a {type(f).__name__} with a predict or update of its own, expected a "
+                "plain KalmanFilter: a model has its matrices alone (IMMEstimator does what it does)"
+            )
         if getattr(f, "_alpha_sq", 1.0) != 1.0:
             raise ParameterError(
                 f"filters[{k}]: got alpha={f._alpha_sq**0.5:.6g}, expected 1: a model has no fading memory"
@@ -547,8 +555,17 @@ def matrices_of(filters: Sequence[Any]) -> dict[str, Any]:
         stacked["B"] = _stack("B", given_B, (m, width))
     F = stacked["F"]
     x, P = _stack("x", [np.ravel(x) for x in found["x"]], (m,)), _stack("P", found["P"], (m, m))
+    P = np.array([check_covariance(f"filters[{k}].P", one, (m, m)) for k, one in enumerate(P)])
     moved = F @ P @ np.swapaxes(F, -1, -2) + stacked["Q"]
     return stacked | {"x0": (F @ x[..., None])[..., 0], "P0": 0.5 * (moved + np.swapaxes(moved, -1, -2))}
+
+
+def _has_plain_verbs(f: Any) -> bool:
+    """Whether a filter predicts and updates as those of fuzzykf or filterpy do."""
+    if is_patched(f):
+        return False
+    homes = (next((c.__module__ for c in type(f).__mro__ if name in vars(c)), "") for name in VERBS)
+    return all(home.split(".")[0] in ("fuzzykf", "filterpy", "") for home in homes)
 
 
 def _stack(name: str, values: Sequence[Any], shape: tuple[int, ...]) -> FloatArray:

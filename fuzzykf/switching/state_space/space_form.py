@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.errors import NotStableError, ParameterError
+from fuzzykf.errors import NotStableError, NumericalRangeError, ParameterError
 from fuzzykf.gaussian import as_choice, mixture_moments, semidefinite_root
 from fuzzykf.results import Simulation
 from fuzzykf.switching.dynamics.base import Dynamics
@@ -205,10 +205,17 @@ class StateSpaceForm(Dynamics):
             moved += (self.at("B", values)[which] @ us[..., None])[..., 0]
         mean, covariance = self.state_at(shares[0])
         x[0] = mean + semidefinite_root(covariance) @ noise[0, :m]
-        for k in range(1, n):
-            x[k] = F[which[k]] @ x[k - 1] + moved[k]
-        seen = H[which] @ x[..., None] + semidefinite_root(R)[which] @ noise[:, m:, None]
+        with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is looked at
+            for k in range(1, n):
+                x[k] = F[which[k]] @ x[k - 1] + moved[k]
+            seen = H[which] @ x[..., None] + semidefinite_root(R)[which] @ noise[:, m:, None]
         y[:] = seen[..., 0] + d[which]
+        lost = ~np.isfinite(np.concatenate([x, y], axis=1)).all(axis=1)
+        if lost.any():
+            raise NumericalRangeError(
+                f"simulate: observation {int(lost.argmax())} of {n} is beyond the range of numbers; expected "
+                "a model that grows less, or fewer observations"
+            )
         return Simulation(x, y, r)
 
     def to_dict(self) -> dict[str, Any]:

@@ -19,7 +19,13 @@ from fuzzykf import (
     SwitchingStateSpace,
     io,
 )
-from fuzzykf.errors import NotPositiveDefiniteError, NotStableError, ParameterError, ShapeError
+from fuzzykf.errors import (
+    NotPositiveDefiniteError,
+    NotStableError,
+    NumericalRangeError,
+    ParameterError,
+    ShapeError,
+)
 from fuzzykf.switching import laws
 
 T = [[0.9, 0.1], [0.3, 0.7]]
@@ -497,3 +503,65 @@ def test_what_is_refused(change, error, message):
 def test_calls_that_are_refused(call, message):
     with pytest.raises(ParameterError, match=message):
         call(made())
+
+
+# --------------------------------------------------------------------------- what was silent
+
+
+class OwnVerbs(KalmanFilter):
+    """A filter whose motion is not that of its matrices alone."""
+
+    def predict(self, *args, **kwargs):
+        super().predict(*args, **kwargs)
+        self.x = 2.0 * self.x
+
+
+def member(cls=KalmanFilter, P=1.0):
+    f = cls(dim_x=2, dim_z=1)
+    f.F, f.H, f.Q, f.R = 0.9 * np.eye(2), np.array([[1.0, 0.0]]), np.eye(2), np.eye(1)
+    f.P = P * np.eye(2) if np.ndim(P) == 0 else np.array(P)
+    return f
+
+
+def patched():
+    f = member()
+    f.update = lambda z: None
+    return f
+
+
+@pytest.mark.parametrize(
+    ("filters", "error", "message"),
+    [
+        (
+            lambda: [member(), member(OwnVerbs)],
+            ParameterError,
+            r"filters\[1\]: got a OwnVerbs with a pr",
+        ),
+        (
+            lambda: [patched(), member()],
+            ParameterError,
+            r"filters\[0\]: got a KalmanFilter with a",
+        ),
+        (lambda: [member(), member(P=[[1.0, 0.5], [0.0, 1.0]])], ParameterError, r"filters\[1\]\.P: "),
+        (lambda: [member() for _ in range(3)], ParameterError, "filters: got 3, expected 2"),
+    ],
+)
+def test_filters_that_a_model_cannot_stand_for_are_refused(filters, error, message):
+    law = FadeLaw.between(20, 5)
+    SwitchingStateSpace.from_filters([member(), member()], law)
+    with pytest.raises(error, match=message):
+        SwitchingStateSpace.from_filters(filters(), law)
+
+
+def test_an_indefinite_state_of_a_filter_is_named():
+    bad = member()
+    bad.__dict__["P"] = -np.eye(2)
+    with pytest.raises(NotPositiveDefiniteError, match=r"filters\[1\]\.P"):
+        SwitchingStateSpace.from_filters([member(), bad], FadeLaw.between(20, 5))
+
+
+def test_a_simulation_beyond_the_range_of_numbers_says_where():
+    grows = SwitchingStateSpace([[1.0]], F=10.0, H=1.0, Q=1.0, R=1.0, x0=[0.0], P0=1.0)
+    assert np.isfinite(grows.simulate(300, np.random.default_rng(0)).x).all()
+    with pytest.raises(NumericalRangeError, match=r"simulate: observation 3\d\d of 400 is beyond"):
+        grows.simulate(400, np.random.default_rng(0))
