@@ -6,10 +6,10 @@ pair (i, j) and with the parameters of j, as Rauch, Tung and Striebel,
     x- = F x_i + b,    P- = F P_i F' + Q,    G = P_i F' P-^-1,
     x_ij = x_i + G (x_j^s - x-),    P_ij = P_i + G (P_j^s - P-) G',
 
-weighed by p(i | j) = c mu_i T_ij N(x_j^s; x-, P- + P_j^s) and mu_j^s, and merged over j.  The density is that
-of the next state in the mean over what is known of it.  At x_j^s alone, with P- only, it tells as much where
-P- is regular, but depends on the units where it is not, and is another one where it nearly is not.  Kim's
-weights (1994) lack the density.  What P- knows without error is left out of its inverse.
+weighed by p(i | j) = c mu_i T_ij N(x_j^s; x-, P-) and mu_j^s, and merged over j.  Kim's weights (1994) lack
+the density.  What P- knows without error, given the components before it, is left out of its inverse; in the
+density its variance is that of x_j^s, so that units count for nothing where the P- differ in rank.  (With it
+in all directions a quiet mode, whose noise nearly vanishes, tells too little of itself.)
 """
 
 from __future__ import annotations
@@ -102,12 +102,12 @@ def _looked_back(
     # of the terms that P_ahead is the sum of, which may cancel
     deviation = np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
     size = (np.abs(F) @ deviation[..., None])[..., 0] ** 2 + np.diagonal(Q, axis1=-2, axis2=-1)
-    gain = _gain(*_factored(P_ahead, size), F @ P)
+    L, weight = _factored(P_ahead, size)
+    gain = _gain(L, weight, F @ P)
     rest = np.eye(x.shape[-1]) - gain @ F
     spread = rest @ P @ np.swapaxes(rest, -1, -2) + gain @ (Q + Ps) @ np.swapaxes(gain, -1, -2)
     mean = x + (gain @ off[..., None])[..., 0]
-    there = _factored(P_ahead + Ps, size + np.diagonal(Ps, axis1=-2, axis2=-1))
-    return mean, 0.5 * (spread + np.swapaxes(spread, -1, -2)), _log_density(*there, off)
+    return mean, 0.5 * (spread + np.swapaxes(spread, -1, -2)), _log_density(L, weight, Ps, off)
 
 
 def _factored(S: FloatArray, size: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -135,20 +135,32 @@ def _gain(L: FloatArray, weight: FloatArray, across: FloatArray) -> FloatArray:
 
     ``across`` (N, m, m) is the covariance of that (rows) with what is estimated.
     """
-    m, Z = across.shape[-1], across.copy()
-    for a in range(m):
-        Z[:, a] -= (L[:, a, :a, None] * Z[:, :a]).sum(axis=1)
+    m, Z = across.shape[-1], _solved(L, across)
     Z *= weight[..., None]
     for a in range(m - 2, -1, -1):
         Z[:, a] -= (L[:, a + 1 :, a, None] * Z[:, a + 1 :]).sum(axis=1)
     return np.swapaxes(Z, -1, -2)
 
 
-def _log_density(L: FloatArray, weight: FloatArray, off: FloatArray) -> FloatArray:
-    """Return log N(off; 0, L D L'), (N,), of the components that have a variance."""
-    white, there = off.copy(), weight > 0.0
-    for a in range(off.shape[-1]):
-        white[:, a] -= (L[:, a, :a] * white[:, :a]).sum(axis=-1)
+def _log_density(L: FloatArray, weight: FloatArray, Ps: FloatArray, off: FloatArray) -> FloatArray:
+    """Return log N(off; 0, L D L'), (N,); of certain components with the variance that Ps (N, m, m) has."""
+    m, white = off.shape[-1], _solved(L, off[..., None])[..., 0]
+    certain = weight == 0.0
+    if certain.any():
+        known = _solved(L, np.swapaxes(_solved(L, Ps), -1, -2))  # L^-1 Ps L'^-1
+        D = np.divide(1.0, weight, out=np.zeros_like(weight), where=weight > 0.0)
+        D = D[..., None] * np.eye(m) + np.where(certain[:, :, None] & certain[:, None, :], known, 0.0)
+        L, weight = _factored(D, np.diagonal(D, axis1=-2, axis2=-1))
+        white = _solved(L, white[..., None])[..., 0]
+    there = weight > 0.0
     log_det = np.log(np.where(there, weight, 1.0)) - there * LOG_2PI
     value: FloatArray = -0.5 * (white**2 * weight - log_det).sum(axis=-1)
     return value
+
+
+def _solved(L: FloatArray, A: FloatArray) -> FloatArray:
+    """L^-1 A for L (N, m, m) with ones in the diagonal that are left out."""
+    X = A.copy()
+    for a in range(1, A.shape[1]):
+        X[:, a] -= (L[:, a, :a, None] * X[:, :a]).sum(axis=1)
+    return X

@@ -11,7 +11,7 @@ y_1..n+1.  Where y_n and y_{n+1} are complete, Z_n given the pair then depends o
 
 For any other the step of Rauch, Tung and Striebel in each pair:
 
-    W_ij proportional to p_i P_ij N(zs_j; zhat_ij, Phat_ij + Ps_j),
+    W_ij proportional to p_i P_ij N(zs_j; zhat_ij, Phat_ij),
     z_ij = z_i + G_ij (zs_j - zhat_ij),    G_ij = P_i A_j' Phat_ij^-1.
 
 The weights are those of p(r_{n+1} = j | y_1..N), normalised over i; then pairs are merged over j.  The first
@@ -181,9 +181,7 @@ def _pairs_back(
         H, noise = F[:, at], Q[:, at[:, None], at]
     else:
         residual, H, noise = after[0] - predicted, F, Q + after[1]
-        gain, _ = _regressed(across, Phat, residual)
-        # in the mean over what is known of Z_n+1: at its mean alone, units count where ranks differ
-        _, value = _regressed(across[..., :0, :], Phat + after[1], residual)
+        gain, value = _regressed(across, Phat, residual, after[1])
     rest = np.eye(z.shape[-1]) - gain @ H
     covariance = rest @ P[:, None] @ np.swapaxes(rest, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
     return value, z[:, None] + (gain @ residual[..., None])[..., 0], symmetrize(covariance)
@@ -197,8 +195,14 @@ def _moved(
     return mean, F @ P[:, None] @ np.swapaxes(F, -1, -2) + Q
 
 
-def _regressed(across: FloatArray, spread: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Gain across spread^-1, and log N(residual; 0, spread), in the directions in which there is a spread."""
+def _regressed(
+    across: FloatArray, spread: FloatArray, residual: FloatArray, known: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Gain across spread^-1, and log N(residual; 0, spread), in the directions in which there is a spread.
+
+    In the others the density is that with the covariance ``known`` of what is compared, if that is given:
+    units then count for nothing where the ranks of several differ.
+    """
     deviation = np.sqrt(np.maximum(np.diagonal(spread, axis1=-2, axis2=-1), 0.0))
     unit = np.where(deviation > 0.0, deviation, 1.0)
     eigenvalues, vectors = np.linalg.eigh(spread / unit[..., :, None] / unit[..., None, :])
@@ -208,6 +212,15 @@ def _regressed(across: FloatArray, spread: FloatArray, residual: FloatArray) -> 
     distance = ((white @ residual[..., None])[..., 0] ** 2).sum(axis=-1)
     log_det = np.log(np.where(there, eigenvalues, 1.0)).sum(axis=-1) + 2.0 * np.log(unit).sum(axis=-1)
     value: FloatArray = -0.5 * (distance + there.sum(axis=-1) * LOG_2PI + log_det)
+    if known is not None and not there.all():
+        rows = np.swapaxes(vectors, -1, -2) / unit[..., None, :]
+        certain = ~there[..., :, None] & ~there[..., None, :]
+        variances, axes = np.linalg.eigh(np.where(certain, rows @ known @ np.swapaxes(rows, -1, -2), 0.0))
+        off = np.swapaxes(axes, -1, -2) @ np.where(there[..., None], 0.0, rows @ residual[..., None])
+        open_ = variances > RANK_TOLERANCE * variances.max(axis=-1, keepdims=True, initial=0.0)
+        variances = np.where(open_, variances, 1.0)
+        part = off[..., 0] ** 2 / variances + np.log(variances) + LOG_2PI
+        value = value - 0.5 * np.where(open_, part, 0.0).sum(axis=-1)
     gain: FloatArray = across @ np.swapaxes(white, -1, -2) @ white
     return gain, value
 

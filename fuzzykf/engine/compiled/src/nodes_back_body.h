@@ -17,16 +17,60 @@ FK_INLINE_HERE FK_V FK_NAME(fk_weight_of)(FK_V pivot) {
   return FK_NAME(fk_select)(there, 1.0 / FK_NAME(fk_select)(there, pivot, FK_NAME(fk_all)(1.0)), FK_NAME(fk_all)(0.0));
 }
 
+/* log N(white; 0, D) of one component; 0 of one without variance. */
+FK_INLINE_HERE FK_V FK_NAME(fk_log_part)(FK_V white, FK_V D, FK_V weight) {
+  const FK_B there = (FK_B)(D > 0.0);
+  const FK_V log_D = FK_NAME(fk_logs)(FK_NAME(fk_select)(there, D, FK_NAME(fk_all)(1.0)));
+  return FK_NAME(fk_select)(there, -0.5 * (white * white * weight + log_D + FK_NODES_LOG_2PI), FK_NAME(fk_all)(0.0));
+}
+
+/* log N(white; 0, D) with the covariance that is known of certain components, of which D is 0: a case of its own. */
+FK_TARGET static __attribute__((noinline)) FK_V FK_NAME(fk_density_of_certain)(
+    const int m, const size_t ld, const int j, const double *after, const FK_V *L, const FK_V *D, const FK_V *white) {
+  FK_V W[FK_NODES_SQUARE], L2[FK_NODES_SQUARE], D2[FK_NODES_LARGEST], weight[FK_NODES_LARGEST], left[FK_NODES_LARGEST];
+  const FK_V none = FK_NAME(fk_all)(0.0);
+  FK_V density = none;
+  for (int r = 0; r < m * m; r++) W[r] = FK_NAME(fk_all)(after[(size_t)(1 + m + r) * ld + j]);
+  for (int side = 0; side < 2; side++) { /* L^-1 P_j, transposed, L^-1 of that */
+    for (int a = 1; a < m; a++)
+      for (int t = 0; t < a; t++)
+        for (int c = 0; c < m; c++) W[a * m + c] -= L[a * m + t] * W[t * m + c];
+    for (int a = 0; a < m; a++)
+      for (int c = 0; c < a; c++) {
+        const FK_V swap = W[a * m + c];
+        W[a * m + c] = W[c * m + a], W[c * m + a] = swap;
+      }
+  }
+  for (int a = 0; a < m; a++) {
+    const FK_B certain = (FK_B)(D[a] == 0.0);
+    FK_V pivot = FK_NAME(fk_select)(certain, W[a * m + a], D[a]);
+    const FK_V size = pivot;
+    left[a] = white[a];
+    for (int t = 0; t < a; t++) {
+      FK_V sum = FK_NAME(fk_select)(certain & (FK_B)(D[t] == 0.0), W[a * m + t], none);
+      for (int s = 0; s < t; s++) sum -= L2[a * m + s] * L2[t * m + s] * D2[s];
+      L2[a * m + t] = sum * weight[t];
+      pivot -= L2[a * m + t] * L2[a * m + t] * D2[t];
+      left[a] -= L2[a * m + t] * left[t];
+    }
+    D2[a] = FK_NAME(fk_pivot)(m, pivot, size);
+    weight[a] = FK_NAME(fk_weight_of)(D2[a]);
+    density += FK_NAME(fk_log_part)(left[a], D2[a], weight[a]);
+  }
+  return density;
+}
+
 /* Moments x1, P1 of the states of vector b given node j and all observations, from x, P, what the filter knew;
- * the log-density of the state at j, in the mean over what is known of it. */
+ * the log-density of the state at j. */
 FK_INLINE_HERE void FK_NAME(fk_look_back_sized)(const fk_nodes *k, const int m, const int j, const double *after,
-                                                const FK_V *x, const FK_V *P, const FK_V *deviation, FK_V *x1,
-                                                FK_V *P1, FK_V *log_density) {
+                                                const FK_B possible, const FK_V *x, const FK_V *P,
+                                                const FK_V *deviation, FK_V *x1, FK_V *P1, FK_V *log_density) {
   const size_t ld = fk_padded(k->M);
   FK_V Z[FK_NODES_SQUARE], S[FK_NODES_SQUARE], L[FK_NODES_SQUARE], A[FK_NODES_SQUARE]; /* Z: F P, then G' */
   FK_V D[FK_NODES_LARGEST], weight[FK_NODES_LARGEST], off[FK_NODES_LARGEST], white[FK_NODES_LARGEST], row[FK_NODES_LARGEST], sizes[FK_NODES_LARGEST];
-  const FK_V none = FK_NAME(fk_all)(0.0), one = FK_NAME(fk_all)(1.0);
+  const FK_V none = FK_NAME(fk_all)(0.0);
   FK_V density = none;
+  FK_B certain = possible & ~possible;
   FK_UNROLL for (int r = 0; r < m; r++) {
     FK_V sum = FK_NAME(fk_all)(after[(size_t)(1 + r) * ld + j]) - FK_THERE(b, r);
     FK_UNROLL for (int c = 0; c < m; c++) sum -= FK_THERE(F, r * m + c) * x[c];
@@ -47,23 +91,6 @@ FK_INLINE_HERE void FK_NAME(fk_look_back_sized)(const fk_nodes *k, const int m, 
     FK_UNROLL for (int t = 0; t < m; t++) size += fabs(k->F[(size_t)(a * m + t) * ld + j]) * deviation[t];
     sizes[a] = size * size + FK_THERE(Q, a * m + a);
   }
-  /* log N(off; 0, S + P_j) */
-  FK_UNROLL for (int a = 0; a < m; a++) {
-    const FK_V own = FK_NAME(fk_all)(after[(size_t)(1 + m + a * m + a) * ld + j]);
-    FK_V pivot = S[a * m + a] + own;
-    FK_UNROLL for (int t = 0; t < a; t++) {
-      FK_V sum = S[a * m + t] + after[(size_t)(1 + m + a * m + t) * ld + j];
-      FK_UNROLL for (int s = 0; s < t; s++) sum -= A[a * m + s] * A[t * m + s] * D[s];
-      A[a * m + t] = sum * weight[t];
-      pivot -= A[a * m + t] * A[a * m + t] * D[t];
-      white[a] -= A[a * m + t] * white[t];
-    }
-    D[a] = FK_NAME(fk_pivot)(m, pivot, sizes[a] + own);
-    weight[a] = FK_NAME(fk_weight_of)(D[a]);
-    const FK_V log_2pi_D = FK_NAME(fk_logs)(FK_NAME(fk_select)((FK_B)(D[a] > 0.0), D[a], one)) + FK_NODES_LOG_2PI;
-    density -= FK_NAME(fk_select)((FK_B)(D[a] > 0.0), 0.5 * (white[a] * white[a] * weight[a] + log_2pi_D), none);
-  }
-  *log_density = density;
   /* S = L D L'; what is certain, given the components before it, is left out: its weight 1 / D is zero */
   FK_UNROLL for (int a = 0; a < m; a++) {
     FK_V pivot = S[a * m + a];
@@ -72,11 +99,15 @@ FK_INLINE_HERE void FK_NAME(fk_look_back_sized)(const fk_nodes *k, const int m, 
       FK_UNROLL for (int s = 0; s < t; s++) sum -= L[a * m + s] * L[t * m + s] * D[s];
       L[a * m + t] = sum * weight[t];
       pivot -= L[a * m + t] * L[a * m + t] * D[t];
+      white[a] -= L[a * m + t] * white[t];
       FK_UNROLL for (int r = 0; r < m; r++) Z[a * m + r] -= L[a * m + t] * Z[t * m + r];
     }
     D[a] = FK_NAME(fk_pivot)(m, pivot, sizes[a]);
     weight[a] = FK_NAME(fk_weight_of)(D[a]);
+    certain |= possible & (FK_B)(D[a] == 0.0);
   }
+  FK_UNROLL for (int a = 0; a < m; a++) density += FK_NAME(fk_log_part)(white[a], D[a], weight[a]);
+  *log_density = FK_NAME(fk_any)(certain) ? FK_NAME(fk_density_of_certain)(m, ld, j, after, L, D, white) : density;
   FK_UNROLL for (int a = m - 1; a >= 0; a--)
     FK_UNROLL for (int r = 0; r < m; r++) {
       FK_V g = Z[a * m + r] * weight[a];
@@ -119,13 +150,15 @@ FK_INLINE_HERE void FK_NAME(fk_look_back_sized)(const fk_nodes *k, const int m, 
 }
 
 FK_TARGET static __attribute__((noinline)) void FK_NAME(fk_look_back)(const fk_nodes *k, const int j,
-                                                                      const double *after, const FK_V *x,
-                                                                      const FK_V *P, const FK_V *deviation,
-                                                                      FK_V *x1, FK_V *P1, FK_V *log_density) {
-#define FK_SIZE(m) case m: FK_NAME(fk_look_back_sized)(k, m, j, after, x, P, deviation, x1, P1, log_density); return;
+                                                                      const double *after, const FK_B *possible,
+                                                                      const FK_V *x, const FK_V *P,
+                                                                      const FK_V *deviation, FK_V *x1, FK_V *P1,
+                                                                      FK_V *log_density) {
+#define FK_SIZE(m) \
+  case m: FK_NAME(fk_look_back_sized)(k, m, j, after, *possible, x, P, deviation, x1, P1, log_density); return;
   switch (k->m) {
     FK_STATES
-    default: FK_NAME(fk_look_back_sized)(k, k->m, j, after, x, P, deviation, x1, P1, log_density);
+    default: FK_NAME(fk_look_back_sized)(k, k->m, j, after, *possible, x, P, deviation, x1, P1, log_density);
   }
 #undef FK_SIZE
 }
@@ -156,7 +189,7 @@ FK_TARGET static void FK_NAME(fk_nodes_back)(const fk_nodes *k, const int by_den
         slot[0] = zero;
         continue;
       }
-      FK_NAME(fk_look_back)(k, j, after, x, P, deviation, slot + 2, slot + 2 + m, &density);
+      FK_NAME(fk_look_back)(k, j, after, &possible, x, P, deviation, slot + 2, slot + 2 + m, &density);
       if (by_density) log_w += density;
       slot[0] = FK_NAME(fk_select)(possible, log_w, zero);
       for (size_t r = 2; r < stride; r++) slot[r] = FK_NAME(fk_select)(possible, slot[r], FK_NAME(fk_all)(0.0));
