@@ -228,6 +228,7 @@ def test_a_diffuse_start_hides_no_component(method) -> None:
         np.testing.assert_allclose(position(P0), position(1e6), rtol=near)
 
 
+@pytest.mark.filterwarnings("ignore::fuzzykf.errors.HindsightWarning")
 def test_a_quiet_mode_is_not_lost_on_the_way_back() -> None:
     # constant velocity in one class, whose noise nearly vanishes, and a target that moves freely in the other
     push, ratios = np.array([[0.25, 0.5], [0.5, 1.0]]), []
