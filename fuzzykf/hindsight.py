@@ -14,7 +14,7 @@ smoother was worse than the filter in 72 to 99.
 
 Where a component of the state has next to no noise the smoothers of IMM and GPB2 may lose themselves under a
 true model, too: a law that was merged is wider than what a quiet mode admits, and what it is wider by grows
-with each step back.  The ratio is very large or infinite then; a short fixed lag is safe.
+with each step back.  The ratio is very large or infinite then.
 """
 
 from __future__ import annotations
@@ -37,11 +37,8 @@ __all__ = ["hindsight_ratio", "warn_of_hindsight"]
 #: Above this the model is taken to be wrong.
 LARGEST = 2.0
 
-#: Of fewer observations, of which the ratio may be anything by chance, only what is absurd is told.
+#: Of fewer observations nothing is said: by chance the ratio is anything.
 FEWEST = 50
-
-#: What is absurd of any number of them.
-ABSURD = 50.0
 
 
 def hindsight_ratio(x: FloatArray, P: FloatArray, xs: FloatArray, Ps: FloatArray) -> float:
@@ -80,8 +77,10 @@ def warn_of_hindsight(fields: Mapping[str, FloatArray], smoothed: FilterResult, 
         How many calls lie between the user and here, this one counted: whose line the warning names.
     """
     x, P = fields["x"], fields["P"]
+    if len(x) < FEWEST:
+        return
     ratio = hindsight_ratio(x, P, smoothed.x, smoothed.P)
-    if ratio > (LARGEST if len(x) >= FEWEST else ABSURD):
+    if ratio > LARGEST:
         warnings.warn(
             f"smooth: later observations move the states {ratio:.3g} times as much, in squares, as the model "
             f"admits (at most {LARGEST:g} is expected): it is wrong, or the filter has lost the switch, and "
