@@ -63,7 +63,6 @@ MODULES = {
     "fuzzykf.switching.law_families": "fuzzykf.switching.laws",
     "fuzzykf.switching.learning.chains": "fuzzykf.switching.laws.learners",
     "fuzzykf.switching.learning.result": "fuzzykf.results",
-    "fuzzykf.switching.inference.hindsight": "fuzzykf.hindsight",
     "fuzzykf.switching.many": "fuzzykf.switching.inference.series",
     "fuzzykf.switching.missing": "fuzzykf.switching.inference.exact",
     "fuzzykf.switching.model_base": "fuzzykf.switching.models.base",

@@ -112,7 +112,7 @@ def test_two_observations_are_smoothed_by_gpb2_nearly_exactly() -> None:
     result = SwitchingKalmanFilter(model, method="gpb2", n_nodes=1).smooth(ys[:2])
     for got, wanted in ((result.x[:, 0], mean), (result.P[:, 0, 0], variance), (result.mu, mu)):
         np.testing.assert_allclose(got[1], wanted[1], rtol=1e-9)
-        np.testing.assert_allclose(got[0], wanted[0], atol=0.04)
+        np.testing.assert_allclose(got[0], wanted[0], atol=0.02)
 
 
 def one_regime(m=3, q=2):
@@ -224,8 +224,9 @@ def test_a_diffuse_start_hides_no_component(method) -> None:
         model = SwitchingStateSpace(SWITCH, [[1.0, 1.0], [0.0, 1.0]], [[1.0, 0.0]], Q, **noise)
         return SwitchingKalmanFilter(model, method=method).smooth([0.0, 1.2, 1.9, 3.3, 4.1]).x[0]
 
-    for P0, near in ((1e10, 0.02), (1e13, 0.05)):  # of 16 digits three are left of the second
-        np.testing.assert_allclose(position(P0), position(1e6), rtol=near)
+    # beside R = 1e4 a start of 1e9 is diffuse; of 16 digits three are left of one of 1e13
+    for P0, near in ((1e11, 1e-4), (1e13, 0.02)):
+        np.testing.assert_allclose(position(P0), position(1e9), rtol=near)
 
 
 @pytest.mark.filterwarnings("ignore::fuzzykf.errors.HindsightWarning")
@@ -239,4 +240,4 @@ def test_a_quiet_mode_is_not_lost_on_the_way_back() -> None:
         truth = model.simulate(300, np.random.default_rng(seed))
         filtered, smoothed = (((g(truth.y).x - truth.x)[:, 0] ** 2).mean() for g in (f.filter, f.smooth))
         ratios.append(smoothed / filtered)
-    assert np.median(ratios) < 0.7  # .9 with the density over what is known, several without any
+    assert np.median(ratios) < 0.7  # .9 with the density over what is known
