@@ -40,11 +40,16 @@ if TYPE_CHECKING:
 __all__ = ["BankWayBack", "Known", "can_look_back", "check_members", "smooth_bank"]
 
 
+#: By what part of the largest number of its kind what a bank found may differ from what its modes lead to.
+_ROUNDING = 1e-6
+
+
 class Known(NamedTuple):
     """What a bank knows of its modes after an observation, and how they came there."""
 
     table: FloatArray  # (1 + n + n*n, N): logarithms of mu, means, covariances
     space: engine.NodeSpace  # of the step to it, (1, 1, N, ...)
+    z: FloatArray  # (m,): what it took of the observation, NaN where missing
 
 
 class BankWayBack:
@@ -87,7 +92,8 @@ class BankWayBack:
             space = _space_of(imm.filters, u)
             check_step(imm, None, before, space, log_M)
             imm.update(z, **told)
-        return Known(_table_of(imm), space)
+            return _known(imm, None, before, space, log_M, as_observations([z], imm.dim_z)[0])
+        return Known(_table_of(imm), space, as_observations([z], imm.dim_z)[0])
 
     def look_back(self, states: Sequence[Known]) -> Nodes:
         """Go back over some states in a row."""
@@ -186,7 +192,8 @@ def look_back(
         spaces = {id(one.space): one.space for one in states[1:]}  # the step to the first is not gone back
         parts = [*spaces.values()] if len(spaces) == 1 else [one.space for one in states]
         space = engine.NodeSpace(*(np.concatenate(one, axis=1) for one in zip(*parts, strict=True)))
-        table, path = engine.smooth_nodes(engine.pack_nodes(space, log_transition), table, by_density)
+        zs = np.array([one.z for one in states])
+        table, path = engine.smooth_nodes(engine.pack_nodes(space, log_transition), table, zs, by_density)
     else:
         path = table[:, 0].argmax(axis=1)
     d = states[0].space.F.shape[-1]
@@ -214,7 +221,7 @@ def _forward(imm: Any, zs: Any, us: Any) -> tuple[dict[str, FloatArray], list[Kn
         engine.filter_nodes(kernel, every_pair, begin[None], False, series[None], out, switch)
     except np.linalg.LinAlgError as error:
         raise SingularInnovationError(SINGULAR) from error
-    return stored, [Known(table, space) for table in out["table"][0]]
+    return stored, [Known(table, space, z) for table, z in zip(out["table"][0], series, strict=True)]
 
 
 def _by_verbs(
@@ -229,7 +236,7 @@ def _by_verbs(
         space = _space_of(imm.filters, moves[k].get("u"))
         check_step(imm, k, before, space, log_M)
         imm.update(z)
-        states.append(Known(_table_of(imm), space))
+        states.append(_known(imm, k, before, space, log_M, z))
         for name, values in stored.items():
             values[k] = np.reshape(getattr(imm, name), shapes[name])
     return stored, states
@@ -245,6 +252,46 @@ def check_step(
     check_motion(imm, k, x.reshape(imm._form), P, "M and F, Q and B of its filters")
     for j in np.flatnonzero(mu > 0.0):  # the moments of a mode that cannot be are anything
         check_motion(imm.filters[j], k, xs[j].reshape(imm._form), Ps[j], "M and F, Q and B of the bank")
+
+
+def _known(
+    imm: Any, k: int | None, before: FloatArray, space: engine.NodeSpace, log_M: FloatArray, z: FloatArray
+) -> Known:
+    """Return what a bank knows after an update, which somebody may have changed to leave out observations.
+
+    Raises
+    ------
+    ParameterError
+        If it has neither taken the observation nor left it out.
+    """
+    seen = _space_of(imm.filters)  # an update may set H and R
+    space = space._replace(H=seen.H, R=seen.R)
+    table, kernel = _table_of(imm), engine.pack_nodes(space, log_M)
+    for taken in (z, np.full_like(z, np.nan)):
+        try:
+            (expected,), _ = engine.node_step(kernel, imm.method != "imm", before[None], taken[None])
+        except np.linalg.LinAlgError:
+            continue
+        if _same(imm, table, expected):
+            return Known(table, space, taken)
+    step = "" if k is None else f" {k}"
+    raise ParameterError(
+        f"smooth: update of this {type(imm).__name__} has neither taken observation{step}, {z.tolist()}, as "
+        "its filters do with their H and R, nor left it out; the way back knows of nothing else: let update "
+        "pass on what it is given or None, or override smooth as well"
+    )
+
+
+def _same(imm: Any, table: FloatArray, expected: FloatArray) -> bool:
+    """Whether two tables of a bank say the same of the modes that can be, up to rounding."""
+    there = expected[0] > np.log(_ROUNDING)
+    same = True
+    for rows in (slice(0, 1), slice(1, 1 + imm.dim_x), slice(1 + imm.dim_x, None)):
+        got, wanted = (
+            np.exp(one[rows]) if rows.start == 0 else one[rows][:, there] for one in (table, expected)
+        )
+        same &= bool((np.abs(got - wanted) <= _ROUNDING * np.abs(wanted).max(initial=0.0)).all())
+    return same
 
 
 def _table_of(imm: Any) -> FloatArray:

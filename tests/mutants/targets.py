@@ -206,7 +206,6 @@ TARGETS = (
     Target("switching/dynamics/joint.py", 3, PAIRWISE[1:]),
     Target("switching/dynamics/pairwise.py", 3, PAIRWISE[::-1]),
     Target(INFERENCE + "joint.py", 3, PAIRWISE[2:]),
-    Target(INFERENCE + "joint_smoother.py", 8, PAIRWISE[3:]),
     Target(SPACE + "offsets.py", 4, TO_EXACT),
     Target(SPACE + "space_on_nodes.py", 3, TO_EXACT[::-1]),
     Target("possibility/closed_form.py", 5, CLOSED),

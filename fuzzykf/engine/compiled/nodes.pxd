@@ -24,7 +24,8 @@ cdef extern from "src/nodes.h" nogil:
     ctypedef struct fk_nodes_engine:
         void (*move)(const fk_nodes *, const double *, double *, double *) noexcept nogil
         void (*back)(
-            const fk_nodes *, int, const double *, const double *, double *, double *, int *, double *
+            const fk_nodes *, int, const double *, const double *, const double *, const double *, double *, double *,
+            int *, double *
         ) noexcept nogil
     size_t fk_nodes_scratch(int, int) noexcept
     size_t fk_nodes_back_scratch(int, int) noexcept

@@ -13,7 +13,6 @@ import numpy as np
 
 from fuzzykf.gaussian import check_definite
 from fuzzykf.reprs import reprs
-from fuzzykf.switching.dynamics.exactness import EXACT_TOLERANCE, feedback
 from fuzzykf.switching.dynamics.nodes import NodeLaw, NodeTables
 from fuzzykf.switching.dynamics.pairs import InitialLaw
 from fuzzykf.switching.dynamics.placed import KnownPath
@@ -21,7 +20,7 @@ from fuzzykf.switching.dynamics.placed import KnownPath
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from fuzzykf.arrays import BoolArray, FloatArray
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.laws.chain import SwitchChain
 
 __all__ = ["JointPath", "JointSystem", "WholeState", "law_of_whole"]
@@ -85,9 +84,6 @@ class JointSystem:
     ----------
     tables : NodeTables
         Of every step, Z being the state.
-    settled : ndarray of bool, shape (K,)
-        Whether the state before a regime says nothing of the observation after it, beside what the regime and
-        the observations up to it say.
 
     Raises
     ------
@@ -122,8 +118,6 @@ class JointSystem:
         noise = np.where(arrived[:, None, None], noise, np.eye(d))  # where no path leads nothing is asked
         self.tables = NodeTables(chain.transition, A, offset, noise, *_seen(K, d, self.dim_z))
         self.first = InitialLaw(chain.initial, means, covariances)
-        follows = (chain.transition != 0.0) & arrived[:, None]
-        self.settled: BoolArray = (~follows | (feedback(A, noise, dim_x) <= EXACT_TOLERANCE)).all(axis=1)
         self.whole = WholeState(self)
 
     def initial(self) -> InitialLaw:
@@ -160,11 +154,6 @@ class JointPath(KnownPath):
         As in `JointSystem`.
     r : ndarray, shape (n,)
         Regimes.
-
-    Attributes
-    ----------
-    settled : ndarray of bool, shape (1,)
-        Not: one history leads to every observation, of which nothing is forgotten.
     """
 
     def __init__(
@@ -179,7 +168,6 @@ class JointPath(KnownPath):
     ) -> None:
         super().__init__(dim_x, means.shape[1] - dim_x, r)
         self._moves, self._first = (A, offset, noise), (means, covariances)
-        self.settled = np.zeros(1, dtype=bool)
         self.whole = WholeState(self)
 
     def initial(self) -> InitialLaw:

@@ -14,12 +14,12 @@ merges before it moves, is exact where the state does not act on the next observ
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from fuzzykf.switching.dynamics.joint import law_of_whole
-from fuzzykf.switching.inference.joint_smoother import look_back, smooth_joint
 from fuzzykf.switching.inference.method import Known, Method, tables_to
 from fuzzykf.switching.inference.mixture import Mixture, Source
 from fuzzykf.switching.inference.on_nodes import GPB2, IMM
@@ -117,8 +117,10 @@ class OnJointNodes(Method):
         return _of_state(self._nodes.run_many(system.whole, series, names, threads, stand), system.dim_x)
 
     def smooth(self, system: Any, trajectory: Trajectory, ys: FloatArray) -> Smoothed:
-        """Estimate every state of a filtered series from all of it, see `smooth_joint`."""
-        return smooth_joint(system, trajectory, ys)
+        """Estimate every state of a filtered series from all of it, see `OnNodes.smooth`."""
+        m, whole = system.dim_x, replace(trajectory, fields={"table": trajectory.fields["joint"]})
+        found = self._nodes.smooth(system.whole, whole, ys)
+        return found._replace(x=found.x[..., :m], P=found.P[..., :m, :m])
 
     def known_along(self, system: Any, trajectory: Trajectory, ys: FloatArray) -> list[Known]:
         """Return what was known after each observation of a series (n, q)."""
@@ -128,7 +130,8 @@ class OnJointNodes(Method):
 
     def look_back(self, system: Any, states: Sequence[Known]) -> Nodes:
         """Estimate what was known after some observations in a row from all of them."""
-        return look_back(system, states)
+        m, found = system.dim_x, self._nodes.look_back(system.whole, states)
+        return found._replace(x=found.x[..., :m], P=found.P[..., :m, :m])
 
 
 def _windowed(mixture: Mixture, q: int) -> Mixture:

@@ -151,7 +151,7 @@ class OnNodes(Method):
         kernel = engine.pack_nodes(
             engine.NodeSpace(*system.steps(0, len(ys))), _logs(system.chain.transition)
         )
-        found, path = engine.smooth_nodes(kernel, table, by_density)
+        found, path = engine.smooth_nodes(kernel, table, ys, by_density)
         if not engine.is_in_range(found).all():
             raise out_of_range(ys[np.nanargmax(np.abs(ys).max(axis=1, where=~np.isnan(ys), initial=0.0))])
         return Smoothed(np.exp(found[:, 0]), *engine.node_moments(found, m), path)
@@ -176,7 +176,8 @@ class OnNodes(Method):
                 spaces = [one.space for one in (steps[0], *steps)]  # that to the first is not gone back
                 space = engine.NodeSpace(*(np.concatenate(one, axis=1) for one in zip(*spaces, strict=True)))
                 kernel = engine.pack_nodes(space, steps[0].log_transition)
-            table, _ = engine.smooth_nodes(kernel, table, by_density)
+            ys = np.array([one.y for one in states])
+            table, _ = engine.smooth_nodes(kernel, table, ys, by_density)
             if not engine.is_in_range(table).all():
                 raise out_of_range(states[-1].y)
         return Nodes(np.exp(table[:, 0]), *engine.node_moments(table, system.dim_x))

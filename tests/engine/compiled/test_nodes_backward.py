@@ -32,7 +32,8 @@ def test_a_smoother_is_that_of_numpy(size, kind) -> None:
     if kind == "singular":  # the last state is a constant without error
         F[..., known, :], F[..., known, known], b[..., known] = 0.0, 1.0, 0.0
         Q[..., known, :] = Q[..., :, known] = 0.0
-    H, d, R = rng.normal(size=(*lead, M, 1, m)), np.zeros((*lead, M, 1)), np.ones((*lead, M, 1, 1))
+    q = min(m, 2)
+    H, d, R = rng.normal(size=(*lead, M, q, m)), rng.normal(size=(*lead, M, q)), definite(rng, *lead, M, q)
     space = nodes.NodeSpace(F, b, Q, H, d, R)
     T, p = rng.dirichlet(np.ones(M), M), rng.dirichlet(np.ones(M))
     if kind == "sparse" and M > 2:
@@ -47,16 +48,16 @@ def test_a_smoother_is_that_of_numpy(size, kind) -> None:
     begin = np.concatenate([log_p[None], x, P.reshape(M, -1).T])[None]
     table = np.empty((1, n, *begin.shape[1:]))
     switch = np.arange(M) * 1.0, np.ones(M), np.ones(M, dtype=bool), np.array([np.arange(M), np.full(M, 2)])
-    ys = rng.normal(size=(1, n, 1))
-    ys[0, 2] = np.nan
+    ys = 2.0 * rng.normal(size=(1, n, q))
+    ys[0, 2] = ys[0, 4, 0] = np.nan
     nodes.filter_nodes(nodes.pack_nodes(space, log_T), True, begin, True, ys, {"table": table}, switch)
     for by_density in (True, False):
-        found, path = core.smooth_nodes(compiled_nodes.pack_nodes(space, log_T), table[0], by_density)
-        expected, way = twin.smooth_nodes(nodes.pack_nodes(space, log_T), table[0], by_density)
+        found, path = core.smooth_nodes(compiled_nodes.pack_nodes(space, log_T), table[0], ys[0], by_density)
+        expected, way = twin.smooth_nodes(nodes.pack_nodes(space, log_T), table[0], ys[0], by_density)
         np.testing.assert_array_equal(found[:, 0] < -1e306, expected[:, 0] < -1e306)
         for got, wanted in ((found[:, 0], expected[:, 0]), (found[:, 1:], expected[:, 1:])):
             got, wanted = (np.where(one < -1e306, 0.0, one) for one in (got, wanted))
-            np.testing.assert_allclose(got, wanted, rtol=1e-8, atol=1e-8)
+            np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
         np.testing.assert_array_equal(path, way)
 
 
@@ -67,6 +68,6 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
     )
     for bad in (np.zeros((3, 2, 2)), np.zeros((3, 3, 1)), np.zeros((3, 3))):
         with pytest.raises(ValueError, match="table"):
-            core.smooth_nodes(kernel, bad, True)
+            core.smooth_nodes(kernel, bad, np.zeros((3, 1)), True)
     with pytest.raises(ValueError, match="no states"):
-        core.smooth_nodes(kernel, np.zeros((0, 3, 2)), True)
+        core.smooth_nodes(kernel, np.zeros((0, 3, 2)), np.zeros((0, 1)), True)

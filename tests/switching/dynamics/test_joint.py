@@ -51,15 +51,6 @@ def test_a_path_has_the_tables_of_its_regimes():
     np.testing.assert_array_equal(law_of_whole(path.initial(), Q).mean[:, :D], GIVEN[3][2:3])
 
 
-def test_settled_nodes_are_those_behind_which_nothing_stays():
-    A = GIVEN[0].copy()
-    gain = np.swapaxes(np.linalg.solve(NOISE[:, M:, M:], NOISE[:, M:, :M]), -1, -2)
-    A[1, :M, :M] = gain[1] @ A[1, M:, :M]
-    assert JointSystem(CHAIN, A, *GIVEN[1:]).settled.tolist() == [False, True, False]
-    A[:, M:, :M] = 0.0
-    assert JointSystem(CHAIN, A, *GIVEN[1:]).settled.all()
-
-
 def test_the_noise_of_an_observation_is_asked_where_a_path_arrives():
     noise = NOISE.copy()
     noise[1, M:, M:] = np.ones((2, 2))

@@ -30,7 +30,8 @@ typedef struct {
  * move: merge what leads to each node, and move it there; logarithms of predicted weights in row 0.
  * see: update a table with what is there of y; the log-densities given each node.  0 where S is singular.
  * see_pairs: move, update and merge every pair of nodes instead.
- * back: from what is known at the next time given all observations (`after`) to the same now; the score of the
+ * back: from what is known at the next time, when y is seen, given the observations up to it (`filtered`) and given
+ * all (`after`) to the latter now; the score of the
  * most likely way on from each node, and its next node.
  * weigh: from the predicted weights to those given y; the log-likelihood, NaN where no node is possible. */
 typedef struct {
@@ -39,8 +40,8 @@ typedef struct {
   int (*see_pairs)(const fk_nodes *, const double *table, const double *y, double *to, double *log_density,
                    double *scratch);
   double (*weigh)(const fk_nodes *, double *log_p, const double *log_density);
-  void (*back)(const fk_nodes *, int by_density, const double *table, const double *after, double *to,
-               double *score, int *next, double *scratch);
+  void (*back)(const fk_nodes *, int by_density, const double *table, const double *y, const double *filtered,
+               const double *after, double *to, double *score, int *next, double *scratch);
 } fk_nodes_engine;
 
 /* Sizes in doubles: of what a step needs, and of the parameters of one. */
@@ -48,7 +49,7 @@ FK_INLINE size_t fk_nodes_scratch(int M, int m) {
   return 2 * (size_t)fk_padded(M) + (size_t)FK_LANES * M * (3 + m + m * m);
 }
 FK_INLINE size_t fk_nodes_back_scratch(int M, int m) {
-  return fk_padded(M) + (size_t)FK_LANES * M + (size_t)fk_padded(M) * M * (2 + m + m * m);
+  return fk_padded(M) * (size_t)(1 + m * m) + (size_t)FK_LANES * M + (size_t)fk_padded(M) * M * (2 + m + m * m);
 }
 FK_INLINE size_t fk_nodes_parameters(int M, int m, int q) {
   return (size_t)fk_padded(M) * (2 * m * m + m + q * m + q + q * q);

@@ -2,7 +2,7 @@
 #ifndef FUZZYKF_NODES_ENGINES_H
 #define FUZZYKF_NODES_ENGINES_H
 
-#include "nodes.h"
+#include "nodes_back.h"
 
 #define FK_NAME(name) name##_portable
 #define FK_TARGET
