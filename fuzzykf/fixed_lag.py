@@ -129,6 +129,8 @@ class FixedLag:
     """
 
     def __init__(self, f: Any, lag: int) -> None:
+        if isinstance(f, type):
+            raise ParameterError(f"f: got the class {f.__name__}, expected a filter, one of its objects")
         way = getattr(f, "_way_back", None)
         if way is None:
             raise ParameterError(

@@ -445,8 +445,8 @@ class IMMEstimator(BankStepper, Filter):
         zs, us
             As in `filter`.
         weights : {"density", "kim"}
-            How likely each mode is before one that follows: with the density of the state there, or without,
-            as Kim has them (1994), which is nearly always worse.
+            How likely each mode is before one that follows: with the likelihood of all that comes later, or
+            without, as Kim has them (1994), which is nearly always worse.
 
         Returns
         -------

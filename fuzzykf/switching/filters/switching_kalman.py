@@ -342,16 +342,14 @@ class SwitchingKalmanFilter(SavedFilter):
 
         Approximate, as the filter is: what is known of the state at each node is merged after each step back.
         Where what the observation says of the state switches (``H``, ``d``), "gpb2" smooths far better.
-        Where a component of the state has next to no noise of its own (``Q``), the way back may lose itself,
-        in its covariances or altogether; it warns then, of 50 observations or more, and is of no use.
 
         Parameters
         ----------
         zs, us, Rs, Hs, keep_nodes
             As in `filter`.
         weights : {"density", "kim"}
-            How likely each node is before one that follows: with the density of the state there, or without,
-            as Kim has them (1994), which is nearly always worse and not for pairwise models.
+            How likely each node is before one that follows: with the likelihood of all that comes later, or
+            without, as Kim has them (1994), which is nearly always worse and not for pairwise models.
 
         Returns
         -------
@@ -363,8 +361,8 @@ class SwitchingKalmanFilter(SavedFilter):
         -----
         HindsightWarning
             If the states move more than their covariances admit when the later observations are known: the
-            model is wrong then, or the way back has lost itself, and what is smoothed is likely to be worse
-            than what is filtered.  See `fuzzykf.hindsight`.
+            model is wrong then, and what is smoothed is likely to be worse than what is filtered.  See
+            `fuzzykf.hindsight`.
 
         Raises
         ------

@@ -421,6 +421,10 @@ class SwitchingStateSpace(SwitchingModel):
         declared.  It is not the better filter: on data of this model it does not surpass
         `SwitchingKalmanFilter`, and on tracking at order 5 its squared error is 10 to 80 per cent above.
 
+        Its smoother looks back through the switch alone: given the nodes and the observations up to n, the
+        state at n says nothing of later observations, so that what these tell of it is what they tell of the
+        switch.  `SwitchingKalmanFilter.smooth` looks back at the state as well.
+
         With one node, and an order of at least the length of the series, it is the Kalman filter.  Tables
         are those of every step if switch and state start in their stationary laws, else made step by step.
 
