@@ -465,8 +465,9 @@ class IMMEstimator(BankStepper, Filter):
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `filter`; if a member is no plain `KalmanFilter` with alpha 1 and without a state map, or
-            a `predict` of a subclass does more than mix the modes and move them, which the way back could
-            not know.  Bank and filters are then as they were before.
+            verbs of a subclass do what the way back could not know: a `predict` more than mix the modes and
+            move them, an `update` neither take an observation, as the filters say, nor leave it out.  Bank
+            and filters are then as they were before.
 
         Examples
         --------

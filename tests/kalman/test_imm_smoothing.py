@@ -242,3 +242,60 @@ def test_what_it_cannot_look_back_on_is_named_and_left_as_it_was(case):
         for name, value in known.items():
             if name != "filters" and value.dtype != object:
                 np.testing.assert_array_equal(getattr(f, name), value)
+
+
+class Gated(IMMEstimator):
+    """Leaves out what is far from anything it expects."""
+
+    def update(self, z):
+        super().update(None if z is not None and np.abs(z).max() > 50.0 else z)
+
+
+class Doubting(IMMEstimator):
+    """Takes every observation for twice as noisy as its filters say, by their own R."""
+
+    def update(self, z):
+        noise = [f.R for f in self.filters]
+        for f in self.filters:
+            f.R = 4.0 * f.R
+        super().update(z)
+        for f, R in zip(self.filters, noise, strict=True):
+            f.R = R
+
+
+class Adapting(IMMEstimator):
+    """Sets R of its filters as it goes."""
+
+    def update(self, z):
+        for f in self.filters:
+            f.R = 1.01 * f.R
+        super().update(z)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_an_update_leaves_out_is_missing_on_the_way_back(method):
+    zs = data("complete")
+    pierced = zs.copy()
+    zs[7], pierced[7] = 1e3, np.nan
+    found, wanted = bank(method, Gated).smooth(zs), bank(method).smooth(pierced)
+    for name in ("x", "P", "mu", "log_likelihood"):
+        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-9, atol=1e-11)
+
+
+def test_noise_that_an_update_sets_counts_on_the_way_back():
+    zs, imm = data("complete", n=12), bank()
+    found = bank(cls=Adapting).smooth(zs)
+    f = placed(imm)
+    R = np.array([member.R for member in imm.filters])
+    wanted = f.smooth(zs, Rs=[1.01 ** (n + 1) * R for n in range(12)])
+    np.testing.assert_allclose(found.x, wanted.x, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(found.P, wanted.P, rtol=1e-8, atol=1e-9)
+
+
+def test_an_update_that_the_filters_do_not_explain_is_refused():
+    imm = bank(cls=Doubting)
+    before = [f.x.copy() for f in imm.filters]
+    with pytest.raises(ParameterError, match="update of this Doubting has neither taken observation 0"):
+        imm.smooth(data("complete"))
+    for f, x in zip(imm.filters, before, strict=True):
+        np.testing.assert_array_equal(f.x, x)
