@@ -11,6 +11,7 @@ from fuzzykf import CGOFMSModel, CGOMSModel
 
 # an example is learned from twice, for half a second; tests/switching/learning has the plain ones
 few = settings(max_examples=5, deadline=None)
+fewer = settings(max_examples=3, deadline=None)  # of the slow ones, beside those that are named
 seeds = st.integers(0, 10**6)
 forms = st.sampled_from(["regression", "covariance"])
 
@@ -55,7 +56,7 @@ def test_expectation_maximisation_never_lowers_the_likelihood(fit, seed):
     assert len(found.trace) > 1
 
 
-@few
+@fewer
 @given(forms, seeds)
 @example("covariance", 1113)  # a ridge: after 200 steps with ten corrections, .16 apart
 @example("regression", 478038)  # a simplex that collapses on the way to the law, .12 apart
@@ -90,7 +91,7 @@ def banded(x, y, **more):
     return CGOFMSModel.fit(x, y, law="fmc2", n_nodes=1, form="covariance", **{"n_starts": 1} | more)
 
 
-@few
+@fewer
 @given(fits(), st.integers(-30, 30), st.integers(-30, 30), seeds)
 @example(banded, 0, 28, 0)
 def test_units_change_the_parameters_and_nothing_else(fit, size_x, size_y, seed):
@@ -114,7 +115,7 @@ def test_units_change_the_parameters_and_nothing_else(fit, size_x, size_y, seed)
         np.testing.assert_allclose(t.Qyy, s.Qyy * c * c, rtol=1e-12)
 
 
-@few
+@fewer
 @given(forms, st.floats(0.001, 1000), st.floats(0.001, 1000), st.floats(-100, 100), seeds)
 def test_origin_and_units_with_a_known_switch(form, a, c, shift, seed):
     x, y, r = series(150, seed)

@@ -293,13 +293,13 @@ def test_bootstrap_of_every_law(law, hidden):
 def test_bootstrap_estimates_the_spread_of_an_estimate():
     # one regime: the standard error of Axx is known from least squares
     rng = np.random.default_rng(9)
-    y = rng.normal(size=500)
-    x = np.zeros(500)
-    for n in range(1, 500):
+    y = rng.normal(size=200)
+    x = np.zeros(200)
+    for n in range(1, 200):
         x[n] = 0.5 * x[n - 1] + y[n] + rng.normal()
     fit = CGOMSModel.fit(x, y, n_switches=1, form="regression")
     found = [r.model.form.table.Axx[0, 0, 0, 0] for r in fit.bootstrap(40, rng)]
-    variance = fit.model.form.table.C[0, 0, 0, 0] / (500 * np.var(x))
+    variance = fit.model.form.table.C[0, 0, 0, 0] / (200 * np.var(x))
     # x depends on y_n only through itself, so that regressing on y changes the information little
     assert np.std(found) == pytest.approx(np.sqrt(variance), rel=0.4)
 
@@ -338,7 +338,7 @@ def test_a_width_that_has_to_grow(paper):
     # FMC2 of half width .3: expectation-maximisation alone stays at the edge of a cell, .2
     truth = CGOFMSModel(FuzzyMarkovLaw.fmc2(0.1, 0.46, 0.3), paper.form.means, paper.form.covariances, 1)
     data = truth.simulate(1000, np.random.default_rng(18))
-    fit = CGOFMSModel.fit(data.x, data.y, law="fmc2", form="covariance", n_starts=1, tolerance=1e-4)
+    fit = CGOFMSModel.fit(data.x, data.y, law="fmc2", form="covariance", n_starts=1, tolerance=1e-3)
     # where it stops depends on rounding (.402 with AVX2, below .4 with AVX-512), but not at the edge, and
     # nowhere less likely than the truth
     assert fit.model.law.parameters["delta"] > 0.22
@@ -362,7 +362,7 @@ def test_recovery_of_a_hidden_switch(paper):
     rng = np.random.default_rng([0, 160])
     train, test = paper.simulate(2000, rng), paper.simulate(20_000, rng)
     truth = np.mean((OFSRFilter(paper).filter(test.y).x - test.x) ** 2)
-    fuzzy = CGOFMSModel.fit(train.x, train.y, n_starts=2, tolerance=1e-4)
+    fuzzy = CGOFMSModel.fit(train.x, train.y, n_starts=2, tolerance=1e-3)
     error = np.mean((OFSRFilter(fuzzy.model).filter(test.y).x - test.x) ** 2)
     assert error - truth < 0.005
     hard = CGOMSModel.fit(train.x, train.y, n_starts=2, tolerance=1e-4)

@@ -110,9 +110,9 @@ def test_a_hidden_switch_that_is_too_gradual_for_fmc1():
     r = 0.5 - 0.45 * np.cos(np.arange(500) / 20.0)
     y = 8.0 * r + 0.5 * rng.normal(size=500)
     x = 3.0 * (1.0 - r) + 0.5 * y + 0.3 * rng.normal(size=500)
-    options = {"form": "regression", "tolerance": 1e-4}
+    options = {"form": "regression", "tolerance": 1e-3}
     assert said(CGOFMSModel.fit(x, y, **options), "hard in 0.* of the data, but FMC1 cannot go below 3/8")
-    assert not said(CGOFMSModel.fit(x, y, law="fmc2", n_starts=1, max_iter=10, **options), "3/8")
+    assert not said(CGOFMSModel.fit(x, y, law="fmc2", n_starts=1, max_iter=3, **options), "3/8")
 
 
 def test_fmc1_at_its_bound():
@@ -126,7 +126,7 @@ def test_a_switch_that_is_often_fuzzy_but_not_too_often(paper):
     # 48 % hard: near enough to the bound to be looked at
     truth = CGOFMSModel(FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.275), paper.form.means, paper.form.covariances, 1)
     data = truth.simulate(1500, np.random.default_rng(0))
-    fit = CGOFMSModel.fit(data.x, data.y, form="regression", tolerance=1e-4, n_starts=1)
+    fit = CGOFMSModel.fit(data.x, data.y, form="regression", tolerance=1e-3, n_starts=1)
     assert fit.model.law.p_hard < 0.6
     assert not said(fit, "3/8")
 
