@@ -315,10 +315,10 @@ def test_the_error_of_a_gap_dies_away(fuzzy_model, enumerate_paths):
 def test_smoothing_many_gaps_stays_finite(law, fuzzy_model):
     # every second observation missing, and long gaps, with an outlier at their end
     model = CGOFMSModel(law, fuzzy_model.form.means, fuzzy_model.form.covariances, 1)
-    ys = model.simulate(200, np.random.default_rng(7)).y
+    ys = model.simulate(120, np.random.default_rng(7)).y
     ys[::2] = NONE
-    ys[100:160] = NONE
-    ys[161] = 300.0
+    ys[50:100] = NONE
+    ys[101] = 300.0
     result = OFSRFilter(model, 5).smooth(ys, keep_nodes=True)
     for name in ("x", "P", "mu", "node_x", "node_P", "switch_mean"):
         assert np.isfinite(getattr(result, name)).all(), name

@@ -92,7 +92,7 @@ def enumerated(model, n):
     return found
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     seed=SEEDS,
     M=st.integers(1, 3),
@@ -135,7 +135,7 @@ def test_tables_are_regressions_in_the_given_model(seed, M, m, q, order, far):
             np.testing.assert_allclose(Axx @ P @ Axx.T + C, rest, **TOLERANCE)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(seed=SEEDS, M=st.integers(1, 3), m=st.integers(1, 2), q=st.integers(1, 2), order=st.integers(1, 3))
 def test_filter_and_smoother_sum_over_all_paths(seed, M, m, q, order, enumerate_paths):
     model = random_model(seed, M, m, q)
@@ -158,7 +158,7 @@ def test_filter_and_smoother_sum_over_all_paths(seed, M, m, q, order, enumerate_
     np.testing.assert_allclose(result.class_weights, result.mu @ weights, rtol=1e-12, atol=1e-12)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(seed=SEEDS, m=st.integers(1, 3), q=st.integers(1, 2))
 def test_one_node_and_a_full_window_is_the_kalman_filter(seed, m, q):
     model = random_model(seed, 1, m, q, K=1)
@@ -196,8 +196,8 @@ def test_a_stationary_start_has_the_tables_that_others_come_to(law, order):
     one, other = (exact(model, order, 3).placed() for model in (still, moving))
     assert (one.steady_from, other.steady_from) == (order - 1, None)
     # means that are stationary all along, and such as become so
-    for n in (order - 1, 300):
-        for a, b in zip(one.pair_tables(n).pairs, other.pair_tables(300).pairs, strict=True):
+    for n in (order - 1, 150):
+        for a, b in zip(one.pair_tables(n).pairs, other.pair_tables(150).pairs, strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-10)
 
 

@@ -61,8 +61,8 @@ def test_the_printed_tables_have_the_wins_that_the_text_counts() -> None:
 
 @pytest.fixture(scope="module")
 def outcome():
-    """Three launches per noise."""
-    return perform(ROCKET, runs=3, seed=1)
+    """Two launches per noise, the fewest that have an error."""
+    return perform(ROCKET, runs=2, seed=1)
 
 
 def test_the_fuzzy_estimator_withstands_outliers_of_the_measurement(outcome) -> None:

@@ -44,7 +44,7 @@ def square(x):
 def bank(method="imm", m=1, mixed=False, flat=False):
     still = KalmanFilter(2, m, H=np.eye(2)[:m], Q=2.0)
     if mixed:
-        still = ExtendedKalmanFilter(2, m, Q=2.0, hx=first)
+        still = ExtendedKalmanFilter(2, m, Q=2.0, hx=first if m == 1 else both)
     filters = [velocity(m), still]
     if flat:
         for f in filters:
@@ -54,6 +54,10 @@ def bank(method="imm", m=1, mixed=False, flat=False):
 
 def first(x):
     return x[:1]
+
+
+def both(x):
+    return x
 
 
 PAIR = np.kron([[1.0, 0.8], [0.8, 1.0]], [[1.0, 0.5], [0.5, 1.0]])
@@ -127,7 +131,7 @@ FILTERS = {
     "IMMEstimator, two observations": lambda: bank(m=2),
     "IMMEstimator, mixed bank": lambda: bank(mixed=True),
     "IMMEstimator, GPB2": lambda: bank("gpb2"),
-    "IMMEstimator, GPB2 of a mixed bank": lambda: bank("gpb2", mixed=True),
+    "IMMEstimator, GPB2 of a mixed bank": lambda: bank("gpb2", m=2, mixed=True),
     "OFSRFilter": lambda: fuzzykf.OFSRFilter(fuzzy_model()),
     "OFSRFilter, product rule": lambda: fuzzykf.OFSRFilter(fuzzy_model(), rule="product"),
     "CGOMSMFilter": lambda: fuzzykf.CGOMSMFilter(hard_model()),

@@ -747,7 +747,7 @@ def narrow(kind, d):
 
 
 @pytest.mark.filterwarnings("ignore::fuzzykf.errors.SupportWarning")
-@pytest.mark.parametrize("size", [1e2, 1e3, 1e4, 1e6, 1e12, 1e50, 1e150, 1e308])
+@pytest.mark.parametrize("size", [1e2, 1e3, 1e4, 1e6, 1e50, 1e308])
 @pytest.mark.parametrize("d", [1, 2])
 @pytest.mark.parametrize("kind", ["gaussian", "cauchy", "parabolic"])
 def test_an_outlier_is_followed_or_refused_and_leaves_nothing_behind(kind, d, size):

@@ -143,7 +143,7 @@ def test_states_and_noises_on_their_bounds_are_contained(f, g):
     def extreme(width):
         return float(rng.choice([-width, rng.uniform(-width, width), width]))
 
-    for _ in range(40):
+    for _ in range(20):
         est = scalar(f, g, (-1.0, 1.0), (-1.0, 1.0), (-0.5, 0.5))
         x = extreme(1.0)
         for k in range(15):

@@ -81,10 +81,14 @@ def make(request, fuzzy_model, hard_model, make_transitions):
     return lambda: OFSRFilter(model, 3), model
 
 
+#: Observations of each series.
+LENGTH = 18
+
+
 def observe(model, gaps):
-    y = model.simulate(30, np.random.default_rng(3)).y
+    y = model.simulate(LENGTH, np.random.default_rng(3)).y
     if gaps:
-        y[4], y[11:13], y[20, 0] = np.nan, np.nan, np.nan
+        y[3], y[7:9], y[14, 0] = np.nan, np.nan, np.nan
     return y
 
 
@@ -161,7 +165,7 @@ def test_the_mean_and_the_mode_of_the_switch_are_those_of_its_probabilities(make
 
 @pytest.mark.parametrize("gaps", [False, True])
 def test_a_known_switch_has_the_same_fields_by_verbs_and_by_series(gaps, fuzzy_model) -> None:
-    data = fuzzy_model.simulate(30, np.random.default_rng(3))
+    data = fuzzy_model.simulate(LENGTH, np.random.default_rng(3))
     y = observe(fuzzy_model, gaps)
     whole = KnownSwitchFilter(fuzzy_model).filter(y, data.r)
     f, g = KnownSwitchFilter(fuzzy_model), KnownSwitchFilter(fuzzy_model)

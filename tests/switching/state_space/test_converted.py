@@ -221,7 +221,7 @@ def test_simulated_series_have_the_likelihood_of_the_model(make, options):
     # E[(y - prediction)^2 / S] = 1 and uncorrelated, if the series are those of the model: regimes known
     model = make(**options)
     rng = np.random.default_rng(4)
-    truths = [model.simulate(40, rng) for _ in range(60)]
+    truths = [model.simulate(40, rng) for _ in range(40)]
     x, y, r = (np.stack([getattr(truth, name) for truth in truths]) for name in "xyr")
     result = KnownSwitchFilter(model).filter_many(y, keep=("x", "P", "log_likelihood"), r=r)
     e = x - result.x
