@@ -24,6 +24,7 @@ from fuzzykf.engine.numpy.kernels import *
 from fuzzykf.engine.numpy.known_paths import *
 from fuzzykf.engine.numpy.nodes import *
 from fuzzykf.engine.numpy.nodes_backward import *
+from fuzzykf.engine.numpy.nodes_gradient import *
 from fuzzykf.engine.numpy.outliers import *
 from fuzzykf.engine.numpy.raster import *
 from fuzzykf.engine.numpy.series import *

@@ -201,6 +201,7 @@ TARGETS = (
     Target(SPACE + "parameters.py", 2, ON_NODES[::-1]),
     Target(SPACE + "stationary.py", 4, ON_NODES[::-1]),
     Target(ENGINE + "nodes.py", 10, ON_NODES),
+    Target(ENGINE + "nodes_gradient.py", 6, ("engine/numpy/test_nodes_gradient.py",)),
     Target(INFERENCE + "on_nodes.py", 5, ON_NODES[1:]),
     Target("switching/dynamics/exactness.py", 4, PAIRWISE),
     Target("switching/dynamics/joint.py", 3, PAIRWISE[1:]),
