@@ -46,7 +46,10 @@ _SIZED = {
 }
 
 #: Kernels that are given what `pack_nodes` returns, which of a system of any size is not compiled.
-_PACKED = ("before_node_step", "filter_nodes", "first_node_step", "node_step", "smooth_nodes")
+_PACKED = (
+    *("before_node_step", "filter_nodes", "first_node_step"),
+    *("node_gradient", "node_step", "smooth_nodes"),
+)
 
 
 def _up_to(largest: int, compiled: Any, any_size: Any, first: int, second: int) -> Any:

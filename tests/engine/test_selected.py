@@ -13,7 +13,7 @@ import pytest
 
 from fuzzykf import engine
 from fuzzykf.engine import selected
-from fuzzykf.engine.numpy import kalman, nodes
+from fuzzykf.engine.numpy import kalman, nodes, nodes_gradient
 
 
 def in_a_new_process(code: str, wanted: str | None) -> subprocess.CompletedProcess[str]:
@@ -178,3 +178,11 @@ def test_state_space_models_of_any_size_have_kernels(m, q) -> None:
         )
         for got, wanted in zip(found, expected, strict=True):
             np.testing.assert_allclose(got, wanted, rtol=1e-10, atol=1e-12)
+    by, expected_by = (
+        gradient(pack(space, log_T), start, np.ones((3, q)))
+        for gradient, pack in (
+            (selected.node_gradient, selected.pack_nodes),
+            (nodes_gradient.node_gradient, nodes.pack_nodes),
+        )
+    )
+    np.testing.assert_allclose(by.space.F, expected_by.space.F, rtol=1e-10, atol=1e-12)

@@ -243,5 +243,11 @@ TARGETS = (
     Target(SOURCE + "kalman_body.h", 7, C_KALMAN, unit=CORE + "kalman.pyx"),
     Target(SOURCE + "kalman.h", 3, C_KALMAN, unit=CORE + "kalman.pyx"),
     Target(SOURCE + "imm.h", 6, C_KALMAN[1:], unit=CORE + "imm.pyx"),
+    Target(
+        SOURCE + "nodes_gradient.h",
+        6,
+        ("engine/compiled/test_nodes_gradient.py",),
+        unit=CORE + "nodes_gradient.pyx",
+    ),
     Target(CORE + "switching.pyx", 2, C_RECURSION, unit=CORE + "switching.pyx"),
 )
