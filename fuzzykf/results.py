@@ -507,8 +507,8 @@ class FitResult(Generic[M]):
 
     Attributes
     ----------
-    model : CGOFMSModel or CGOMSModel
-        In the units of the data.
+    model : object
+        New, in the units of the data.
     log_likelihood : float
         Log-density of the training data (x, y) under the model, in their units.
     n_parameters : int

@@ -16,6 +16,9 @@ __all__ = ["FitSummary", "SummaryTable", "summarise_fit"]
 #: Warnings that a repr has room for.
 MOST_WARNINGS = 8
 
+#: Rows of a table that a repr has room for above warnings.
+MOST_ROWS = 10
+
 #: Components whose means have room beside one another.
 MOST_MEANS = 5
 
@@ -49,40 +52,54 @@ class FitSummary:
         Parameters that have names.
     warnings : tuple of str
         What the data cannot support.
+    warnings_last : bool
+        Whether they stand below the tables.
     """
 
     title: str
     facts: tuple[tuple[str, str], ...]
     tables: tuple[SummaryTable, ...]
     warnings: tuple[str, ...]
+    warnings_last: bool = False
 
     def __str__(self) -> str:
         """All of it, however many regimes there are."""
-        return self._text(self.warnings)
+        return self._text(self.tables, self.warnings)
 
-    def _text(self, warnings: tuple[str, ...]) -> str:
+    def _text(self, tables: tuple[SummaryTable, ...], warnings: tuple[str, ...]) -> str:
         width = max((len(name) for name, _ in self.facts), default=0)
         lines = [self.title]
         for name, value in self.facts:
             lines += _wrapped(f"  {name.ljust(width)}  ", value)
-        if warnings:
-            lines.append("warnings")
+        below = [line for table in tables for line in (table.title, *text_table(table.header, table.rows))]
+        noted = ["warnings"] if warnings else []
         for warning in warnings:
-            lines += _wrapped("  - ", warning)
-        for table in self.tables:
-            lines += [table.title, *text_table(table.header, table.rows)]
-        return "\n".join(lines)
+            noted += _wrapped("  - ", warning)
+        return "\n".join([*lines, *(below + noted if self.warnings_last else noted + below)])
 
     @shown
     def __repr__(self) -> str:
         warnings = [cut(one, 4 * WIDTH) for one in self.warnings[:MOST_WARNINGS]]
         more = len(self.warnings) - MOST_WARNINGS
-        return self._text((*warnings, *([f"and {more} more"] if more > 0 else [])))
+        tables = tuple(_shortened(one) for one in self.tables) if self.warnings_last else self.tables
+        return self._text(tables, (*warnings, *([f"and {more} more"] if more > 0 else [])))
 
     @shown_html
     def _repr_html_(self) -> str:
-        parts = [html_table(self.title, (), self.facts, [f"warning: {one}" for one in self.warnings])]
-        return "\n".join([*parts, *(html_table(*table) for table in self.tables)])
+        notes = [f"warning: {one}" for one in self.warnings]
+        tables = [html_table(*table) for table in self.tables]
+        if self.warnings_last and tables:
+            head, last = html_table(self.title, (), self.facts), html_table(*self.tables[-1], notes)
+            return "\n".join([head, *tables[:-1], last])
+        return "\n".join([html_table(self.title, (), self.facts, notes), *tables])
+
+
+def _shortened(table: SummaryTable) -> SummaryTable:
+    """Return a table with the rows that a repr has room for, if warnings are to follow."""
+    more = len(table.rows) - MOST_ROWS
+    if more <= 0:
+        return table
+    return table._replace(title=f"{table.title} ({more} more: see summary())", rows=table.rows[:MOST_ROWS])
 
 
 def _wrapped(begin: str, text: str) -> list[str]:

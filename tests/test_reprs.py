@@ -67,6 +67,7 @@ from fuzzykf.comparison import (
 )
 from fuzzykf.comparison.prepare import ClockSwitch
 from fuzzykf.datasets import Building, Table, Traffic, Victoria, load_victoria
+from fuzzykf.estimation import LikelihoodFit, LocalMaximum
 from fuzzykf.experiments import Experiment, Outcome
 from fuzzykf.kalman import StateMap
 from fuzzykf.labels import Labels
@@ -216,6 +217,13 @@ def rules():
 BIG = np.zeros((40, 40))
 INDEX = pd.date_range("2020-01-01", periods=300, freq="D")
 
+
+def likelihood_fit(**estimates):
+    warnings = (HOSTILE,) * 40
+    found = {"estimates": estimates, "standard_errors": estimates, "maxima": (LocalMaximum(0.0, estimates),)}
+    return LikelihoodFit(object(), 0.0, 1, 1, np.zeros(1), False, warnings, **found)
+
+
 #: Class, and objects of it in all states that users meet.
 SPECIMENS = {
     FuzzyMarkovLaw: [
@@ -314,6 +322,12 @@ SPECIMENS = {
         lambda: FilterResult(x=np.zeros((5, 300, 1)), index=object()),
     ],
     FitResult: [fit, lambda: FitResult(None, 0.0, 1, 1, np.zeros(1), True, (HOSTILE,) * 99)],
+    LikelihoodFit: [
+        lambda: LikelihoodFit(None, 0.0, 1, 1, np.zeros(1), True),
+        lambda: likelihood_fit(**{f"R[{k}, {k}]": 1.0 for k in range(300)}),
+        lambda: likelihood_fit(**{HOSTILE: np.nan}),
+    ],
+    LocalMaximum: [lambda: LocalMaximum(-1.0, {f"R[{k}, {k}]": 1.0 for k in range(300)})],
     FitSummary: [lambda: fit().summary()],
     SummaryTable: [lambda: fit().summary().tables[0]],
     ResultField: [lambda: FIELDS["x"]],
@@ -405,7 +419,7 @@ def test_a_repr_is_short_safe_and_changes_nothing(cls, k):
     assert state_of(value) == before
     check(text)
     assert "not built" not in text or getattr(value, "scores", None) == ()
-    assert cls.__name__ in text or cls in (FitResult, FitSummary)  # which show the model
+    assert cls.__name__ in text or cls in (FitResult, LikelihoodFit, FitSummary)  # which show the model
     seconds = []
     for _ in range(5):
         start = time.process_time()
@@ -444,7 +458,16 @@ class Page(HTMLParser):
 
 @pytest.mark.parametrize(
     "cls",
-    [CGOFMSModel, CGOMSModel, FilterResult, FitResult, FitSummary, ModelComparison, Comparison],
+    [
+        CGOFMSModel,
+        CGOMSModel,
+        FilterResult,
+        FitResult,
+        LikelihoodFit,
+        FitSummary,
+        ModelComparison,
+        Comparison,
+    ],
 )
 def test_notebooks_get_a_table_of_escaped_text(cls):
     for make in SPECIMENS[cls]:

@@ -1,0 +1,360 @@
+"""The way up: maxima of a log-likelihood of free numbers, from one start or from several."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.estimation.information import observed_information
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from fuzzykf.arrays import BoolArray, FloatArray
+    from fuzzykf.estimation.free import FreeNumbers
+    from fuzzykf.estimation.information import LogLikelihood
+
+__all__ = ["Maximum", "Search", "ascend", "maximise"]
+
+#: Steps of Newton at most, and how often one is halved.
+NEWTON, HALVINGS = 12, 30
+
+#: Curvature, in units of the spread and relative to the largest, below which a direction is flat.
+FLAT = 1e-8
+
+#: A log-variance with less curvature than this, in units of the spread, may be on its way to minus infinity.
+AWAY = 1e-2
+
+#: How far up such a variance is looked for again, and what has to be lost there.
+LADDER, LOSS = np.arange(2.0, 42.0, 2.0), 0.1
+
+#: How often a start is drawn that has a log-likelihood.
+DRAWS = 20
+
+#: Two maxima are one if they are this close, in standard errors.
+SAME = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Maximum:
+    """Where an ascent ended.
+
+    Attributes
+    ----------
+    numbers : ndarray, shape (p,)
+        Minus infinity for variances that are zero.
+    log_likelihood : float
+    trace : tuple of float
+        Log-likelihoods on the way.
+    gain : float
+        What a step of Newton would still gain; where nothing bends, what a step of one spread would.
+    converged : bool
+        Whether that is less than the tolerance, and nothing bends upwards.
+    information : ndarray, shape (p, p)
+        Minus the matrix of second derivatives; zeros beside variances that are zero.
+    """
+
+    numbers: FloatArray
+    log_likelihood: float
+    trace: tuple[float, ...]
+    gain: float
+    converged: bool
+    information: FloatArray
+
+    @property
+    def at_bound(self) -> BoolArray:
+        """Which numbers are those of variances that are zero."""
+        at_bound: BoolArray = np.isneginf(self.numbers)
+        return at_bound
+
+
+class Search(NamedTuple):
+    """What several ascents found.
+
+    Attributes
+    ----------
+    maxima : tuple of Maximum
+        Those that differ, the best first; of all but the best only what converged.
+    n_starts : int
+        Ascents that were made: less than were asked for where no start with a log-likelihood was drawn.
+    """
+
+    maxima: tuple[Maximum, ...]
+    n_starts: int
+
+
+# --------------------------------------------------------------------------- from one start
+
+
+class _Point(NamedTuple):
+    numbers: FloatArray
+    value: float
+    gradient: FloatArray
+
+
+class _Climber:
+    """An ascent from one start, and what it has seen."""
+
+    def __init__(
+        self,
+        f: LogLikelihood,
+        free: FreeNumbers,
+        max_iter: int,
+        tolerance: float,
+        tick: Callable[[], None] | None,
+    ) -> None:
+        self.f, self.free, self.tolerance, self.tick = f, free, tolerance, tick
+        self.left = max_iter
+        self.trace: list[float] = []
+
+    def look(self, numbers: FloatArray) -> _Point:
+        """Evaluate; what is not finite in any part has no log-likelihood."""
+        value, gradient = self.f(numbers)
+        if not (np.isfinite(value) and np.isfinite(gradient).all()):
+            return _Point(numbers, -np.inf, np.zeros(numbers.shape))
+        return _Point(numbers, float(value), gradient)
+
+    def told(self, value: float) -> None:
+        """Note an iteration."""
+        self.trace.append(value)
+        self.left -= 1
+        if self.tick is not None:
+            self.tick()
+
+    def quasi_newton(self, start: _Point) -> _Point:
+        """Go up by L-BFGS, in units of the spread; variances that are zero stay."""
+        from scipy.optimize import minimize
+
+        moving = np.isfinite(start.numbers)
+        unit = self.free.spread[moving]
+        if self.left <= 0 or not moving.any():
+            return start
+        best = last = start
+
+        def there(z: FloatArray) -> FloatArray:
+            numbers = start.numbers.copy()
+            numbers[moving] += unit * z
+            return numbers
+
+        def negative(z: FloatArray) -> tuple[float, FloatArray]:
+            nonlocal best, last
+            point = self.look(there(z))
+            if not np.isfinite(point.value):
+                # a parabola that rises from where we were: the line search turns back into finite values
+                way = z - (last.numbers[moving] - start.numbers[moving]) / unit
+                height = max(1.0, abs(float(last.gradient[moving] @ (unit * way))))
+                return height - last.value, 2.0 * height * way / max(float(way @ way), 1e-300)
+            last = point
+            best = point if point.value > best.value else best
+            return -point.value, -point.gradient[moving] * unit
+
+        options = {"maxiter": self.left, "maxfun": 30 * self.left, "maxcor": 20, "ftol": 1e-13, "gtol": 1e-6}
+        minimize(
+            negative,
+            np.zeros(moving.sum()),
+            jac=True,
+            method="L-BFGS-B",
+            callback=lambda _: self.told(best.value),
+            options=options,
+        )
+        return best
+
+    def settled(self, point: _Point) -> _Point:
+        """Send variances to zero that are on their way there, or up again if there is more to be had."""
+        for _ in range(2 * len(point.numbers)):
+            bent = observed_information(self.f, point.numbers, 1e-4 * self.free.spread)
+            curvature = np.diagonal(bent) * self.free.spread**2
+            away = self.free.is_variance & np.isfinite(point.numbers) & (curvature < AWAY)
+            for i in np.flatnonzero(away)[np.argsort(point.numbers[away])]:
+                found = self._sent(point, i)
+                if found is not None:
+                    point = found
+                    break
+            else:
+                return point
+        return point
+
+    def _sent(self, point: _Point, i: int) -> _Point | None:
+        """Return where to go on if number i goes to zero, or far up; None if neither is better."""
+        numbers = point.numbers.copy()
+        numbers[i] = -np.inf
+        zero = self.look(numbers)
+        if zero.value > point.value - LOSS:
+            zero = self.quasi_newton(zero)
+        if zero.value < point.value - self.tolerance:
+            return None
+        for far in LADDER:
+            numbers = point.numbers.copy()
+            numbers[i] += far
+            up = self.look(numbers)
+            if up.value > zero.value + LOSS:
+                return self.quasi_newton(up)
+            if up.value < zero.value - LOSS:
+                return zero
+        return None  # nothing depends on it
+
+    def newton(self, point: _Point) -> Maximum:
+        """Finish by steps of Newton, and tell how much one more would gain."""
+        spread = np.where(np.isfinite(point.numbers), self.free.spread, 0.0)
+        for round_ in range(NEWTON + 1):
+            information = observed_information(self.f, point.numbers, 1e-4 * self.free.spread)
+            if not np.isfinite(information).all():  # at an edge beyond which there is no value
+                return Maximum(point.numbers, point.value, tuple(self.trace), np.inf, False, information)
+            bent, ways = np.linalg.eigh(spread[:, None] * information * spread)
+            slope = ways.T @ (spread * point.gradient)
+            flat = FLAT * max(1.0, float(bent.max(initial=0.0)))
+            size = np.maximum(np.abs(bent), flat)
+            gains = np.where(bent > flat, 0.5 * slope**2 / size, np.abs(slope))
+            gain, is_peak = float(gains.sum()), bool((bent > -1e3 * flat).all())
+            if (gain < self.tolerance and is_peak) or round_ == NEWTON or self.left <= 0:
+                break
+            # where it bends upwards a step of one spread, at a saddle to either side
+            uphill = np.where(slope == 0.0, 1.0, np.sign(slope))
+            step = np.where(np.abs(bent) <= flat, 0.0, np.where(bent > 0.0, slope / size, uphill))
+            better = self._shortened(point, spread * (ways @ step))
+            if better is None:
+                break
+            point = better
+            self.told(point.value)
+        converged = gain < self.tolerance and is_peak
+        return Maximum(point.numbers, point.value, tuple(self.trace), gain, converged, information)
+
+    def _shortened(self, point: _Point, step: FloatArray) -> _Point | None:
+        """Return the first point along a step, halved again and again, that is higher."""
+        moving = np.isfinite(point.numbers)
+        for _ in range(HALVINGS):
+            numbers = point.numbers.copy()
+            numbers[moving] += step[moving]
+            found = self.look(numbers)
+            if found.value > point.value:
+                return found
+            step = 0.5 * step
+        return None
+
+
+def ascend(
+    f: LogLikelihood,
+    free: FreeNumbers,
+    start: FloatArray,
+    *,
+    max_iter: int = 500,
+    tolerance: float = 1e-7,
+    tick: Callable[[], None] | None = None,
+) -> Maximum:
+    """Return the maximum that a start leads to.
+
+    By L-BFGS; then variances that go to zero are sent there, and steps of Newton finish.
+
+    Parameters
+    ----------
+    f : callable
+        Of numbers (p,), log-likelihood and gradient (p,).  Numbers of variances may be minus infinity.  A
+        value that is not finite says that there is none: the search turns back.
+    free : FreeNumbers
+    start : ndarray, shape (p,)
+    max_iter : int
+    tolerance : float
+        Gain in log-likelihood at which to stop.
+    tick : callable, optional
+        Called after each iteration.
+
+    Raises
+    ------
+    ParameterError
+        If there is no log-likelihood at the start.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf.estimation.free import read_free
+    >>> free = read_free({"R": "full"}, {"R": np.eye(1)}, covariances=["R"])
+    >>> def f(numbers):  # ten observations of the variance 4
+    ...     ratio = 4.0 * np.exp(-numbers)
+    ...     return -5.0 * float(numbers[0] + ratio[0]), -5.0 * (1.0 - ratio)
+    >>> free.estimates(ascend(f, free, free.start).numbers).round(6)
+    array([4.])
+    """
+    climber = _Climber(f, free, max_iter, tolerance, tick)
+    first = climber.look(start)
+    if not np.isfinite(first.value):
+        value, _ = f(start)
+        raise ParameterError(
+            f"free: the log-likelihood of the start is {value}, expected a finite number; set the parameters "
+            "to values under which the observations are possible"
+        )
+    climber.trace.append(first.value)
+    return climber.newton(climber.settled(climber.quasi_newton(first)))
+
+
+# --------------------------------------------------------------------------- from several starts
+
+
+def maximise(
+    f: LogLikelihood,
+    free: FreeNumbers,
+    *,
+    n_starts: int = 1,
+    rng: np.random.Generator | None = None,
+    prepare: Callable[[FloatArray], FloatArray] | None = None,
+    max_iter: int = 500,
+    tolerance: float = 1e-7,
+    tick: Callable[[], None] | None = None,
+) -> Search:
+    """Return the maxima that several starts lead to.
+
+    Parameters
+    ----------
+    f, free, max_iter, tolerance, tick
+        As in `ascend`; ``max_iter`` counts for each start.
+    n_starts : int
+        The first start is that of ``free``, the others are drawn around it.
+    rng : numpy.random.Generator, optional
+        For more than one start.
+    prepare : callable, optional
+        Of a start, returns the numbers from which the ascent begins, such as some steps of
+        expectation-maximisation.
+
+    Raises
+    ------
+    ParameterError
+        If there is no log-likelihood at the first start; if there is no generator for others.
+    """
+    if n_starts > 1 and rng is None:
+        raise ParameterError("rng: missing; more than one start is drawn at random and needs a Generator")
+    starts: list[FloatArray | None] = [free.start]
+    if rng is not None:
+        starts += [_drawn(f, free, rng) for _ in range(n_starts - 1)]
+    found = []
+    for start in starts:
+        if start is not None:
+            start = prepare(start) if prepare is not None and np.isfinite(f(start)[0]) else start
+            found.append(ascend(f, free, start, max_iter=max_iter, tolerance=tolerance, tick=tick))
+    return Search(_distinct(found), len(found))
+
+
+def _drawn(f: LogLikelihood, free: FreeNumbers, rng: np.random.Generator) -> FloatArray | None:
+    """Return a start with a log-likelihood; None if none was drawn."""
+    for _ in range(DRAWS):
+        start = free.draw(rng)
+        if np.isfinite(f(start)[0]):
+            return start
+    return None
+
+
+def _distinct(found: Sequence[Maximum]) -> tuple[Maximum, ...]:
+    """Return maxima that differ from better ones, the best first."""
+    kept: list[Maximum] = []
+    for one in sorted(found, key=lambda each: -each.log_likelihood):
+        if not kept or (one.converged and not any(_is_same(one, better) for better in kept)):
+            kept.append(one)
+    return tuple(kept)
+
+
+def _is_same(one: Maximum, better: Maximum) -> bool:
+    if (one.at_bound != better.at_bound).any():
+        return False
+    away = np.where(better.at_bound, 0.0, one.numbers) - np.where(better.at_bound, 0.0, better.numbers)
+    return bool(away @ better.information @ away < SAME**2)

@@ -1,0 +1,300 @@
+"""What a fit by maximum likelihood found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError
+from fuzzykf.estimation.ascent import maximise
+from fuzzykf.estimation.information import uncertainty
+from fuzzykf.estimation.notes import at_their_bound, fewer, several, unfinished
+from fuzzykf.gaussian import as_count, as_real, check_generator, normal_quantile
+from fuzzykf.reprs import reprs
+from fuzzykf.results import FitResult
+from fuzzykf.summaries import FitSummary, SummaryTable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.estimation.ascent import Search
+    from fuzzykf.estimation.free import FreeNumbers
+    from fuzzykf.estimation.information import LogLikelihood
+
+__all__ = ["LikelihoodFit", "LocalMaximum", "maximum_likelihood"]
+
+M = TypeVar("M")
+
+
+@reprs()
+class LocalMaximum(NamedTuple):
+    """A maximum of the log-likelihood.
+
+    Attributes
+    ----------
+    log_likelihood : float
+    estimates : dict of str to float
+    """
+
+    log_likelihood: float
+    estimates: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LikelihoodFit(FitResult[M], Generic[M]):
+    """A model whose parameters are those of maximum likelihood, and how well they are known.
+
+    Attributes
+    ----------
+    model : object
+        New, with the estimates.
+    log_likelihood : float
+        Log-density of the observations.
+    n_parameters : int
+        Numbers that were free.
+    n_observations : int
+        Times at which something was observed.
+    trace : ndarray
+        Log-likelihoods on the way from the best start.
+    converged : bool
+        Whether one more step would gain nothing.
+    warnings : tuple of str
+        What the data do not tell: variances at their bound of zero, what is weakly identified, other maxima.
+    estimates : dict of str to float
+        By names such as ``"Q[0, 0]"``; a factor by the name of its matrix, ``"Q"``.
+    standard_errors : dict of str to float
+        From the observed information; NaN where there is none.
+    covariance : ndarray, shape (p, p)
+        Of the estimates, in their order.
+    maxima : tuple of LocalMaximum
+        Those that were found, the best first.
+    n_starts : int
+        Searches that were made.
+
+    Notes
+    -----
+    Standard errors are square roots of the diagonal of the inverse of the observed information: minus the
+    second derivatives of the log-likelihood at the maximum, by differences of its gradient.  That is done in
+    the numbers of the search; the delta method leads to the scale of the parameters.
+
+    See Also
+    --------
+    KalmanFilter.fit
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf.estimation.free import read_free
+    >>> free = read_free({"R": "full"}, {"R": np.eye(1)}, covariances=["R"])
+    >>> def f(numbers):  # 200 observations of the variance 4
+    ...     ratio = 4.0 * np.exp(-numbers)
+    ...     return -100.0 * float(numbers[0] + ratio[0]), -100.0 * (1.0 - ratio)
+    >>> fit = maximum_likelihood(f, free, dict, 200)
+    >>> round(fit.estimates["R[0, 0]"], 3), round(fit.standard_errors["R[0, 0]"], 3)
+    (4.0, 0.4)
+    >>> lower, upper = fit.intervals()["R[0, 0]"]
+    >>> round(lower, 3), round(upper, 3)
+    (3.288, 4.866)
+    """
+
+    estimates: Mapping[str, float] = field(default_factory=dict)
+    standard_errors: Mapping[str, float] = field(default_factory=dict)
+    covariance: FloatArray | Any = field(default=None, repr=False)
+    maxima: tuple[LocalMaximum, ...] = ()
+    n_starts: int = 1
+    positive: frozenset[str] = field(default=frozenset(), repr=False)
+    replicate: Callable[[np.random.Generator], LikelihoodFit[M]] | None = field(default=None, repr=False)
+
+    def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Return an interval for each parameter, from its standard error.
+
+        Those of variances and factors are symmetric for their logarithms, so that they never reach below
+        zero; the others are symmetric.
+
+        Parameters
+        ----------
+        level : float
+            Nominal coverage, between 0 and 1.
+
+        Returns
+        -------
+        dict of str to (float, float)
+            NaN where there is no standard error.
+
+        Raises
+        ------
+        ParameterError
+            If ``level`` is outside ]0, 1[.
+        """
+        if not 0.0 < as_real("level", level, "a number between 0 and 1") < 1.0:
+            raise ParameterError(f"level: got {level}, expected a number between 0 and 1")
+        quantile = normal_quantile(0.5 + 0.5 * level)
+        found = {}
+        for name, value in self.estimates.items():
+            half = quantile * self.standard_errors[name]
+            if name in self.positive:
+                factor = float(np.exp(half / value)) if value > 0.0 else np.nan
+                found[name] = (value / factor, value * factor)
+            else:
+                found[name] = (value - half, value + half)
+        return found
+
+    def summary(self, level: float = 0.95) -> FitSummary:
+        """Return a table of the estimates, with standard errors and intervals, and what the data do not tell.
+
+        Parameters
+        ----------
+        level : float
+            Of the intervals.
+
+        Returns
+        -------
+        FitSummary
+            Prints as plain text; in a notebook it is a table.
+
+        Raises
+        ------
+        ParameterError
+            As from `intervals`.
+        """
+        ends = self.intervals(level)
+        tail = 50.0 * (1.0 - level)
+        header = ("parameter", "estimate", "std err", f"[{tail:.4g} %", f"{100.0 - tail:.4g} %]")
+        rows = tuple(
+            (name, *map(_number, (value, self.standard_errors[name], *ends[name])))
+            for name, value in self.estimates.items()
+        )
+        return FitSummary(
+            title=f"{type(self.model).__name__}, by maximum likelihood",
+            facts=self._facts(),
+            tables=(SummaryTable("parameters", header, rows),),
+            warnings=tuple(self.warnings),
+            warnings_last=True,
+        )
+
+    def _facts(self) -> tuple[tuple[str, str], ...]:
+        others = len(self.maxima) - 1
+        starts = f"{self.n_starts}" + (f", {others + 1} maxima" if others > 0 else "")
+        return (
+            ("log-likelihood", f"{self.log_likelihood:.3f}"),
+            ("AIC", f"{self.aic:.3f}"),
+            ("BIC", f"{self.bic:.3f}"),
+            ("observations", f"{self.n_observations:,}"),
+            ("parameters", str(self.n_parameters)),
+            ("converged", "yes" if self.converged else "no"),
+            ("iterations", str(max(len(self.trace) - 1, 0))),
+            *((("starts", starts),) if self.n_starts > 1 else ()),
+            ("standard errors", "observed information; intervals of variances by their logarithms"),
+        )
+
+    def bootstrap(self, n_replicates: int, rng: np.random.Generator) -> list[FitResult[M]]:
+        """Simulate from the model and learn again, to see how well parameters are known.
+
+        Each replicate has the lengths, the gaps and the inputs of what was learned from; its search begins at
+        the estimates.
+
+        Parameters
+        ----------
+        n_replicates : int
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        list of LikelihoodFit
+            The spread of an estimate over them is a standard error that needs no large sample.
+
+        Raises
+        ------
+        ParameterError
+            If this result was not made by a fit, or cannot be simulated.
+        """
+        n_replicates = as_count("n_replicates", n_replicates, 1)
+        check_generator(rng)
+        if self.replicate is None:
+            raise ParameterError("bootstrap: this result was not made by a fit")
+        return [self.replicate(rng) for _ in range(n_replicates)]
+
+
+def _number(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.5g}"
+
+
+def maximum_likelihood(
+    f: LogLikelihood,
+    free: FreeNumbers,
+    build: Callable[[Mapping[str, Any]], M],
+    n_observations: int,
+    *,
+    n_starts: int = 1,
+    rng: np.random.Generator | None = None,
+    prepare: Callable[[FloatArray], FloatArray] | None = None,
+    max_iter: int = 500,
+    tolerance: float = 1e-7,
+    tick: Callable[[], None] | None = None,
+    warnings: tuple[str, ...] = (),
+) -> LikelihoodFit[M]:
+    """Maximise a log-likelihood, and say what was found.
+
+    Parameters
+    ----------
+    f, free, n_starts, rng, prepare, max_iter, tolerance, tick
+        As in `fuzzykf.estimation.ascent.maximise`.
+    build : callable
+        Of the parameters by name, as `FreeNumbers.values` returns them, makes the model.
+    n_observations : int
+    warnings : tuple of str
+        Others, which go before those of the search.
+
+    Returns
+    -------
+    LikelihoodFit
+        Without ``replicate``.
+
+    Raises
+    ------
+    ParameterError
+        As from `maximise`; if an argument is inadmissible.
+    """
+    n_starts, max_iter = as_count("n_starts", n_starts, 1), as_count("max_iter", max_iter, 1)
+    if not 0.0 < as_real("tolerance", tolerance, "a positive number") < np.inf:
+        raise ParameterError(f"tolerance: got {tolerance!r}, expected a positive number")
+    if rng is not None:
+        check_generator(rng)
+    found: Search = maximise(
+        f,
+        free,
+        n_starts=n_starts,
+        rng=rng,
+        prepare=prepare,
+        max_iter=max_iter,
+        tolerance=tolerance,
+        tick=tick,
+    )
+    best = found.maxima[0]
+    how_well = uncertainty(f, free, best.numbers)
+    notes = unfinished(best, max_iter) + at_their_bound(free, best.numbers) + how_well.notes
+    notes += several(found.maxima, free) + fewer(found.n_starts, n_starts)
+
+    def named(values: FloatArray) -> dict[str, float]:
+        return dict(zip(free.names, values.tolist(), strict=True))
+
+    return LikelihoodFit(
+        model=build(free.values(best.numbers)),
+        log_likelihood=best.log_likelihood,
+        n_parameters=len(free.names),
+        n_observations=n_observations,
+        trace=np.array(best.trace),
+        converged=best.converged,
+        warnings=(*warnings, *notes),
+        estimates=named(free.estimates(best.numbers)),
+        standard_errors=named(np.sqrt(np.diagonal(how_well.covariance))),
+        covariance=how_well.covariance,
+        maxima=tuple(
+            LocalMaximum(one.log_likelihood, named(free.estimates(one.numbers))) for one in found.maxima
+        ),
+        n_starts=found.n_starts,
+        positive=frozenset(name for name, is_one in zip(free.names, free.is_positive, strict=True) if is_one),
+    )
