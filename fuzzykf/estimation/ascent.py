@@ -28,8 +28,10 @@ FLAT = 1e-8
 #: A log-variance with less curvature than this, in units of the spread, may be on its way to minus infinity.
 AWAY = 1e-2
 
-#: How far up such a variance is looked for again, and what has to be lost there.
-LADDER, LOSS = np.arange(2.0, 42.0, 2.0), 0.1
+#: Log-variances that are looked at when one is sent to zero, around where it was; a gain that is more than
+#: rounding; a loss by which what is lost shows whether it is proportional to the variance, as at a bound, or
+#: to its square, as where other numbers could make up for it; and what it grows by from one to the next then.
+LADDER, GAIN, LITTLE, LINEAR = np.arange(-20.0, 42.0, 2.0), 0.1, 1e-4, 20.0
 
 #: How often a start is drawn that has a log-likelihood.
 DRAWS = 20
@@ -162,11 +164,18 @@ class _Climber:
         )
         return best
 
-    def settled(self, point: _Point) -> _Point:
-        """Send variances to zero that are on their way there, or up again if there is more to be had."""
+    def bent(self, point: _Point) -> FloatArray:
+        """Return the information at a point."""
+        return observed_information(self.f, point.numbers, 1e-4 * self.free.spread)
+
+    def settled(self, point: _Point) -> tuple[_Point, FloatArray]:
+        """Send variances to zero that are on their way there, or up again if there is more to be had.
+
+        Returns the information there as well.
+        """
         for _ in range(2 * len(point.numbers)):
-            bent = observed_information(self.f, point.numbers, 1e-4 * self.free.spread)
-            curvature = np.diagonal(bent) * self.free.spread**2
+            information = self.bent(point)
+            curvature = np.diagonal(information) * self.free.spread**2
             away = self.free.is_variance & np.isfinite(point.numbers) & (curvature < AWAY)
             for i in np.flatnonzero(away)[np.argsort(point.numbers[away])]:
                 found = self._sent(point, i)
@@ -174,33 +183,35 @@ class _Climber:
                     point = found
                     break
             else:
-                return point
-        return point
+                return point, information
+        return point, self.bent(point)
 
     def _sent(self, point: _Point, i: int) -> _Point | None:
         """Return where to go on if number i goes to zero, or far up; None if neither is better."""
         numbers = point.numbers.copy()
         numbers[i] = -np.inf
         zero = self.look(numbers)
-        if zero.value > point.value - LOSS:
+        if zero.value > point.value - GAIN:
             zero = self.quasi_newton(zero)
         if zero.value < point.value - self.tolerance:
             return None
+        before = 0.0
         for far in LADDER:
-            numbers = point.numbers.copy()
-            numbers[i] += far
+            numbers = zero.numbers.copy()
+            numbers[i] = point.numbers[i] + far
             up = self.look(numbers)
-            if up.value > zero.value + LOSS:
+            if up.value > zero.value + GAIN:
                 return self.quasi_newton(up)
-            if up.value < zero.value - LOSS:
-                return zero
+            loss = zero.value - up.value
+            if loss > LITTLE:
+                return zero if loss < LINEAR * before else None
+            before = loss
         return None  # nothing depends on it
 
-    def newton(self, point: _Point) -> Maximum:
+    def newton(self, point: _Point, information: FloatArray) -> Maximum:
         """Finish by steps of Newton, and tell how much one more would gain."""
         spread = np.where(np.isfinite(point.numbers), self.free.spread, 0.0)
         for round_ in range(NEWTON + 1):
-            information = observed_information(self.f, point.numbers, 1e-4 * self.free.spread)
             if not np.isfinite(information).all():  # at an edge beyond which there is no value
                 return Maximum(point.numbers, point.value, tuple(self.trace), np.inf, False, information)
             bent, ways = np.linalg.eigh(spread[:, None] * information * spread)
@@ -217,7 +228,7 @@ class _Climber:
             better = self._shortened(point, spread * (ways @ step))
             if better is None:
                 break
-            point = better
+            point, information = better, self.bent(better)
             self.told(point.value)
         converged = gain < self.tolerance and is_peak
         return Maximum(point.numbers, point.value, tuple(self.trace), gain, converged, information)
@@ -286,7 +297,7 @@ def ascend(
             "to values under which the observations are possible"
         )
     climber.trace.append(first.value)
-    return climber.newton(climber.settled(climber.quasi_newton(first)))
+    return climber.newton(*climber.settled(climber.quasi_newton(first)))
 
 
 # --------------------------------------------------------------------------- from several starts

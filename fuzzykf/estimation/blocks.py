@@ -25,7 +25,7 @@ __all__ = ["Block", "CovarianceBlock", "EntriesBlock", "ScaleBlock", "entry_name
 
 #: How far a search is sent from a start, in units that the block chooses: of a log-variance, of an entry of a
 #: factor in parts of a standard deviation, of another entry in parts of its size.
-FAR_VARIANCE, FAR_FACTOR, FAR_ENTRY = 1.5, 0.5, 0.5
+FAR_VARIANCE, FAR_FACTOR, FAR_ENTRY = 1.5, 0.5, 1.0
 
 
 class Block(Protocol):

@@ -92,11 +92,14 @@ class Uncertainty(NamedTuple):
     notes: list[str]
 
 
-def uncertainty(f: LogLikelihood, free: FreeNumbers, numbers: FloatArray) -> Uncertainty:
+def uncertainty(
+    f: LogLikelihood, free: FreeNumbers, numbers: FloatArray, about: FloatArray | None = None
+) -> Uncertainty:
     """Return the covariance of the estimates at a maximum: the inverse information, by the delta method.
 
     Variances that are zero have none, nor has what depends on a direction in which the log-likelihood is
-    flat, or does not bend down.
+    flat, or does not bend down.  Beside what makes a covariance singular errors are those among singular
+    ones.
 
     Parameters
     ----------
@@ -104,6 +107,8 @@ def uncertainty(f: LogLikelihood, free: FreeNumbers, numbers: FloatArray) -> Unc
     free : FreeNumbers
     numbers : ndarray, shape (p,)
         Minus infinity for variances that are zero.
+    about : ndarray, shape (p, p), optional
+        About what the information is, for the steps of its differences.
 
     Examples
     --------
@@ -117,10 +122,11 @@ def uncertainty(f: LogLikelihood, free: FreeNumbers, numbers: FloatArray) -> Unc
     array([[0.25,  nan],
            [ nan,  nan]])
     >>> found.notes
-    ['b[1]: weakly identified, the log-likelihood is flat along it']
+    ['b[1]: weakly identified, the log-likelihood does not change along it']
     """
     moving = np.isfinite(numbers)
-    first = np.diagonal(observed_information(f, numbers, 1e-4 * free.spread)) * free.spread**2
+    about = observed_information(f, numbers, 1e-4 * free.spread) if about is None else about
+    first = np.diagonal(about) * free.spread**2
     step = STEP * free.spread / np.sqrt(np.maximum(first, 1.0))  # never more than a part of the spread
     information = observed_information(f, numbers, step)
     unit = free.spread[moving]
@@ -136,7 +142,7 @@ def uncertainty(f: LogLikelihood, free: FreeNumbers, numbers: FloatArray) -> Unc
     # an estimate that moves along what is not known is not known
     size = np.linalg.norm(jacobian, axis=1)
     unknown = np.linalg.norm(jacobian @ ways[:, ~known], axis=1) > 1e-3 * size
-    unknown |= ~moving
+    unknown |= ~moving & (free.estimates(numbers) == 0.0)
     covariance[unknown] = covariance[:, unknown] = np.nan
 
     names = [name for name, moves in zip(free.names, moving, strict=True) if moves]
@@ -144,11 +150,9 @@ def uncertainty(f: LogLikelihood, free: FreeNumbers, numbers: FloatArray) -> Unc
     for k in np.flatnonzero(bent < WEAK**-2):
         part = np.abs(ways[:, k])
         along = [name for name, own in zip(names, part, strict=True) if own > PART * part.max()]
-        if known[k]:
-            how = f"its standard error along them is {bent[k] ** -0.5:.2g} times a large step"
-        else:
-            how = (
-                f"the log-likelihood is flat along {'it' if len(along) == 1 else 'a change of them together'}"
-            )
+        what = "it" if len(along) == 1 else "them together"
+        how = f"a large change of {what} costs {0.5 * bent[k]:.2g} in log-likelihood only"
+        if not known[k]:
+            how = f"the log-likelihood does not change along {what}"
         notes.append(f"{listed(along)}: weakly identified, {how}")
     return Uncertainty(covariance, notes)

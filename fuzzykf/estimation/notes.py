@@ -30,8 +30,8 @@ def at_their_bound(free: FreeNumbers, numbers: FloatArray) -> list[str]:
             notes.append(f"{name}: at its bound; the estimate is 0, and there is no standard error")
         else:
             notes.append(
-                f"{name}: at its bound; given the components before it its variance is 0, so that the "
-                "covariance is singular, and there is no standard error"
+                f"{name}: at its bound; given the components before it its variance is 0, and standard "
+                "errors are those among singular covariances"
             )
     return notes
 

@@ -73,6 +73,10 @@ class LikelihoodFit(FitResult[M], Generic[M]):
         Those that were found, the best first.
     n_starts : int
         Searches that were made.
+    numbers : ndarray, shape (p,)
+        What the search moved, at the maximum: logarithms of variances, minus infinity where one is zero.
+    positive : frozenset of str
+        Estimates that are variances, or factors of covariances.
 
     Notes
     -----
@@ -105,6 +109,7 @@ class LikelihoodFit(FitResult[M], Generic[M]):
     covariance: FloatArray | Any = field(default=None, repr=False)
     maxima: tuple[LocalMaximum, ...] = ()
     n_starts: int = 1
+    numbers: FloatArray | Any = field(default=None, repr=False)
     positive: frozenset[str] = field(default=frozenset(), repr=False)
     replicate: Callable[[np.random.Generator], LikelihoodFit[M]] | None = field(default=None, repr=False)
 
@@ -274,7 +279,7 @@ def maximum_likelihood(
         tick=tick,
     )
     best = found.maxima[0]
-    how_well = uncertainty(f, free, best.numbers)
+    how_well = uncertainty(f, free, best.numbers, best.information)
     notes = unfinished(best, max_iter) + at_their_bound(free, best.numbers) + how_well.notes
     notes += several(found.maxima, free) + fewer(found.n_starts, n_starts)
 
@@ -296,5 +301,6 @@ def maximum_likelihood(
             LocalMaximum(one.log_likelihood, named(free.estimates(one.numbers))) for one in found.maxima
         ),
         n_starts=found.n_starts,
+        numbers=best.numbers,
         positive=frozenset(name for name, is_one in zip(free.names, free.is_positive, strict=True) if is_one),
     )

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Controls",
     "check_rows",
+    "control_matrix",
     "control_width",
     "linear_controls",
     "read_controls",
@@ -117,14 +118,14 @@ def linear_controls(us: Any, many: ManySeries, B: Any, dim_x: int) -> tuple[Cont
     ShapeError, ParameterError
         As from `read_controls`; if ``B`` is no matrix that goes with them, or something is not finite.
     """
-    matrix = _control_matrix(B, dim_x)
+    matrix = control_matrix(B, dim_x)
     width = matrix.shape[1]
     controls = read_controls(us, many, width).numbers(many.values.shape[:2], width)
     terms: FloatArray = controls.values @ matrix.T
     return controls, terms[None] if controls.is_shared else terms
 
 
-def _control_matrix(B: Any, dim_x: int) -> FloatArray:
+def control_matrix(B: Any, dim_x: int) -> FloatArray:
     """Return the control matrix of a linear filter; a number is one of one row and column."""
     matrix = None if B is None else as_numbers("B", B)
     if matrix is not None and dim_x == 1 and matrix.shape in {(), (1,)}:

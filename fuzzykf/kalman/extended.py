@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.base import FilterResult
+    from fuzzykf.estimation.result import LikelihoodFit
     from fuzzykf.kalman.series import PerStep
 
 __all__ = ["ExtendedKalmanFilter"]
@@ -454,6 +455,60 @@ class ExtendedKalmanFilter(GaussianFilter):
         as_flag("resume", resume)
         x, _ = self._state()
         return as_batch(self, self._collect(zs, us, fx_args, hx_args), zs, x.ndim == 1)
+
+    def fit(
+        self,
+        zs: ManyNumbers | ManySeriesLike,
+        *,
+        free: Mapping[str, Any] | None = None,
+        us: ManySeriesLike | PerStep | None = None,
+        fx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        n_starts: int = 1,
+        rng: np.random.Generator | None = None,
+        max_iter: int = 500,
+        tolerance: float = 1e-7,
+        progress: bool | None = None,
+    ) -> LikelihoodFit[Self]:
+        """Learn noise, or other parameters, from observations alone, by maximum likelihood.
+
+        As `KalmanFilter.fit`, for filters that have their functions from construction.  The likelihood is
+        that of the linearised system, as `filter` tells it, and its gradient is that of central differences:
+        each takes two passes through the series for each free number.
+
+        Parameters
+        ----------
+        zs, free, us, n_starts, rng, max_iter, tolerance, progress
+            As in `KalmanFilter.fit`; of ``free`` there is no ``H``, and ``F`` and ``B`` where there is no
+            ``fx``.
+        fx_args, hx_args
+            As in `filter`; the same for every series.
+
+        Returns
+        -------
+        LikelihoodFit
+            As from `KalmanFilter.fit`.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `KalmanFilter.fit`, and from `filter`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> rng = np.random.default_rng(0)
+        >>> x = np.cumsum(0.1 * rng.normal(size=100))
+        >>> ekf = ExtendedKalmanFilter(1, 1, hx=np.exp, HJacobian=lambda x: np.exp(x)[None], Q=0.01)
+        >>> fit = ekf.fit(np.exp(x) + 0.2 * rng.normal(size=100), free={"R": "full"})
+        >>> round(fit.estimates["R[0, 0]"], 3)
+        0.043
+        """
+        from fuzzykf.kalman.learning.fit import fit_filter
+
+        options: dict[str, Any] = {"n_starts": n_starts, "rng": rng, "max_iter": max_iter}
+        given: dict[str, Any] = {"us": us, "fx_args": fx_args, "hx_args": hx_args, "progress": progress}
+        return fit_filter(self, zs, free=free, tolerance=tolerance, **given, **options)
 
     def filter_many(
         self,

@@ -28,11 +28,21 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray, Numbers
 
-__all__ = ["LEAST_LIKELIHOOD", "LEAST_LOG_LIKELIHOOD", "GaussianFilter"]
+__all__ = ["HOOKS", "LEAST_LIKELIHOOD", "LEAST_LOG_LIKELIHOOD", "GaussianFilter"]
 
 #: What filterpy reports as log-likelihood and likelihood before the first update.
 LEAST_LIKELIHOOD = sys.float_info.min
 LEAST_LOG_LIKELIHOOD = log(LEAST_LIKELIHOOD)
+
+#: What the verbs of a linear filter call or read.
+HOOKS = (
+    *("get_prediction", "_observation", "_state", "remember_origin", "_skip"),
+    *("_set_prior", "_set_posterior", "_set_innovation"),
+    *("__getattribute__", "__setattr__"),
+    *("dim_x", "dim_z", "x", "P", "F", "Q", "H", "R", "z", "y", "S", "SI", "K", "alpha", "inv"),
+    *("x_prior", "P_prior", "x_post", "P_post"),
+    *("_alpha_sq", "_log_likelihood", "_likelihood", "_mahalanobis"),
+)
 
 
 class _StateAttribute:

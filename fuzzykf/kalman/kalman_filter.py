@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -25,21 +25,18 @@ from fuzzykf.kalman.arguments import (
 )
 from fuzzykf.kalman.controls import linear_controls
 from fuzzykf.kalman.forecast import expected_linear, forecast
-from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD, GaussianFilter
+from fuzzykf.kalman.gaussian_filter import HOOKS, LEAST_LOG_LIKELIHOOD, GaussianFilter
 from fuzzykf.kalman.looking_back import LinearWayBack, smooth_lag
 from fuzzykf.kalman.series import (
     FIELDS,
     as_batch,
     as_result,
-    batch_verbs,
     begin,
     collect,
-    come_to_the_end,
     field_shapes,
     given_per_step,
     one_by_one,
-    run_batch,
-    unchanged_on_error,
+    run_verbs,
     whole_verb,
 )
 from fuzzykf.kalman.smoothing import LinearMotions, rts_smoother, smooth_result, smooth_steady
@@ -50,11 +47,12 @@ from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable
+    from collections.abc import Callable, Hashable, Iterable, Mapping
 
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
+    from fuzzykf.estimation.result import LikelihoodFit
     from fuzzykf.kalman.series import PerStep
 
 __all__ = ["KalmanFilter"]
@@ -733,12 +731,88 @@ class KalmanFilter(LinearStepper, GaussianFilter):
                 stored = self._filter_at_once(series, FIELDS[:4])  # no log-likelihood
                 return as_batch(self, stored, zs, x.ndim == 1)
             moves, looks = given_per_step(n, us=us, Bs=Bs, Fs=Fs, Qs=Qs), given_per_step(n, Rs=Rs, Hs=Hs)
-            verbs = batch_verbs(self, observations, moves, looks)
-            with unchanged_on_error(self):
-                found = run_batch(n, x.shape, *verbs, update_first, saver)
-            if not update_first:  # else it has gone on from there
-                come_to_the_end(self, zs)
-            return found
+            return run_verbs(self, zs, observations, moves, looks, update_first, saver)
+
+    def fit(
+        self,
+        zs: ManyNumbers | ManySeriesLike,
+        *,
+        free: Mapping[str, Any] | None = None,
+        us: ManySeriesLike | PerStep | None = None,
+        n_starts: int = 1,
+        rng: np.random.Generator | None = None,
+        max_iter: int = 500,
+        tolerance: float = 1e-7,
+        progress: bool | None = None,
+    ) -> LikelihoodFit[Self]:
+        """Learn noise, or other parameters, from observations alone, by maximum likelihood.
+
+        The search begins at the attributes of the filter, which stays as it is.  Its ``x`` and ``P`` are
+        those before the first prediction, as in `filter`.
+
+        Parameters
+        ----------
+        zs : array_like, DataFrame, list or mapping
+            A series as `filter` takes it, or several as `filter_many` takes them, each of which starts at x
+            and P; NaN where missing.
+        free : mapping of str to object, optional
+            What is to be learned of which attributes; by default ``{"Q": "full", "R": "diagonal"}``.  Of
+            ``Q``, ``R`` and ``P``: "full", all of it; "diagonal", its variances; ("scale", M), a multiple of
+            the covariance M; or an array of bool, which entries.  Of ``F``, ``H``, ``B`` and ``x``: "full" or
+            an array of bool.  A mask of a covariance consists of groups of components within which all is
+            free, and which have no covariances with others; then it stays a covariance.
+        us : optional
+            Controls as `filter`, or `filter_many`, takes them.
+        n_starts : int
+            Searches, of which all but the first begin around the attributes at random.
+        rng : numpy.random.Generator, optional
+            For more than one start.
+        max_iter : int
+            Iterations of a search.
+        tolerance : float
+            Gain in log-likelihood at which a search stops.
+        progress : bool, optional
+            Whether to show a bar; by default one appears after two seconds, if somebody can see it.
+
+        Returns
+        -------
+        LikelihoodFit
+            With estimates, standard errors, intervals, ``summary()``, and ``model``: a new filter with the
+            estimates, which stands before the series.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            As from `filter`; if ``free`` is inadmissible, or a variance that is free is zero at the start;
+            if nothing was observed, or `alpha` is not 1.
+
+        Notes
+        -----
+        Some steps of expectation-maximisation come first, then quasi-Newton steps with the exact gradient
+        (Fisher's identity, from the smoothed states), then steps of Newton.  Where a subclass has verbs of
+        its own the gradient is that of differences.
+
+        References
+        ----------
+        R. H. Shumway, D. S. Stoffer, An approach to time series smoothing and forecasting using the EM
+        algorithm, J. Time Series Analysis 3 (1982), 253-264.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> rng = np.random.default_rng(0)
+        >>> level = np.cumsum(rng.normal(size=300))
+        >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], P=100.0)
+        >>> fit = kf.fit(level + 2.0 * rng.normal(size=300))
+        >>> {name: round(value, 2) for name, value in fit.estimates.items()}
+        {'Q[0, 0]': 1.38, 'R[0, 0]': 4.02}
+        >>> fit.model.Q.round(2)
+        array([[1.38]])
+        """
+        from fuzzykf.kalman.learning.fit import fit_filter
+
+        options: dict[str, Any] = {"n_starts": n_starts, "rng": rng, "max_iter": max_iter}
+        return fit_filter(self, zs, free=free, us=us, progress=progress, tolerance=tolerance, **options)
 
     def rts_smoother(
         self,
@@ -856,16 +930,6 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 #: What the verbs are, and what they call or read, before anybody changes it.
 _VERBS = lookups(KalmanFilter, VERBS)
 _PATCHED = (*VERBS, "get_prediction")
-_HOOKS = lookups(
-    KalmanFilter,
-    (
-        *("get_prediction", "_observation", "_state", "remember_origin", "_skip"),
-        *("_set_prior", "_set_posterior", "_set_innovation"),
-        *("__getattribute__", "__setattr__"),
-        *("dim_x", "dim_z", "x", "P", "F", "Q", "H", "R", "z", "y", "S", "SI", "K", "alpha", "inv"),
-        *("x_prior", "P_prior", "x_post", "P_post"),
-        *("_alpha_sq", "_log_likelihood", "_likelihood", "_mahalanobis"),
-    ),
-)
+_HOOKS = lookups(KalmanFilter, HOOKS)
 #: What is read after each step of a series.
 _READ = lookups(KalmanFilter, ("log_likelihood",))

@@ -26,7 +26,6 @@ __all__ = [
     "as_batch",
     "as_listed",
     "as_result",
-    "batch_verbs",
     "begin",
     "collect",
     "come_to_the_end",
@@ -37,6 +36,7 @@ __all__ = [
     "one_by_one",
     "per_step",
     "run_batch",
+    "run_verbs",
     "unchanged_on_error",
     "whole_verb",
 ]
@@ -219,12 +219,19 @@ def as_batch(
     return x, stored["P"], x_prior, stored["P_prior"]
 
 
-def batch_verbs(
-    f: Any, zs: Sequence[Any], moves: Sequence[Mapping[str, Any]], looks: Sequence[Mapping[str, Any]]
-) -> tuple[Callable[[int], tuple[Any, Any]], Callable[[int], tuple[Any, Any]]]:
-    """Return the verbs of a filter as `run_batch` calls them.
+def run_verbs(
+    f: Any,
+    zs: Any,
+    observations: Sequence[Any],
+    moves: Sequence[Mapping[str, Any]],
+    looks: Sequence[Mapping[str, Any]],
+    update_first: bool,
+    saver: Any,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return filterpy's four arrays of what the verbs of a filter find along a series.
 
-    Those of step k are given the keyword arguments ``moves[k]`` and ``looks[k]``.
+    Those of step k are given the keyword arguments ``moves[k]`` and ``looks[k]``.  An error leaves the filter
+    as it was.
     """
 
     def predict(k: int) -> tuple[Any, Any]:
@@ -232,10 +239,15 @@ def batch_verbs(
         return f.x, f.P
 
     def update(k: int) -> tuple[Any, Any]:
-        f.update(zs[k], **looks[k])
+        f.update(observations[k], **looks[k])
         return f.x, f.P
 
-    return predict, update
+    form = f._state()[0].shape
+    with unchanged_on_error(f):
+        found = run_batch(len(observations), form, predict, update, update_first, saver)
+    if not update_first:  # else it has gone on from there
+        come_to_the_end(f, zs)
+    return found
 
 
 def run_batch(

@@ -98,6 +98,20 @@ def test_a_flat_direction_stays_where_it_is() -> None:
     assert found.converged
 
 
+def test_a_variance_that_others_can_make_up_for_does_not_go_to_zero() -> None:
+    free = variances(0.1, 1.0)
+
+    def f(z):  # of the sum of both variances alone, best at 2
+        v = np.exp(z)
+        s = v.sum()
+        return float(-50.0 * (np.log(s) + 2.0 / s)), -50.0 * (1.0 / s - 2.0 / s**2) * v
+
+    found = ascend(f, free, np.log([1e-9, 1.0]))
+    assert np.isfinite(found.numbers).all()
+    assert free.estimates(found.numbers).sum() == pytest.approx(2.0, rel=1e-4)
+    assert found.converged
+
+
 def test_a_saddle_is_left() -> None:
     found = ascend(saddle, plain(0.0), np.zeros(1))
     assert abs(found.numbers[0]) == pytest.approx(1.0, abs=1e-4)

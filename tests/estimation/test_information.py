@@ -46,17 +46,17 @@ NOTES = [
     (np.array([[100.0, 0.0], [0.0, 50.0]]), []),
     (
         np.array([[100.0, 0.0], [0.0, 0.0]]),
-        ["R[1, 1]: weakly identified, the log-likelihood is flat along it"],
+        ["R[1, 1]: weakly identified, the log-likelihood does not change along it"],
     ),
     (
         np.array([[50.0, 50.0], [50.0, 50.0]]),
         [
-            "R[0, 0], R[1, 1]: weakly identified, the log-likelihood is flat along a change of them together",
+            "R[0, 0], R[1, 1]: weakly identified, the log-likelihood does not change along them together",
         ],
     ),
     (
         np.array([[100.0, 0.0], [0.0, 0.04]]),
-        ["R[1, 1]: weakly identified, its standard error along them is 3.3 times a large step"],
+        ["R[1, 1]: weakly identified, a large change of it costs 0.045 in log-likelihood only"],
     ),
 ]
 
@@ -106,3 +106,16 @@ def test_without_a_log_likelihood_around_there_are_no_standard_errors() -> None:
     found = uncertainty(f, free, free.start)
     assert np.isnan(found.covariance).all()
     assert found.notes == ["no standard errors: beside the maximum there is no log-likelihood"]
+
+
+def test_beside_a_singular_covariance_errors_are_those_among_singular_ones() -> None:
+    free = read_free({"R": "full"}, {"R": np.eye(2)}, covariances=["R"])
+
+    def f(z):  # R = L L' with L_11 = exp(z0 / 2), L_21 = z1: known to 1/4 and 1/2
+        return -8.0 * float(z[0] ** 2) - 2.0 * float((z[1] - 3.0) ** 2), np.array(
+            [-16 * z[0], -4 * z[1] + 12, 0]
+        )
+
+    found = uncertainty(f, free, np.array([0.0, 3.0, -np.inf]))
+    errors = np.sqrt(np.diagonal(found.covariance))
+    np.testing.assert_allclose(errors, [0.25, np.hypot(0.5, 3.0 * 0.125), 3.0], rtol=1e-6)
