@@ -52,7 +52,7 @@ class Maximum:
     trace : tuple of float
         Log-likelihoods on the way.
     gain : float
-        What a step of Newton would still gain; where nothing bends, what a step of one spread would.
+        What the last step of Newton promised; where nothing bends, what one of a spread would.
     converged : bool
         Whether that is less than the tolerance, and nothing bends upwards.
     information : ndarray, shape (p, p)
@@ -210,40 +210,52 @@ class _Climber:
 
     def newton(self, point: _Point, information: FloatArray) -> Maximum:
         """Finish by steps of Newton, and tell how much one more would gain."""
-        spread = np.where(np.isfinite(point.numbers), self.free.spread, 0.0)
         for round_ in range(NEWTON + 1):
             if not np.isfinite(information).all():  # at an edge beyond which there is no value
                 return Maximum(point.numbers, point.value, tuple(self.trace), np.inf, False, information)
-            bent, ways = np.linalg.eigh(spread[:, None] * information * spread)
-            slope = ways.T @ (spread * point.gradient)
-            flat = FLAT * max(1.0, float(bent.max(initial=0.0)))
-            size = np.maximum(np.abs(bent), flat)
-            gains = np.where(bent > flat, 0.5 * slope**2 / size, np.abs(slope))
-            gain, is_peak = float(gains.sum()), bool((bent > -1e3 * flat).all())
+            step, gain, is_peak = self._newton_step(point, information)
             if (gain < self.tolerance and is_peak) or round_ == NEWTON or self.left <= 0:
                 break
-            # where it bends upwards a step of one spread, at a saddle to either side
-            uphill = np.where(slope == 0.0, 1.0, np.sign(slope))
-            step = np.where(np.abs(bent) <= flat, 0.0, np.where(bent > 0.0, slope / size, uphill))
-            better = self._shortened(point, spread * (ways @ step))
+            better = self._shortened(point, step)
             if better is None:
                 break
             point, information = better, self.bent(better)
             self.told(point.value)
         converged = gain < self.tolerance and is_peak
+        if converged:  # the last digits cost one look more
+            last = self.look(_moved(point, step))
+            if np.isfinite(last.value) and self._newton_step(last, information)[1] < gain:
+                point = last
+                self.told(max(point.value, self.trace[-1]))
         return Maximum(point.numbers, point.value, tuple(self.trace), gain, converged, information)
+
+    def _newton_step(self, point: _Point, information: FloatArray) -> tuple[FloatArray, float, bool]:
+        """Return a step of Newton, what it promises, and whether the log-likelihood bends up nowhere."""
+        spread = np.where(np.isfinite(point.numbers), self.free.spread, 0.0)
+        bent, ways = np.linalg.eigh(spread[:, None] * information * spread)
+        slope = ways.T @ (spread * point.gradient)
+        flat = FLAT * max(1.0, float(bent.max(initial=0.0)))
+        size = np.maximum(np.abs(bent), flat)
+        gains = np.where(bent > flat, 0.5 * slope**2 / size, np.abs(slope))
+        # where it bends upwards a step of one spread, at a saddle to either side
+        uphill = np.where(slope == 0.0, 1.0, np.sign(slope))
+        step = np.where(np.abs(bent) <= flat, 0.0, np.where(bent > 0.0, slope / size, uphill))
+        is_peak = bool((bent > -1e3 * flat).all())
+        return spread * (ways @ step), float(gains.sum()), is_peak
 
     def _shortened(self, point: _Point, step: FloatArray) -> _Point | None:
         """Return the first point along a step, halved again and again, that is higher."""
-        moving = np.isfinite(point.numbers)
         for _ in range(HALVINGS):
-            numbers = point.numbers.copy()
-            numbers[moving] += step[moving]
-            found = self.look(numbers)
+            found = self.look(_moved(point, step))
             if found.value > point.value:
                 return found
             step = 0.5 * step
         return None
+
+
+def _moved(point: _Point, step: FloatArray) -> FloatArray:
+    """Return where a step leads to; variances that are zero stay."""
+    return np.where(np.isfinite(point.numbers), point.numbers + step, point.numbers)
 
 
 def ascend(
