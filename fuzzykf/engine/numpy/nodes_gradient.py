@@ -114,12 +114,12 @@ def node_gradient(kernel: NodeKernel, table: FloatArray, ys: FloatArray) -> Node
         g = _weighed_back(g, states[k].log_p, is_seen=bool(seen.any()))
         g, by_H, by_d, by_R = _updated_back(g, states[k], *prior, ys[k], H, d, R)
         for total, one in zip(g_space[3:], (by_H, by_d, by_R), strict=True):
-            total[0, k if total.shape[1] > 1 else 0] += one
+            total[0, k % total.shape[1]] += one  # of this step, or of all
         if k == 0:
             break
         by_F = 2.0 * g.P @ F @ P + g.x[:, :, None] * x[:, None, :]
         for total, one in zip(g_space[:3], (by_F, g.x, g.P), strict=True):
-            total[0, k if total.shape[1] > 1 else 0] += one
+            total[0, k % total.shape[1]] += one
         back = np.swapaxes(F, -1, -2)
         g = _State(g.log_p, (back @ g.x[..., None])[..., 0], symmetrize(back @ g.P @ F))
         g, by_log_T = _mixed_back(g, states[k - 1], share, x)

@@ -149,10 +149,11 @@ def test_a_gradient_is_the_limit_of_differences(size, kind) -> None:
     assert_is_the_slope(model, ys)
 
 
-def test_parameters_of_each_step_sum_to_those_that_are_shared() -> None:
-    rng, n = np.random.default_rng(1), 6
+@pytest.mark.parametrize("n", [1, 2, 6])
+def test_parameters_of_each_step_sum_to_those_that_are_shared(n) -> None:
+    rng = np.random.default_rng(1)
     model, ys = model_of(rng, (3, 2, 2)), rng.normal(size=(n, 2))
-    ys[2, 1] = ys[4] = NAN
+    ys[2:3, 1] = ys[4:5] = NAN
     spread = {name: np.repeat(model[name], n, axis=1) for name in NodeSpace._fields}
     for names in ("FbQHdR", "bd"):
         value, shared = gradient_of(model, ys)
@@ -161,8 +162,8 @@ def test_parameters_of_each_step_sum_to_those_that_are_shared() -> None:
         for name, by in each.items():
             by = by.sum(axis=1, keepdims=True) if name in names else by
             np.testing.assert_allclose(by, shared[name], rtol=1e-12, atol=1e-13, err_msg=name)
-    assert not each["d"][0, 4].any()
-    assert not each["d"][0, 2, :, 1].any()
+    assert not each["d"][0, 4:5].any()
+    assert not each["d"][0, 2:3, :, 1].any()
     assert not each["b"][0, 0].any()  # nothing moves to the first observation
 
 
