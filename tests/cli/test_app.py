@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from functools import cache
 
 import pytest
 from typer.testing import CliRunner
@@ -70,11 +71,15 @@ LEAST = [
 ]
 
 
+@cache
+def help_of(command):
+    return CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output
+
+
 @pytest.mark.parametrize(("command", "option", "least"), LEAST)
 def test_a_number_that_is_too_small_is_refused_with_what_came(command, option, least) -> None:
     words = [*command.split(), option, str(least - 1)]
     result = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
     assert result.exit_code == 2, result.output
     assert f"'{option}': got {least - 1}, expected a whole number of at least {least}" in result.output
-    told = CliRunner().invoke(app, [command.split()[0], "--help"], env={"COLUMNS": "200"}).output
-    assert f"[x>={least}]" in told
+    assert f"[x>={least}]" in help_of(command.split()[0])

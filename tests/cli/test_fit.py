@@ -58,12 +58,24 @@ def test_the_file_holds_the_model_that_the_library_learns(write, data, tmp_path)
 def test_hard_regimes_can_be_learned_and_the_other_rows_test_the_filter(write, data, tmp_path) -> None:
     out = tmp_path / "model.json"
     result = run(
-        write(), "--state", "load", "--obs", "temperature", "-o", out, "--regimes", 2, "--train", 0.75
+        write(),
+        "--state",
+        "load",
+        "--obs",
+        "temperature",
+        "-o",
+        out,
+        "--regimes",
+        2,
+        "--train",
+        0.75,
+        "--starts",
+        1,
     )
     assert result.exit_code == 0, result.output
     model = load_model(out)
     assert isinstance(model, CGOMSModel)
-    fit = CGOMSModel.fit(data[:180, 0], data[:180, 1], n_switches=2)
+    fit = CGOMSModel.fit(data[:180, 0], data[:180, 1], n_switches=2, n_starts=1)
     named = fit.model.labelled(states=["load"], observations=["temperature"])
     assert model_to_dict(model) == model_to_dict(named)
     # Oracle: the filter on the last quarter, begun 100 rows earlier.

@@ -57,7 +57,7 @@ def test_more_nodes_than_memory_holds_are_refused(monkeypatch) -> None:
 
 @pytest.mark.parametrize("kind", ["hidden", "known", "fuzzy"])
 def test_what_is_told_is_about_what_it_takes(kind) -> None:
-    x, y = series(6000 if kind == "fuzzy" else 200)
+    x, y = series(3000 if kind == "fuzzy" else 200)
     r = regimes(8) if kind == "known" else None
     options = {"form": "regression", "max_iter": 1, "n_starts": 1, "progress": False}
     tracemalloc.start()

@@ -123,7 +123,7 @@ def test_simulated_steps_follow_the_regressions(hard_model):
 
 
 def test_first_state_given_the_regime(hard_model):
-    runs = [hard_model.simulate(1, np.random.default_rng(k)) for k in range(4000)]
+    runs = [hard_model.simulate(1, np.random.default_rng(k)) for k in range(2000)]
     r = np.array([run.r[0] for run in runs])
     z = np.array([np.r_[run.x[0], run.y[0]] for run in runs])
     for k in range(3):
