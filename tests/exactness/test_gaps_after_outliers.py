@@ -7,6 +7,7 @@ scalar systems is the recursion in decimal numbers of as many digits as the outl
 from __future__ import annotations
 
 from decimal import Decimal, localcontext
+from functools import cache
 
 import numpy as np
 import pytest
@@ -122,6 +123,7 @@ def test_moments_are_those_of_decimal_numbers(scalar_filters, name, size):
         np.testing.assert_allclose(result.mu, mu, atol=1e-13)
 
 
+@cache
 def linear(m, q, order):
     """Two regimes that differ in everything, m states, q observed components."""
     rng = np.random.default_rng(3)

@@ -81,7 +81,7 @@ def ring(K):
 @pytest.mark.parametrize("known", [False, True])
 def test_weights_of_several_classes_are_areas_that_fill_a_strip(K, known):
     model = ring(K)
-    truth = model.simulate(40, np.random.default_rng(0))
+    truth = model.simulate(15, np.random.default_rng(0))
     result = (
         KnownSwitchFilter(model).filter(truth.y, truth.r) if known else OFSRFilter(model, 2).smooth(truth.y)
     )
@@ -91,10 +91,10 @@ def test_weights_of_several_classes_are_areas_that_fill_a_strip(K, known):
     foot = axes.get_ylim()[0]
     top = max(area[:, 1].max() for area in areas)
     assert top < result.interval(0.9)[0].min()
-    previous = np.zeros(40)
+    previous = np.zeros(15)
     for k, area in enumerate(areas):
         steps, height = area[:, 0], (area[:, 1] - foot) / (top - foot)
-        upper = np.array([height[steps == n].max() for n in range(40)])
+        upper = np.array([height[steps == n].max() for n in range(15)])
         np.testing.assert_allclose(upper - previous, result.class_weights[:, k], atol=1e-9)
         previous = upper
     np.testing.assert_allclose(previous, 1.0)

@@ -121,13 +121,13 @@ def state_space():
 
 FILTERS = {
     "KalmanFilter": velocity,
-    "KalmanFilter, flat": lambda: velocity(flat=True),
+    "KalmanFilter, flat": lambda: velocity(2, flat=True),
     "KalmanFilter, two observations": lambda: velocity(2),
     "KalmanFilter, fading memory and pseudo-inverse": fading,
     "ExtendedKalmanFilter": lambda: ExtendedKalmanFilter(1, 1, fx=sine, hx=square, Q=0.1),
     "ExtendedKalmanFilter, two observations": lambda: ExtendedKalmanFilter(2, 2, hx=np.sin, x=[0.1, 0.2]),
     "IMMEstimator": bank,
-    "IMMEstimator, flat": lambda: bank(flat=True),
+    "IMMEstimator, flat": lambda: bank(m=2, flat=True),
     "IMMEstimator, two observations": lambda: bank(m=2),
     "IMMEstimator, mixed bank": lambda: bank(mixed=True),
     "IMMEstimator, GPB2": lambda: bank("gpb2"),
