@@ -319,7 +319,7 @@ def test_rounding_below_zero_counts_as_zero():
 
 
 def test_sampled_marginal(law):
-    pairs = np.array([law.sample(2, np.random.default_rng(k)) for k in range(300 if law is RAMP else 1500)])
+    pairs = np.array([law.sample(2, np.random.default_rng(k)) for k in range(500 if law is RAMP else 1500)])
     counts = np.histogram2d(*pairs.T, bins=[0.0, 0.5, 1.0])[0]
     assert scipy.stats.chisquare(counts.ravel(), law.harden().ravel() * len(pairs)).pvalue > 1e-3
     r = pairs[:, 1]
@@ -336,7 +336,7 @@ def test_sampled_marginal(law):
 @pytest.mark.parametrize("r", [0.0, 1.0, 0.1, 0.45, 0.9])
 def test_sampled_transitions(law, r):
     # draws of what follows one value, against eq. (26) to (29), (34) to (38)
-    uniforms = np.random.default_rng(7).random((250 if law is RAMP else 1200, 2))
+    uniforms = np.random.default_rng(7).random((400 if law is RAMP else 1200, 2))
     drawn = np.array([law._draw_next(r, *map(float, u)) for u in uniforms])
     ends = law.transition_density(r, [0.0, 1.0])
     counts = [(drawn == 0).sum(), (drawn == 1).sum(), ((drawn > 0) & (drawn < 1)).sum()]
