@@ -14,6 +14,7 @@ from fuzzykf.switching.laws.learners import ChainFamily, FreeChain
 from fuzzykf.switching.learning.em import Estimate, Posterior, pair_shares, run_em
 from fuzzykf.switching.learning.gaussians import (
     GaussianEstimate,
+    MemorylessEstimate,
     RegressionEstimate,
     pair_cells,
     single_cells,
@@ -85,6 +86,8 @@ class Options:
         Called after each iteration.
     guess : ndarray or None
         The switch along the data from which alone to begin, where it is hidden.
+    state_feedback : bool
+        Whether the state depends on the one before it.
     """
 
     form: str
@@ -94,6 +97,7 @@ class Options:
     rng: np.random.Generator | None = None
     tick: Callable[[], None] | None = None
     guess: FloatArray | None = None
+    state_feedback: bool = True
 
 
 @dataclass(frozen=True)
@@ -111,9 +115,9 @@ class Fitted:
     bounded: bool = False  # whether positive definiteness bounds the parameters
 
 
-def _estimator(form: str, data: TrainingData, n_fuzzy: int = 2) -> type[GaussianEstimate]:
-    if form == "regression":
-        return RegressionEstimate
+def _estimator(options: Options, data: TrainingData, n_fuzzy: int = 2) -> type[GaussianEstimate]:
+    if options.form == "regression":
+        return RegressionEstimate if options.state_feedback else MemorylessEstimate
     if n_fuzzy > 2:
         raise ParameterError(
             "form: 'covariance' can be learned for a fuzzy switch between two classes only, got "
@@ -160,7 +164,7 @@ def fit_fuzzy(data: TrainingData, law: Law, n_nodes: int | None, options: Option
     shares = _shares(data.r, K)
     fitted = law.likeliest(np.split(shares, data.starts[1:]), nodes)
     nodes = fitted.nodes_up_to(nodes)  # on which the likelihood is told
-    estimate = _from_shares(_estimator(options.form, data, K), shares, data, fuzzy=True)
+    estimate = _from_shares(_estimator(options, data, K), shares, data, fuzzy=True)
     w = np.concatenate([np.ones((len(data.z), 1)), data.z], axis=1)
     single = Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :])
     model = CGOFMSModel._from_form(fitted, estimate.form(single, data.scale))
@@ -211,7 +215,7 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         )
     transition = np.where(left[:, None] > 0.0, counts / np.maximum(left, 1.0)[:, None], 1.0 / K)
     visits = shares.sum(axis=0)
-    estimate = _from_shares(_estimator(options.form, data), shares, data, fuzzy=False)
+    estimate = _from_shares(_estimator(options, data), shares, data, fuzzy=False)
     single = single_cells(shares, np.eye(K), data.z)
     model = CGOMSModel._from_form(transition, estimate.form(single, data.scale), visits / visits.sum())
     system = model.placed()
@@ -227,7 +231,7 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
 
 def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Options) -> Fitted:
     K = law.n_classes
-    kind = _estimator(options.form, data, K)
+    kind = _estimator(options, data, K)
     shares = law.learner(n_nodes).class_weights
     starts = [
         Estimate(law.learner(n_nodes), _from_shares(kind, guess, data, fuzzy=True))
@@ -294,7 +298,7 @@ def _hard_starts(
 
 
 def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
-    kind = _estimator(options.form, data)
+    kind = _estimator(options, data)
     shares = np.eye(K)
     starts = _hard_starts(kind, data, K, options)
     estimate, posterior, trace, converged = _best(starts, shares, data, options)

@@ -7,7 +7,7 @@ the maximisation given weighted second moments, and the form in the units of the
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
@@ -18,7 +18,14 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.learning.data import Scale, TrainingData
 
-__all__ = ["GaussianEstimate", "RegressionEstimate", "pair_cells", "positions", "transition_vectors"]
+__all__ = [
+    "GaussianEstimate",
+    "MemorylessEstimate",
+    "RegressionEstimate",
+    "pair_cells",
+    "positions",
+    "transition_vectors",
+]
 
 
 def transition_vectors(data: TrainingData) -> FloatArray:
@@ -130,6 +137,9 @@ class GaussianEstimate(ABC):
 class RegressionEstimate(GaussianEstimate):
     """The regression form: y' on (y, 1), then x' on (x, y, y', 1)."""
 
+    #: Whether x' depends on x.
+    state_feedback: ClassVar[bool] = True
+
     def __init__(self, observation: Regression, state: Regression, prior: Cells) -> None:
         self.observation, self.state, self.prior = observation, state, prior
         self.dim_z, self.dim_x = observation.beta.shape[1], state.beta.shape[1]
@@ -139,12 +149,12 @@ class RegressionEstimate(GaussianEstimate):
     def start(cls, cells: Cells, single: Cells, m: int, q: int, proof: FloatArray) -> Self:
         """Estimate from cells, by maximum likelihood; valid everywhere by construction."""
         prior = prior_cells(cells)
-        return cls(*_two_regressions(join(cells, prior), m, q, (None, None), 100), prior)
+        return cls(*cls._both(join(cells, prior), m, q, (None, None), 100), prior)
 
     def maximise(self, cells: Cells) -> Self:
         """Take a few rounds of the maximisation."""
         before = (self.observation, self.state)
-        both = _two_regressions(join(cells, self.prior), self.dim_x, self.dim_z, before, 3)
+        both = self._both(join(cells, self.prior), self.dim_x, self.dim_z, before, 3)
         return type(self)(*both, self.prior)
 
     @property
@@ -168,7 +178,7 @@ class RegressionEstimate(GaussianEstimate):
         at = positions(m, q)
         for fit, target, regressors in (
             (self.observation, at["y'"], at["y"] + at["one"]),
-            (self.state, at["x'"], at["x"] + at["y"] + at["y'"] + at["one"]),
+            (self.state, at["x'"], self._regressors(m, q)),
         ):
             B, t, p = fit.beta.shape
             beta = (shares @ fit.beta.reshape(B, -1)).reshape(-1, t, p)
@@ -192,10 +202,13 @@ class RegressionEstimate(GaussianEstimate):
         observation, state = self.observation, self.state
         Ayy = table(observation.beta[..., :q]) * sy[:, None] / sy
         Ny = table(observation.beta[..., q]) * sy + my - Ayy @ my
-        Axx = table(state.beta[..., :m]) * sx[:, None] / sx
-        H = table(state.beta[..., m : m + q]) * sx[:, None] / sy
-        G = table(state.beta[..., m + q : m + 2 * q]) * sx[:, None] / sy
-        c = table(state.beta[..., m + 2 * q]) * sx + mx - Axx @ mx - (H + G) @ my
+        p = m if self.state_feedback else 0
+        Axx = np.zeros((K, K, m, m))
+        Axx[..., :p] = table(state.beta[..., :p])
+        Axx *= sx[:, None] / sx
+        H = table(state.beta[..., p : p + q]) * sx[:, None] / sy
+        G = table(state.beta[..., p + q : p + 2 * q]) * sx[:, None] / sy
+        c = table(state.beta[..., p + 2 * q]) * sx + mx - Axx @ mx - (H + G) @ my
         return RegressionForm(
             Ayy=Ayy,
             Ny=Ny,
@@ -214,17 +227,38 @@ class RegressionEstimate(GaussianEstimate):
         """Number of free parameters."""
         m, q, K = self.dim_x, self.dim_z, self.n_classes
         d = m + q
-        pair = q * (q + 1) + q * (q + 1) // 2 + m * (m + 2 * q + 1) + m * (m + 1) // 2
+        state = m * len(self._regressors(m, q)) + m * (m + 1) // 2
+        pair = q * (q + 1) + q * (q + 1) // 2 + state
         return K * K * pair + K * (d + d * (d + 1) // 2)
 
+    @classmethod
+    def _regressors(cls, m: int, q: int) -> list[int]:
+        """Positions in v of what x' depends on."""
+        at = positions(m, q)
+        return (at["x"] if cls.state_feedback else []) + at["y"] + at["y'"] + at["one"]
 
-def _two_regressions(
-    cells: Cells, m: int, q: int, start: tuple[Regression | None, Regression | None], n_rounds: int
-) -> tuple[Regression, Regression]:
-    at = positions(m, q)
-    return (
-        fit_regression(cells, at["y'"], at["y"] + at["one"], start[0], n_rounds=n_rounds),
-        fit_regression(
-            cells, at["x'"], at["x"] + at["y"] + at["y'"] + at["one"], start[1], n_rounds=n_rounds
-        ),
-    )
+    @classmethod
+    def _both(
+        cls,
+        cells: Cells,
+        m: int,
+        q: int,
+        start: tuple[Regression | None, Regression | None],
+        n_rounds: int,
+    ) -> tuple[Regression, Regression]:
+        """Regressions of the observation and of the state."""
+        at = positions(m, q)
+        return (
+            fit_regression(cells, at["y'"], at["y"] + at["one"], start[0], n_rounds=n_rounds),
+            fit_regression(cells, at["x'"], cls._regressors(m, q), start[1], n_rounds=n_rounds),
+        )
+
+
+class MemorylessEstimate(RegressionEstimate):
+    """The regression form with Axx = 0: x' on (y, y', 1).
+
+    Given the switch the state then depends on observations alone, and the law of it that a filter finds, a
+    mixture over the latest two nodes, is exact.
+    """
+
+    state_feedback = False

@@ -305,7 +305,8 @@ def instability(system: SwitchingSystem) -> list[str]:
         return []
     return [
         f"the state filter is unstable: its error variance grows by the factor {radius:.4g} a step, since "
-        "the model has no feedback from observations to the state"
+        "the model has no feedback from observations to the state; state_feedback=False learns a state that "
+        "does not depend on the one before, and cannot drift"
     ]
 
 

@@ -185,6 +185,7 @@ class CGOFMSModel(SwitchingModel):
         n_starts: int = 4,
         max_iter: int = 500,
         tolerance: float = 1e-6,
+        state_feedback: bool = True,
         rng: np.random.Generator | None = None,
         progress: bool | None = None,
     ) -> FitResult[CGOFMSModel]:
@@ -223,6 +224,12 @@ class CGOFMSModel(SwitchingModel):
             Gain in log-likelihood per observation and iteration at which to stop.
         rng : numpy.random.Generator, optional
             For more than 4 starts.
+        state_feedback : bool
+            Whether the state may depend on the one before it.  Without, ``Axx`` is zero: given the switch
+            the state depends on the latest two observations alone, the law of it that the filter finds is
+            exact and not matched in mean and covariance, and the filter cannot drift.  A state that is
+            learned from measurements of itself tends to lean on the one before, which the filter does not
+            see: on data without a memory of their own beyond that of the observations this filters better.
         progress : bool, optional
             Whether to show a progress bar (needs rich).  By default one appears after two seconds if
             standard error is a terminal, or in a notebook.
@@ -275,6 +282,7 @@ class CGOFMSModel(SwitchingModel):
             n_starts=n_starts,
             max_iter=max_iter,
             tolerance=tolerance,
+            state_feedback=state_feedback,
             rng=rng,
             progress=progress,
         )

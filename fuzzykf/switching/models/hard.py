@@ -342,6 +342,7 @@ class CGOMSModel(SwitchingModel):
         n_starts: int = 4,
         max_iter: int = 500,
         tolerance: float = 1e-6,
+        state_feedback: bool = True,
         rng: np.random.Generator | None = None,
         progress: bool | None = None,
     ) -> FitResult[CGOMSModel]:
@@ -357,7 +358,7 @@ class CGOMSModel(SwitchingModel):
             Number K of regimes; 2 unless said otherwise.
         n_switches : int
             Another name of ``n_regimes``: the switch takes so many values.
-        form, n_starts, max_iter, tolerance, rng, progress
+        form, n_starts, max_iter, tolerance, state_feedback, rng, progress
             As in `CGOFMSModel.fit`.
 
         Returns
@@ -393,6 +394,7 @@ class CGOMSModel(SwitchingModel):
             n_starts=n_starts,
             max_iter=max_iter,
             tolerance=tolerance,
+            state_feedback=state_feedback,
             rng=rng,
             progress=progress,
         )
