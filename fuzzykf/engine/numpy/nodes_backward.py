@@ -8,6 +8,7 @@ of the smoothed covariance, with e its variance and v its mean on one of them,
 
 Merging may bring e above 1.  Where several histories meet in j it is then taken for 1: none of them is known
 less well for what comes later.  (The factor of a single history is relative to just that one, and stays.)
+For a history that is wider than what was merged e is at most 1 / (1 + v^2), see `_cautious`.
 
 For each pair (i, j) the state and the next one,
 
@@ -46,6 +47,12 @@ __all__ = ["smooth_nodes"]
 
 #: A variance given other components that is a smaller part of its own, for each state, is rounding error.
 CERTAIN = 4.0 * float(np.finfo(np.float64).eps)
+
+#: Where something is divided by it, so much more is lost.
+DIVISOR = 16.0 * CERTAIN
+
+#: A variance that is no larger part of another is as large but for rounding.
+ALIKE = 1.0 + 1e-6
 
 #: A variance that is a smaller part of what it was before an observation is rounding error.
 SEEN = 1e-24
@@ -216,6 +223,7 @@ def _look_ahead(pair: _Pair, factor: Factor) -> FloatArray:
         row, v, e = factor.rows[:, a], factor.mean[:, a], factor.variance[:, a]
         f, s = pair.along(row)
         t = (row * (pair.mean[:, :m] - factor.centre)).sum(axis=-1)
+        e = _cautious(e, v, s)
         T = pair.condition(f, e, 1.0 - e, v - (1.0 - e) * t)
         there = T > 0.0
         T = np.where(there, T, 1.0)
@@ -234,7 +242,7 @@ def _factor(
 
     ``size`` (M, m) are variances before the observation; ``met`` (M,) says where several histories meet.
     """
-    L, D = _factored(P, SEEN * size)
+    L, D = _factored(P, SEEN * size, DIVISOR)
     there = D > 0.0
     scale = np.where(there, 1.0 / np.sqrt(np.where(there, D, 1.0)), 0.0)
     rows = _solved(L, np.broadcast_to(np.eye(x.shape[-1]), P.shape)) * scale[..., None]
@@ -252,6 +260,18 @@ def _size(P: FloatArray, F: FloatArray, Q: FloatArray, i: IntArray, j: IntArray)
     size = np.diagonal(Q, axis1=-2, axis2=-1).copy()
     np.maximum.at(size, j, moved + size[j])
     return size
+
+
+def _cautious(e: FloatArray, v: FloatArray, s: FloatArray) -> FloatArray:
+    """Return e of a factor (N,) as it counts for laws of variance s on its axis.
+
+    Under the model the mean of v^2 is 1 - e: what moves a mean by v has told about v^2 of its variance,
+    though the merged moments may say less.  A law as wide as the filtered one, s = 1, they carry by v and no
+    more.  A wider one would be carried off by exp(v z) if nothing held it.
+    """
+    least = np.minimum(e, 1.0 / (1.0 + v * v))
+    wider = 1.0 - ALIKE / np.maximum(s, ALIKE)
+    return np.divide(e * least, least + (e - least) * wider, out=np.zeros_like(e), where=e > 0.0)
 
 
 def _axes(root: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -289,7 +309,9 @@ def _root(S: FloatArray) -> FloatArray:
     return L * np.sqrt(D)[..., None, :]
 
 
-def _factored(S: FloatArray, floor: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
+def _factored(
+    S: FloatArray, floor: FloatArray | float = 0.0, certain: float = CERTAIN
+) -> tuple[FloatArray, FloatArray]:
     """L (N, m, m) and D (N, m) of S = L D L', L with ones in the diagonal.
 
     Pivots that are rounding error, or not above ``floor`` (N, m), are zero: the components before such a one
@@ -304,7 +326,7 @@ def _factored(S: FloatArray, floor: FloatArray | float = 0.0) -> tuple[FloatArra
             there = D[..., t] > 0.0
             L[..., a, t] = np.where(there, (S[..., a, t] - known) / np.where(there, D[..., t], 1.0), 0.0)
             pivot -= L[..., a, t] ** 2 * D[..., t]
-        least = np.maximum(CERTAIN * m * S[..., a, a], floor[..., a])
+        least = np.maximum(certain * m * S[..., a, a], floor[..., a])
         D[..., a] = np.where(pivot > least, pivot, 0.0)
     return L, D
 

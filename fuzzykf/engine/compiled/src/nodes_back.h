@@ -4,6 +4,10 @@
 
 #include "nodes.h"
 
+/* Where something is divided by such a variance, so much more is lost. */
+#define FK_NODES_DIVISOR (16.0 * FK_NODES_CERTAIN)
+/* A variance that is no larger part of another is as large but for rounding. */
+#define FK_NODES_ALIKE (1.0 + 1e-6)
 /* A variance that is a smaller part of what it was before an observation is rounding error. */
 #define FK_NODES_SEEN 1e-24
 /* Columns whose cosine is smaller are at right angles; rounds of rotations. */
@@ -20,9 +24,9 @@ typedef struct {
 } fk_later;
 
 /* S = L D L' of (m, m), L with ones in the diagonal; pivots that are rounding error, or not above `least`, are 0. */
-FK_STATIC void fk_ldl(int m, const double *S, const double *least, double *L, double *D) {
+FK_STATIC void fk_ldl(int m, const double *S, double certain, const double *least, double *L, double *D) {
   for (int a = 0; a < m; a++) {
-    double pivot = S[a * m + a], floor = FK_NODES_CERTAIN * m * pivot;
+    double pivot = S[a * m + a], floor = certain * m * pivot;
     if (least && least[a] > floor) floor = least[a];
     for (int t = 0; t < m; t++) L[a * m + t] = a == t;
     for (int t = 0; t < a; t++) {
@@ -82,7 +86,7 @@ FK_STATIC void fk_later_seen(const fk_nodes *k, int j, int n, const int *seen, c
     for (int c = 0; c < m; c++) to->H[a * m + c] = k->H[(size_t)(seen[a] * m + c) * ld + j];
     to->y[a] = y[seen[a]] - k->d[(size_t)seen[a] * ld + j];
   }
-  fk_ldl(n, noise, NULL, L, to->D);
+  fk_ldl(n, noise, FK_NODES_CERTAIN, NULL, L, to->D);
   fk_forward(n, m, L, to->H);
   fk_forward(n, 1, L, to->y);
 }
@@ -100,7 +104,7 @@ FK_STATIC void fk_later_told(const fk_nodes *k, int j, const double *size, int m
     least[r] = FK_NODES_SEEN * size[r];
   }
   for (int r = 0; r < m * m; r++) S[r] = filtered[(size_t)(1 + m + r) * ld + j], W[r] = r % (m + 1) == 0;
-  fk_ldl(m, S, least, L, D);
+  fk_ldl(m, S, FK_NODES_DIVISOR, least, L, D);
   fk_forward(m, m, L, W);
   for (int a = 0; a < m; a++)
     for (int c = 0; c < m; c++) W[a * m + c] *= D[a] > 0.0 ? 1.0 / sqrt(D[a]) : 0.0;
@@ -116,7 +120,7 @@ FK_STATIC void fk_later_told(const fk_nodes *k, int j, const double *size, int m
       for (int s = 0; s < m; s++) sum += V[a * m + s] * W[c * m + s];
       S[a * m + c] = sum;
     }
-  fk_ldl(m, S, NULL, L, D);
+  fk_ldl(m, S, FK_NODES_CERTAIN, NULL, L, D);
   fk_axes(m, L, D, V, to->e);
   for (int a = 0; a < m; a++) {
     to->v[a] = 0.0;
@@ -138,7 +142,7 @@ FK_STATIC void fk_later_at(const fk_nodes *k, int j, const double *table, const 
   int seen[FK_NODES_LARGEST], histories = 0;
   double S[FK_NODES_SQUARE], L[FK_NODES_SQUARE], D[FK_NODES_LARGEST], size[FK_NODES_LARGEST];
   for (int r = 0; r < m * m; r++) S[r] = k->Q[(size_t)r * ld + j];
-  fk_ldl(m, S, NULL, L, D);
+  fk_ldl(m, S, FK_NODES_CERTAIN, NULL, L, D);
   for (int r = 0; r < m; r++) {
     size[r] = S[r * m + r];
     for (int c = 0; c < m; c++) to->root[r * m + c] = L[r * m + c] * sqrt(D[c]);

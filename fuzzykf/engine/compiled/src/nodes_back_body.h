@@ -33,7 +33,7 @@ FK_INLINE_HERE void FK_NAME(fk_root)(const int m, const FK_V *P, FK_V *root) {
 
 /* Condition the mean and the root of (X', X) on one component of X', of which f is root' row and s its square; by
  * Potter's update.  T, which the likelihood is divided by; 0 of what is zero beyond doubt and seen without noise. */
-FK_INLINE_HERE FK_V FK_NAME(fk_take_in)(const int m, const double noise, const double weight, const FK_V off,
+FK_INLINE_HERE FK_V FK_NAME(fk_take_in)(const int m, const FK_V noise, const FK_V weight, const FK_V off,
                                         const FK_V *f, const FK_V s, FK_V *x, FK_V *root) {
   const int d = 2 * m;
   const FK_V T = noise + weight * s;
@@ -60,6 +60,14 @@ FK_INLINE_HERE FK_V FK_NAME(fk_along)(const int m, const double *row, const FK_V
     s += f[c] * f[c];
   }
   return s;
+}
+
+/* The e of a factor as it counts for laws of variance s; see numpy/nodes_backward.py. */
+FK_INLINE_HERE FK_V FK_NAME(fk_cautious)(const double e, const double v, const FK_V s) {
+  const double bound = 1.0 / (1.0 + v * v), least = e < bound ? e : bound;
+  const FK_V wider = 1.0 - FK_NODES_ALIKE / FK_NAME(fk_max)(s, FK_NAME(fk_all)(FK_NODES_ALIKE));
+  if (!(e > 0.0)) return FK_NAME(fk_all)(0.0);
+  return e * least / (least + (e - least) * wider);
 }
 
 /* A product of many, and the logarithm of what has been taken out of it. */
@@ -97,17 +105,18 @@ FK_INLINE_HERE void FK_NAME(fk_look_back_sized)(const fk_nodes *k, const int m, 
     FK_V off = FK_NAME(fk_all)(later->y[a]);
     FK_UNROLL for (int r = 0; r < m; r++) off -= row[r] * mean[r];
     const FK_V s = FK_NAME(fk_along)(m, row, root, f);
-    FK_V T = FK_NAME(fk_take_in)(m, later->D[a], 1.0, off, f, s, mean, root);
+    FK_V T = FK_NAME(fk_take_in)(m, FK_NAME(fk_all)(later->D[a]), one, off, f, s, mean, root);
     const FK_B there = (FK_B)(T > 0.0);
     T = FK_NAME(fk_select)(there, T, one);
     FK_NAME(fk_times)(&product, &log_product, T);
     distance += FK_NAME(fk_select)(there, off * off / T + FK_NODES_LOG_2PI, none);
   }
   FK_UNROLL for (int a = 0; a < m; a++) { /* all that come after it */
-    const double *row = later->rows + a * m, v = later->v[a], e = later->e[a];
+    const double *row = later->rows + a * m, v = later->v[a];
     FK_V at = none;
     FK_UNROLL for (int r = 0; r < m; r++) at += row[r] * (mean[r] - later->centre[r]);
     const FK_V s = FK_NAME(fk_along)(m, row, root, f), beyond = at - v;
+    const FK_V e = FK_NAME(fk_cautious)(later->e[a], v, s);
     FK_V T = FK_NAME(fk_take_in)(m, e, 1.0 - e, v - (1.0 - e) * at, f, s, mean, root);
     const FK_B there = (FK_B)(T > 0.0);
     T = FK_NAME(fk_select)(there, T, one);
