@@ -431,3 +431,8 @@ def test_it_warns_of_a_model_that_is_wrong(name):
         f.smooth_lag(zs, 30)
     assert said[0].filename == __file__
     f.smooth_lag(zs, 0)  # nothing moves
+
+
+def test_a_class_is_no_filter():
+    with pytest.raises(ParameterError, match="f: got the class KalmanFilter, expected a filter"):
+        FixedLag(KalmanFilter, 2)

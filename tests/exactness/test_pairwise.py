@@ -259,3 +259,20 @@ def test_a_gap_between_regimes_is_an_approximation_of_which_the_size_is_known():
         worst = np.maximum(worst, found)
     assert (worst > 1e-6).all()
     assert (worst < [0.4, 0.24]).all()
+
+
+def test_simulations_have_no_units():
+    given = parameters(np.random.default_rng(3), 2, 2, 1)
+    units = np.array([1e-8, 1.0, 1e8])
+    scaled = given | {
+        "A": units[:, None] * given["A"] / units,
+        "noise": units[:, None] * given["noise"] * units,
+        "covariances": units[:, None] * given["covariances"] * units,
+        "offset": given["offset"] * units,
+        "means": given["means"] * units,
+    }
+    one, other = (
+        CGOMSModel.from_pairwise(**a).simulate(200, np.random.default_rng(0)) for a in (given, scaled)
+    )
+    np.testing.assert_allclose(other.x, one.x * units[:2], rtol=1e-9)
+    np.testing.assert_allclose(other.y, one.y * units[2:], rtol=1e-9)

@@ -230,13 +230,23 @@ def test_a_diffuse_start_hides_no_component(method) -> None:
         np.testing.assert_allclose(position(P0), position(1e9), rtol=near)
 
 
-#: Motions with next to no noise, by their parameters: several histories meet in a wider law than any one has.
+#: Motions with next to no noise in some class: several histories meet in a wider law than any one has.
 QUIET = {
     "decays": {"F": [[[0.5]], [[0.6]]], "H": 1.0, "Q": 1e-6},
     "offset": {"F": 0.9, "H": 1.0, "Q": 1e-6, "b": [[0.0], [1.0]]},
     "no noise at all": {"F": 0.9, "H": 1.0, "Q": 0.0, "b": [[0.0], [1.0]]},
     "gain": {"F": 0.9, "H": [[[1.0]], [[0.3]]], "Q": 1e-6, "b": [1.0]},
     "bias": {"F": 0.9, "H": 1.0, "Q": 1e-6, "d": [[0.0], [3.0]]},
+    "one class without noise": {
+        **{"F": [[0.735, -0.111], [-0.655, -0.102]], "b": [[1.18, -0.55], [0.52, -0.01]]},
+        **{"H": [[[-0.07, -0.17], [1.47, -0.32]], [[-1.74, 0.11], [0.87, 0.64]]]},
+        "Q": [[[0.12, -0.101], [-0.101, 0.217]], np.zeros((2, 2))],
+    },
+    "three gains, one of a lively state": {
+        **{"F": 0.7, "H": [[[0.09]], [[0.67]], [[-2.83]]], "Q": [[[32.0]], [[0.002]], [[0.02]]]},
+        **{"R": [[[0.01]], [[4.5]], [[0.04]]], "d": [[1.4], [0.75], [0.2]]},
+        "law": [[0.875, 0.0, 0.125], [0.045, 0.755, 0.2], [0.04, 0.26, 0.7]],
+    },
     "one of two": {
         **{"F": [[0.8, 0.1], [0.0, 0.9]], "H": [[1.0, 1.0]], "Q": np.diag([0.0, 0.5])},
         "b": [[0.0, 0.0], [1.0, 0.0]],
@@ -244,12 +254,14 @@ QUIET = {
 }
 
 
+@pytest.mark.filterwarnings("ignore::fuzzykf.errors.HindsightWarning")
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("what", QUIET)
 def test_a_quiet_motion_is_not_lost_on_the_way_back(what, method) -> None:
-    parts = QUIET[what]
+    parts = {"law": SWITCH, "R": np.eye(np.shape(QUIET[what]["H"])[-2] if np.ndim(QUIET[what]["H"]) else 1)}
+    parts |= QUIET[what]
     m = np.shape(parts["H"])[-1] if np.ndim(parts["H"]) else 1
-    model = SwitchingStateSpace(SWITCH, **parts, R=1.0, x0=np.zeros(m), P0=np.eye(m))
+    model = SwitchingStateSpace(**parts, x0=np.zeros(m), P0=np.eye(m))
     f, errors, trace = SwitchingKalmanFilter(model, method=method), np.zeros(2), np.zeros(2)
     for seed in range(6):
         truth = model.simulate(300, np.random.default_rng(seed))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ShapeError
-from fuzzykf.gaussian import as_array, check_covariance, semidefinite_root
+from fuzzykf.gaussian import as_array, check_covariance, covariance_root
 from fuzzykf.results import Simulation
 from fuzzykf.switching.dynamics.base import Dynamics
 from fuzzykf.switching.dynamics.exactness import judged
@@ -109,7 +109,7 @@ class PairwiseForm(Dynamics):
         z, shocks = np.empty((n, d)), rng.standard_normal((n, d))
         if n:
             k = r.astype(np.intp)
-            root, first = semidefinite_root(self.noise), semidefinite_root(self.covariances[k[0]])
+            root, first = covariance_root(self.noise), covariance_root(self.covariances[k[0]])
             moved = self.offset[k] + (root[k] @ shocks[..., None])[..., 0]
             z[0] = self.means[k[0]] + first @ shocks[0]
             for now in range(1, n):

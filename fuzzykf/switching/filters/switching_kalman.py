@@ -361,8 +361,8 @@ class SwitchingKalmanFilter(SavedFilter):
         -----
         HindsightWarning
             If the states move more than their covariances admit when the later observations are known: the
-            model is wrong then, and what is smoothed is likely to be worse than what is filtered.  See
-            `fuzzykf.hindsight`.
+            model is wrong then, or the filter has lost the switch, and what is smoothed may be worse than
+            what is filtered.  See `fuzzykf.hindsight`.
 
         Raises
         ------
