@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from fuzzykf import CGOMSMFilter, CGOMSModel, KnownSwitchFilter
@@ -170,6 +170,7 @@ def test_the_reference_cases(case):
 def test_filter_and_smoother_are_exact_on_the_condition(seed, K, m, q, kind):
     rng = np.random.default_rng(seed)
     given = exact_parameters(rng, K, m, q, kind)
+    assume(np.linalg.cond(given["noise"]).max() < 1e6)  # of 16 digits, ten are left
     model = CGOMSModel.from_pairwise(**given)
     assert model.exactness.startswith("exact: ")
     check(CGOMSMFilter(model), given, model.simulate(5, rng).y)
