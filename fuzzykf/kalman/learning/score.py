@@ -8,6 +8,7 @@ so that Q, R and P may be singular.
 
 from __future__ import annotations
 
+from math import isqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -142,16 +143,42 @@ def score(model: LinearModel, zs: FloatArray, stored: dict[str, FloatArray]) -> 
 
 
 def _backwards(own: FloatArray, own_N: FloatArray, G: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return r (series, n, d) and N (series, n, d, d) by their recursions."""
-    n = own.shape[1]
-    # steps first, so that each is one block of memory
-    r = np.ascontiguousarray(own.swapaxes(0, 1))[..., None]
-    N, G = np.ascontiguousarray(own_N.swapaxes(0, 1)), np.ascontiguousarray(G.swapaxes(0, 1))
-    transposed = np.ascontiguousarray(G.mT)
-    for k in range(n - 2, -1, -1):
-        r[k] += transposed[k] @ r[k + 1]
-        N[k] += transposed[k] @ N[k + 1] @ G[k]
-    return r[..., 0].swapaxes(0, 1), N.swapaxes(0, 1)
+    """Return r (series, n, d) and N (series, n, d, d) by their recursions.
+
+    Both are affine, so that blocks of about sqrt(n) steps are gone through at once, each as if nothing came
+    from behind it, and what does come is added: Phi' r, Phi' N Phi, with Phi the product of G to the block's
+    end.
+    """
+    series, n, d = own.shape
+    length = isqrt(n) + 1
+    blocks = -(-n // length)
+
+    def cut(array: FloatArray) -> FloatArray:
+        """Bring to (length, series, blocks, ...), with steps after the end from which nothing comes."""
+        whole = np.zeros((series, blocks * length, *array.shape[2:]))
+        whole[:, :n] = array
+        parts = whole.reshape(series, blocks, length, *array.shape[2:])
+        return np.ascontiguousarray(np.moveaxis(parts, 2, 0))
+
+    def joined(parts: FloatArray) -> FloatArray:
+        back = np.moveaxis(parts, 0, 2)
+        return back.reshape(series, blocks * length, *back.shape[3:])[:, :n]
+
+    r, N, G = cut(own[..., None]), cut(own_N), cut(G)
+    Phi = G.copy()
+    for k in range(length - 2, -1, -1):
+        before = G[k].mT
+        r[k] += before @ r[k + 1]
+        N[k] += before @ N[k + 1] @ G[k]
+        Phi[k] = Phi[k + 1] @ G[k]
+    r_behind, N_behind = np.zeros((series, blocks, d, 1)), np.zeros((series, blocks, d, d))
+    for b in range(blocks - 2, -1, -1):
+        through = Phi[0, :, b + 1]
+        r_behind[:, b] = r[0, :, b + 1] + through.mT @ r_behind[:, b + 1]
+        N_behind[:, b] = N[0, :, b + 1] + through.mT @ N_behind[:, b + 1] @ through
+    r += Phi.mT @ r_behind
+    N += Phi.mT @ N_behind @ Phi
+    return joined(r)[..., 0], joined(N)
 
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -45,6 +45,9 @@ CASES = {
     "no noise in one component": (model(R=np.diag([0.0, 0.9, 0.4])), series(ONE, np.s_[0, 5, 0]), None),
     "one observed": (model(H=[[1.0, 0.0]], R=[[0.6]]), series((1, 30, 1), np.s_[0, 8:11]), None),
     "one step": (model(), series((1, 1, 3)), None),
+    "two steps": (model(), series((1, 2, 3)), None),
+    "three steps": (model(), series((2, 3, 3)), None),
+    "ten steps": (model(), series((1, 10, 3)), None),
     "unstable": (model(F=[[1.05, 1.0], [0.0, 1.0]]), series(ONE), None),
     "nothing of one series": (model(), series((2, 6, 3), np.s_[0]), None),
 }
