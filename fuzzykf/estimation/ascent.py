@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.estimation.information import observed_information
+from fuzzykf.estimation.information import curvature, units
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,8 +22,9 @@ __all__ = ["Maximum", "Search", "ascend", "maximise"]
 #: Steps of Newton at most, and how often one is halved.
 NEWTON, HALVINGS = 12, 30
 
-#: Curvature, in units of the spread and relative to the largest, below which a direction is flat.
-FLAT = 1e-8
+#: Curvature, in standard errors of numbers given all others, below which a direction is flat; and how far it
+#: may bend upwards by rounding.
+FLAT, UPWARDS = 1e-8, 1e-5
 
 #: A log-variance with less curvature than this, in units of the spread, may be on its way to minus infinity.
 AWAY = 1e-2
@@ -52,7 +53,7 @@ class Maximum:
     trace : tuple of float
         Log-likelihoods on the way.
     gain : float
-        What the last step of Newton promised; where nothing bends, what one of a spread would.
+        What the last step of Newton promised; where nothing bends, what a large change would.
     converged : bool
         Whether that is less than the tolerance, and nothing bends upwards.
     information : ndarray, shape (p, p)
@@ -96,6 +97,11 @@ class _Point(NamedTuple):
     value: float
     gradient: FloatArray
 
+    @property
+    def at_bound(self) -> BoolArray:
+        at_bound: BoolArray = np.isneginf(self.numbers)
+        return at_bound
+
 
 class _Climber:
     """An ascent from one start, and what it has seen."""
@@ -131,7 +137,7 @@ class _Climber:
         from scipy.optimize import minimize
 
         moving = np.isfinite(start.numbers)
-        unit = self.free.spread[moving]
+        unit = self.free.scale(start.numbers)[moving]
         if self.left <= 0 or not moving.any():
             return start
         best = last = start
@@ -166,7 +172,7 @@ class _Climber:
 
     def bent(self, point: _Point) -> FloatArray:
         """Return the information at a point."""
-        return observed_information(self.f, point.numbers, 1e-4 * self.free.spread)
+        return curvature(self.f, self.free, point.numbers)
 
     def settled(self, point: _Point) -> tuple[_Point, FloatArray]:
         """Send variances to zero that are on their way there, or up again if there is more to be had.
@@ -175,8 +181,8 @@ class _Climber:
         """
         for _ in range(2 * len(point.numbers)):
             information = self.bent(point)
-            curvature = np.diagonal(information) * self.free.spread**2
-            away = self.free.is_variance & np.isfinite(point.numbers) & (curvature < AWAY)
+            bent = np.diagonal(information) * self.free.spread**2
+            away = self.free.is_variance & np.isfinite(point.numbers) & (bent < AWAY)
             for i in np.flatnonzero(away)[np.argsort(point.numbers[away])]:
                 found = self._sent(point, i)
                 if found is not None:
@@ -231,17 +237,16 @@ class _Climber:
 
     def _newton_step(self, point: _Point, information: FloatArray) -> tuple[FloatArray, float, bool]:
         """Return a step of Newton, what it promises, and whether the log-likelihood bends up nowhere."""
-        spread = np.where(np.isfinite(point.numbers), self.free.spread, 0.0)
-        bent, ways = np.linalg.eigh(spread[:, None] * information * spread)
-        slope = ways.T @ (spread * point.gradient)
-        flat = FLAT * max(1.0, float(bent.max(initial=0.0)))
-        size = np.maximum(np.abs(bent), flat)
-        gains = np.where(bent > flat, 0.5 * slope**2 / size, np.abs(slope))
-        # where it bends upwards a step of one spread, at a saddle to either side
+        unit = np.where(point.at_bound, 0.0, units(information, self.free.scale(point.numbers)))
+        bent, ways = np.linalg.eigh(unit[:, None] * information * unit)
+        slope = ways.T @ (unit * point.gradient)
+        size = np.maximum(np.abs(bent), FLAT)
+        gains = np.where(bent > FLAT, 0.5 * slope**2 / size, np.abs(slope))
+        # where it bends upwards a step of one unit, at a saddle to either side
         uphill = np.where(slope == 0.0, 1.0, np.sign(slope))
-        step = np.where(np.abs(bent) <= flat, 0.0, np.where(bent > 0.0, slope / size, uphill))
-        is_peak = bool((bent > -1e3 * flat).all())
-        return spread * (ways @ step), float(gains.sum()), is_peak
+        step = np.where(np.abs(bent) <= FLAT, 0.0, np.where(bent > 0.0, slope / size, uphill))
+        is_peak = bool((bent > -UPWARDS).all())
+        return unit * (ways @ step), float(gains.sum()), is_peak
 
     def _shortened(self, point: _Point, step: FloatArray) -> _Point | None:
         """Return the first point along a step, halved again and again, that is higher."""
@@ -255,7 +260,7 @@ class _Climber:
 
 def _moved(point: _Point, step: FloatArray) -> FloatArray:
     """Return where a step leads to; variances that are zero stay."""
-    return np.where(np.isfinite(point.numbers), point.numbers + step, point.numbers)
+    return np.where(point.at_bound, point.numbers, point.numbers + step)
 
 
 def ascend(

@@ -16,7 +16,7 @@ from fuzzykf.errors import NotPositiveDefiniteError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from fuzzykf.arrays import BoolArray, FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray, IntArray
 
     #: A group of components of a covariance: the class (nothing where there are none), and the components.
     Group = tuple[tuple[int, ...], Sequence[int]]
@@ -97,15 +97,20 @@ class EntriesBlock:
         What is free.
     n_group : int
         Number of leading axes that count classes, 0 or 1.
+    size : ndarray, of its shape, optional
+        How large entries may be that are small at the start; by default as the largest one, or 1.
     """
 
-    def __init__(self, key: str, held: FloatArray, mask: BoolArray, n_group: int) -> None:
+    def __init__(
+        self, key: str, held: FloatArray, mask: BoolArray, n_group: int, size: FloatArray | None = None
+    ) -> None:
         self._held, self._mask = held.copy(), mask
         where = [tuple(map(int, index)) for index in np.argwhere(mask)]
         self.names = tuple(entry_name(key, index[:n_group], index[n_group:]) for index in where)
         self.start = self._held[mask]
         largest = float(np.abs(held).max(initial=0.0)) or 1.0
-        self.spread = FAR_ENTRY * np.where(self.start != 0.0, np.abs(self.start), largest)
+        spread = FAR_ENTRY * np.where(self.start != 0.0, np.abs(self.start), largest)
+        self.spread = spread if size is None else np.where(size[mask] > 0.0, size[mask], spread)
         self.is_variance = self.is_positive = np.zeros(len(where), dtype=np.bool_)
 
     def value(self, numbers: FloatArray) -> FloatArray:
@@ -155,9 +160,12 @@ class CovarianceBlock:
         names: list[str] = []
         #: Of each group, its place in the array and its numbers.
         self._places: list[tuple[Any, slice]] = []
+        #: Rows and columns of the entries of its factor.
+        self._entries: list[tuple[IntArray, IntArray]] = []
         is_variance: list[bool] = []
         for group, rows in groups:
             i, j = np.tril_indices(len(rows))
+            self._entries.append((i, j))
             first = len(names)
             names += [
                 entry_name(key, group, (rows[a], rows[b]))
@@ -184,27 +192,23 @@ class CovarianceBlock:
             If a group of it is singular.
         """
         numbers = np.empty(len(self.names))
-        for (place, part), unit, name in zip(self._places, self._unit, self._firsts(), strict=True):
+        for (place, part), unit, (i, j) in zip(self._places, self._unit, self._entries, strict=True):
             try:
                 L = np.linalg.cholesky(moment[place])
             except np.linalg.LinAlgError as error:
                 least = np.linalg.eigvalsh(moment[place])[0]
                 raise NotPositiveDefiniteError(
-                    f"{name}: expected a positive definite matrix, got the eigenvalue {least:.6g}"
+                    f"{self.names[part.start]}: expected a positive definite matrix, "
+                    f"got the eigenvalue {least:.6g}"
                 ) from error
-            i, j = np.tril_indices(len(L))
             with np.errstate(divide="ignore"):
                 numbers[part] = np.where(i == j, 2.0 * np.log(np.abs(L[i, j])), L[i, j] / unit[i])
         return numbers
 
-    def _firsts(self) -> list[str]:
-        return [self.names[part.start] for _, part in self._places]
-
     def _factors(self, numbers: FloatArray) -> list[FloatArray]:
         factors = []
-        for (_, part), unit in zip(self._places, self._unit, strict=True):
+        for (_, part), unit, (i, j) in zip(self._places, self._unit, self._entries, strict=True):
             L = np.zeros((len(unit), len(unit)))
-            i, j = np.tril_indices(len(unit))
             own, diagonal = numbers[part], i == j
             L[i, j] = np.exp(np.where(diagonal, 0.5 * own, 0.0))
             L[i[~diagonal], j[~diagonal]] = own[~diagonal] * unit[i[~diagonal]]
@@ -221,9 +225,11 @@ class CovarianceBlock:
     def gradient(self, numbers: FloatArray, by_value: FloatArray) -> FloatArray:
         """See `Block`: d tr(G L L') = 2 tr(L' G dL) for symmetric G."""
         found = np.empty(len(self.names))
-        for (place, part), unit, L in zip(self._places, self._unit, self._factors(numbers), strict=True):
+        factors = self._factors(numbers)
+        for (place, part), unit, (i, j), L in zip(
+            self._places, self._unit, self._entries, factors, strict=True
+        ):
             G = by_value[place]
-            i, j = np.tril_indices(len(L))
             slope = ((G + G.T) @ L)[i, j]
             found[part] = slope * np.where(i == j, 0.5 * L[i, j], unit[i])
         return found
@@ -231,15 +237,15 @@ class CovarianceBlock:
     def estimates(self, numbers: FloatArray) -> FloatArray:
         """Return variances and covariances."""
         parts = []
-        for L in self._factors(numbers):
-            parts.append((L @ L.T)[np.tril_indices(len(L))])
+        for L, entries in zip(self._factors(numbers), self._entries, strict=True):
+            parts.append((L @ L.T)[entries])
         return np.concatenate(parts)
 
     def jacobian(self, numbers: FloatArray) -> FloatArray:
         """See `Block`."""
         found = np.zeros((len(self.names),) * 2)
-        for (_, part), unit, L in zip(self._places, self._unit, self._factors(numbers), strict=True):
-            i, j = np.tril_indices(len(L))
+        factors = self._factors(numbers)
+        for (_, part), unit, (i, j), L in zip(self._places, self._unit, self._entries, factors, strict=True):
             for k, (a, b) in enumerate(zip(i, j, strict=True)):
                 dL = np.zeros_like(L)
                 dL[a, b] = 0.5 * L[a, b] if a == b else unit[a]

@@ -118,6 +118,11 @@ class FreeNumbers:
             found[place, place] = block.jacobian(numbers[place])
         return found
 
+    def scale(self, numbers: FloatArray) -> FloatArray:
+        """Return a large change of each number (p,) from here: of large ones their size."""
+        found: FloatArray = np.where(self.is_variance, self.spread, np.maximum(self.spread, np.abs(numbers)))
+        return found
+
     def draw(self, rng: np.random.Generator) -> FloatArray:
         """Return numbers (p,) somewhere around the start."""
         drawn: FloatArray = self.start + self.spread * rng.standard_normal(len(self.names))
@@ -130,6 +135,7 @@ def read_free(
     *,
     covariances: Collection[str],
     vectors: Collection[str] = (),
+    sizes: Mapping[str, FloatArray] | None = None,
 ) -> FreeNumbers:
     """Return the free numbers of arrays.
 
@@ -148,6 +154,9 @@ def read_free(
         Which of them are covariances.
     vectors : collection of str
         Which of them have one axis, and not two; one axis more counts classes.
+    sizes : mapping of str to ndarray, optional
+        Of arrays that are no covariances, how large entries may be: how far starts are drawn from one
+        another, and beside what a standard error is large.  By default that is the size at the start.
 
     Returns
     -------
@@ -177,17 +186,19 @@ def read_free(
             raise ParameterError(f"free: got {brief(key)}, expected one of {listed(list(values))}")
         held = values[key]
         n_group = held.ndim - (1 if key in vectors else 2)
-        reader = _covariance if key in covariances else _entries
-        blocks[key] = reader(key, what, held, n_group)
+        if key in covariances:
+            blocks[key] = _covariance(key, what, held, n_group)
+        else:
+            blocks[key] = _entries(key, what, held, n_group, (sizes or {}).get(key))
     return FreeNumbers(blocks)
 
 
-def _entries(key: str, what: Any, held: FloatArray, n_group: int) -> Block:
+def _entries(key: str, what: Any, held: FloatArray, n_group: int, size: FloatArray | None) -> Block:
     if _is_word(what, "full"):
         mask = np.ones(held.shape, dtype=np.bool_)
     else:
         mask = _mask(key, what, held.shape, n_group, "'full' or")
-    return EntriesBlock(key, held, mask, n_group)
+    return EntriesBlock(key, held, mask, n_group, size)
 
 
 def _covariance(key: str, what: Any, held: FloatArray, n_group: int) -> Block:

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     #: Log-likelihood and gradient at numbers (p,); no finite value where there is none.
     LogLikelihood: TypeAlias = Callable[[FloatArray], tuple[float, FloatArray]]
 
-__all__ = ["Uncertainty", "observed_information", "uncertainty"]
+__all__ = ["Uncertainty", "curvature", "observed_information", "uncertainty", "units"]
 
-#: A direction is weakly identified if its standard error is more than this many spreads.
+#: A direction is weakly identified if its standard error is more than this many large changes.
 WEAK = 2.0
 
-#: Curvature, in units of the spread and relative to the largest, without which there is no standard error.
+#: Curvature, in standard errors of numbers given all others, without which there is no standard error.
 NONE = 1e-7
 
 #: What has less than this part in a direction is not named with it.
@@ -77,6 +77,39 @@ def observed_information(
     return symmetric
 
 
+def units(information: FloatArray, scale: FloatArray) -> FloatArray:
+    """Return the standard error of each number given all others, but no more than a large change."""
+    known = np.maximum(np.diagonal(information), scale**-2.0)
+    found: FloatArray = 1.0 / np.sqrt(known)
+    return found
+
+
+def curvature(f: LogLikelihood, free: FreeNumbers, numbers: FloatArray) -> FloatArray:
+    """Return about what the `observed_information` is, by steps that are small beside standard errors.
+
+    Parameters
+    ----------
+    f : callable
+    free : FreeNumbers
+    numbers : ndarray, shape (p,)
+
+    Returns
+    -------
+    ndarray, shape (p, p)
+    """
+    scale = free.scale(numbers)
+    step = 1e-4 * scale
+    for _ in range(4):
+        information = observed_information(f, numbers, step)
+        if not np.isfinite(information).all():
+            break
+        known = STEP * units(information, scale)
+        if (step <= 10.0 * known).all():
+            break
+        step = np.minimum(step, known)
+    return information
+
+
 class Uncertainty(NamedTuple):
     """How well estimates are known.
 
@@ -124,17 +157,15 @@ def uncertainty(
     >>> found.notes
     ['b[1]: weakly identified, the log-likelihood does not change along it']
     """
-    moving = np.isfinite(numbers)
-    about = observed_information(f, numbers, 1e-4 * free.spread) if about is None else about
-    first = np.diagonal(about) * free.spread**2
-    step = STEP * free.spread / np.sqrt(np.maximum(first, 1.0))  # never more than a part of the spread
-    information = observed_information(f, numbers, step)
-    unit = free.spread[moving]
+    moving, scale = np.isfinite(numbers), free.scale(numbers)
+    about = curvature(f, free, numbers) if about is None else about
+    information = observed_information(f, numbers, STEP * units(about, scale))
     if not np.isfinite(information).all():
         nothing = np.full((len(numbers),) * 2, np.nan)
         return Uncertainty(nothing, ["no standard errors: beside the maximum there is no log-likelihood"])
+    unit = units(information, scale)[moving]
     bent, ways = np.linalg.eigh(unit[:, None] * information[np.ix_(moving, moving)] * unit)
-    known = bent > NONE * max(1.0, float(bent.max(initial=0.0)))
+    known = bent > NONE
 
     jacobian = free.jacobian(numbers)[:, moving] * unit
     root = jacobian @ (ways[:, known] / np.sqrt(bent[known]))
@@ -144,15 +175,22 @@ def uncertainty(
     unknown = np.linalg.norm(jacobian @ ways[:, ~known], axis=1) > 1e-3 * size
     unknown |= ~moving & (free.estimates(numbers) == 0.0)
     covariance[unknown] = covariance[:, unknown] = np.nan
-
     names = [name for name, moves in zip(free.names, moving, strict=True) if moves]
+    return Uncertainty(covariance, _weak(names, bent, (unit / scale[moving])[:, None] * ways, known))
+
+
+def _weak(names: list[str], bent: FloatArray, ways: FloatArray, known: BoolArray) -> list[str]:
+    """Say along which ways, in units of large changes, the log-likelihood bends too little."""
     notes = []
-    for k in np.flatnonzero(bent < WEAK**-2):
+    for k in range(len(bent)):
+        size = float(np.linalg.norm(ways[:, k]))
+        if known[k] and size < WEAK * np.sqrt(bent[k]):
+            continue
         part = np.abs(ways[:, k])
         along = [name for name, own in zip(names, part, strict=True) if own > PART * part.max()]
         what = "it" if len(along) == 1 else "them together"
-        how = f"a large change of {what} costs {0.5 * bent[k]:.2g} in log-likelihood only"
+        how = f"a large change of {what} costs {0.5 * bent[k] / size**2:.2g} in log-likelihood only"
         if not known[k]:
             how = f"the log-likelihood does not change along {what}"
         notes.append(f"{listed(along)}: weakly identified, {how}")
-    return Uncertainty(covariance, notes)
+    return notes

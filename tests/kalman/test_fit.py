@@ -401,6 +401,19 @@ def test_in_other_units_there_are_other_numbers_and_the_same_fit() -> None:
     assert values(other.standard_errors) == pytest.approx(1e-12 * values(fit.standard_errors), rel=1e-4)
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_a_start_and_a_gain_may_be_in_any_unit(unit) -> None:
+    kf = KalmanFilter(1, 1, 1, H=[[1.0]], B=[[0.0]], Q=unit**2, R=unit**2, P=unit**2)
+    us = np.random.default_rng(19).normal(size=(80, 1))
+    zs = unit * (np.cumsum(2.0 * us) + np.random.default_rng(20).normal(size=80))
+    fit = kf.fit(zs, free={"x": "full", "B": "full"}, us=us)
+    assert fit.converged
+    assert fit.warnings == ()
+    one = KalmanFilter(1, 1, 1, H=[[1.0]], B=[[1.0]]).fit(zs / unit, free={"x": "full", "B": "full"}, us=us)
+    assert values(fit.estimates) / unit == pytest.approx(values(one.estimates), rel=1e-4)
+    assert values(fit.standard_errors) / unit == pytest.approx(values(one.standard_errors), rel=1e-4)
+
+
 # --------------------------------------------------------------------------- what the data do not tell
 
 

@@ -203,4 +203,5 @@ def _free_numbers(f: Any, free: Any, B: FloatArray | None) -> FreeNumbers:
         values["B"] = B
     elif isinstance(free, Mapping) and "B" in free:
         raise ParameterError("free: got 'B', but without controls us nothing is known of it")
-    return read_free(free, values, covariances=("Q", "R", "P"), vectors=("x",))
+    sizes = {"x": np.maximum(np.sqrt(np.diagonal(values["P"])), np.abs(values["x"]))}
+    return read_free(free, values, covariances=("Q", "R", "P"), vectors=("x",), sizes=sizes)

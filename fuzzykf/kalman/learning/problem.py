@@ -194,12 +194,12 @@ class VerbProblem:
 
     def log_likelihood(self, numbers: FloatArray) -> tuple[float, FloatArray]:
         """See `Problem`."""
-        value, gradient = self._value(numbers), np.zeros(numbers.shape)
+        value, gradient, scale = self._value(numbers), np.zeros(numbers.shape), self.free.scale(numbers)
         if not np.isfinite(value):
             return -np.inf, np.full(numbers.shape, np.nan)
         for k in np.flatnonzero(np.isfinite(numbers)):
             step = np.zeros(len(numbers))
-            step[k] = STEP * self.free.spread[k]
+            step[k] = STEP * scale[k]
             gradient[k] = (self._value(numbers + step) - self._value(numbers - step)) / (2.0 * step[k])
         return value, gradient
 
