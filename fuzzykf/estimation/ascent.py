@@ -29,10 +29,14 @@ FLAT, UPWARDS = 1e-8, 1e-5
 #: A log-variance with less curvature than this, in units of the spread, may be on its way to minus infinity.
 AWAY = 1e-2
 
-#: Log-variances that are looked at when one is sent to zero, around where it was; a gain that is more than
-#: rounding; a loss by which what is lost shows whether it is proportional to the variance, as at a bound, or
-#: to its square, as where other numbers could make up for it; and what it grows by from one to the next then.
-LADDER, GAIN, LITTLE, LINEAR = np.arange(-20.0, 42.0, 2.0), 0.1, 1e-4, 20.0
+#: Where a log-variance is looked at when it is sent to zero: from below where it was to above where it was,
+#: and where it began, in steps.
+BELOW, ABOVE, RUNG = 20.0, 40.0, 2.0
+
+#: What is gained there that is more than rounding, and a loss that shows, by how much it grows from one step
+#: to the next, whether it is proportional to the variance, as at a bound, or to its square, as where other
+#: numbers make up for it.
+GAIN, LITTLE, LINEAR = 0.1, 1e-4, 20.0
 
 #: How often a start is drawn that has a log-likelihood.
 DRAWS = 20
@@ -202,9 +206,10 @@ class _Climber:
         if zero.value < point.value - self.tolerance:
             return None
         before = 0.0
-        for far in LADDER:
+        here = float(point.numbers[i])
+        for rung in np.arange(here - BELOW, max(here, float(self.free.start[i])) + ABOVE, RUNG):
             numbers = zero.numbers.copy()
-            numbers[i] = point.numbers[i] + far
+            numbers[i] = rung
             up = self.look(numbers)
             if up.value > zero.value + GAIN:
                 return self.quasi_newton(up)

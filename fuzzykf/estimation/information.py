@@ -130,9 +130,9 @@ def uncertainty(
 ) -> Uncertainty:
     """Return the covariance of the estimates at a maximum: the inverse information, by the delta method.
 
-    Variances that are zero have none, nor has what depends on a direction in which the log-likelihood is
-    flat, or does not bend down.  Beside what makes a covariance singular errors are those among singular
-    ones.
+    Variances that are zero have none, nor have covariances beside them, nor has what depends on a direction
+    in which the log-likelihood is flat, or does not bend down.  Beside what makes a covariance singular
+    errors are those among singular ones.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def uncertainty(
     # an estimate that moves along what is not known is not known
     size = np.linalg.norm(jacobian, axis=1)
     unknown = np.linalg.norm(jacobian @ ways[:, ~known], axis=1) > 1e-3 * size
-    unknown |= ~moving & (free.estimates(numbers) == 0.0)
+    unknown |= size == 0.0  # a variance at its bound, and what is in its column
     covariance[unknown] = covariance[:, unknown] = np.nan
     names = [name for name, moves in zip(free.names, moving, strict=True) if moves]
     return Uncertainty(covariance, _weak(names, bent, (unit / scale[moving])[:, None] * ways, known))

@@ -15,10 +15,13 @@ if TYPE_CHECKING:
     from fuzzykf.estimation.ascent import Maximum
     from fuzzykf.estimation.free import FreeNumbers
 
-__all__ = ["at_their_bound", "fewer", "several", "unfinished"]
+__all__ = ["at_their_bound", "boundless", "fewer", "several", "unfinished"]
 
 #: Maxima whose log-likelihoods are closer than this explain the data about as well.
 NEAR = 3.0
+
+#: A log-variance that has gone down by this and does not settle has no maximum.
+VANISHED = 60.0
 
 
 def at_their_bound(free: FreeNumbers, numbers: FloatArray) -> list[str]:
@@ -34,6 +37,20 @@ def at_their_bound(free: FreeNumbers, numbers: FloatArray) -> list[str]:
                 "errors are those among singular covariances"
             )
     return notes
+
+
+def boundless(best: Maximum, free: FreeNumbers) -> list[str]:
+    """Say that there is no maximum, since variances that vanish make the likelihood as large as they like."""
+    if best.converged:
+        return []
+    vanishing = free.is_variance & np.isfinite(best.numbers) & (best.numbers < free.start - VANISHED)
+    names = [free.names[k] for k in np.flatnonzero(vanishing)]
+    if not names:
+        return []
+    return [
+        f"{listed(names)}: the log-likelihood grows without bound towards zero; are observations constant, "
+        "or computed from one another?"
+    ]
 
 
 def several(maxima: Sequence[Maximum], free: FreeNumbers) -> list[str]:

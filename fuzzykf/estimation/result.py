@@ -10,7 +10,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 from fuzzykf.estimation.ascent import maximise
 from fuzzykf.estimation.information import uncertainty
-from fuzzykf.estimation.notes import at_their_bound, fewer, several, unfinished
+from fuzzykf.estimation.notes import at_their_bound, boundless, fewer, several, unfinished
 from fuzzykf.gaussian import as_count, as_real, check_generator, normal_quantile
 from fuzzykf.reprs import reprs
 from fuzzykf.results import FitResult
@@ -280,7 +280,12 @@ def maximum_likelihood(
     )
     best = found.maxima[0]
     how_well = uncertainty(f, free, best.numbers, best.information)
-    notes = unfinished(best, max_iter) + at_their_bound(free, best.numbers) + how_well.notes
+    notes = (
+        unfinished(best, max_iter)
+        + boundless(best, free)
+        + at_their_bound(free, best.numbers)
+        + how_well.notes
+    )
     notes += several(found.maxima, free) + fewer(found.n_starts, n_starts)
 
     def named(values: FloatArray) -> dict[str, float]:

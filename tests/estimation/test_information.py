@@ -119,3 +119,13 @@ def test_beside_a_singular_covariance_errors_are_those_among_singular_ones() -> 
     found = uncertainty(f, free, np.array([0.0, 3.0, -np.inf]))
     errors = np.sqrt(np.diagonal(found.covariance))
     np.testing.assert_allclose(errors, [0.25, np.hypot(0.5, 3.0 * 0.125), 3.0], rtol=1e-6)
+
+
+def test_covariances_beside_a_variance_of_zero_have_no_standard_error() -> None:
+    free = read_free({"R": "full"}, {"R": np.eye(2)}, covariances=["R"])
+
+    def f(z):
+        return -2.0 * float(z[1:] @ z[1:]), np.array([0.0, -4.0 * z[1], -4.0 * z[2]])
+
+    found = uncertainty(f, free, np.array([-np.inf, 0.0, 0.0]))
+    np.testing.assert_allclose(np.diagonal(found.covariance), [np.nan, np.nan, 0.25], rtol=1e-6)

@@ -429,6 +429,22 @@ def test_a_variance_that_goes_to_zero_is_said_to() -> None:
     assert fit.standard_errors["R[0, 0]"] == pytest.approx(zs.var() * np.sqrt(2 / 200), rel=0.02)
 
 
+def test_a_variance_without_which_all_is_explained_goes_to_zero_from_far_away() -> None:
+    # the smallest noise of a motion that grows is felt, so that the search passes many powers of ten
+    zs = 1.05 ** np.arange(200) + np.random.default_rng(21).normal(size=200)
+    fit = KalmanFilter(1, 1, H=[[1.0]]).fit(zs, free={"F": "full", "Q": "full", "R": "full"})
+    assert fit.estimates["Q[0, 0]"] == 0.0
+    assert fit.estimates["F[0, 0]"] == pytest.approx(1.05, rel=1e-5)
+    assert fit.warnings == ("Q[0, 0]: at its bound; the estimate is 0, and there is no standard error",)
+
+
+@pytest.mark.parametrize("value", [0.0, 3.0])
+def test_constant_observations_have_no_maximum(value) -> None:
+    fit = KalmanFilter(1, 1, H=[[1.0]]).fit(np.full(50, value))
+    assert not fit.converged
+    assert any("the log-likelihood grows without bound towards zero" in note for note in fit.warnings)
+
+
 def test_noises_that_nothing_tells_apart_are_named() -> None:
     # a state without memory: Q and R are one noise
     kf = KalmanFilter(1, 1, H=[[1.0]], F=[[0.0]])
