@@ -28,6 +28,8 @@ __all__ = ["FreeNumbers", "read_free"]
 class FreeNumbers:
     """The free numbers of all parameters, one after the other.
 
+    Those of arrays come from `read_free`; others, such as a law, are blocks of their own beside these.
+
     Attributes
     ----------
     blocks : mapping of str to Block

@@ -55,6 +55,8 @@ def fit_filter(
     """See `KalmanFilter.fit` and `ExtendedKalmanFilter.fit`."""
     if progress is not None:
         progress = as_flag("progress", progress)
+    if not f._follows_copies():
+        f.copy()  # says why there is none, before the work
     given = {"fx_args": fx_args, "hx_args": hx_args}
     many = _read(zs, f.dim_z, us, given)
     if np.isnan(many.values).all():
