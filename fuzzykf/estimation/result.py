@@ -78,15 +78,15 @@ class LikelihoodFit(FitResult[M], Generic[M]):
     positive : frozenset of str
         Estimates that are variances, or factors of covariances.
 
+    See Also
+    --------
+    KalmanFilter.fit
+
     Notes
     -----
     Standard errors are square roots of the diagonal of the inverse of the observed information: minus the
     second derivatives of the log-likelihood at the maximum, by differences of its gradient.  That is done in
     the numbers of the search; the delta method leads to the scale of the parameters.
-
-    See Also
-    --------
-    KalmanFilter.fit
 
     Examples
     --------
