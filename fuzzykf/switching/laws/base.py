@@ -9,6 +9,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.immutable import Immutable
+from fuzzykf.switching.laws.law_numbers import LogitNumbers
 from fuzzykf.switching.laws.learners import LawChain
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.switching.laws.chain import SwitchChain
+    from fuzzykf.switching.laws.law_numbers import LawNumbers
     from fuzzykf.switching.laws.learners import ChainFamily
 
 __all__ = ["NODES", "Law", "ParametricLaw", "Reach"]
@@ -156,6 +158,16 @@ class Law(Immutable, ABC):
         """
         raise ParameterError(f"law: got one of the kind {self.kind!r}, which cannot be learned")
 
+    def free_numbers(self, n_nodes: int) -> LawNumbers:
+        """Return the numbers of the law on so many nodes that an ascent moves, beginning at this law.
+
+        Raises
+        ------
+        ParameterError
+            If the family cannot be learned.
+        """
+        raise ParameterError(f"law: got one of the kind {self.kind!r}, which cannot be learned")
+
     def likeliest(self, paths: Sequence[FloatArray], n_nodes: int) -> Self:
         """Return the law of the same structure that is likeliest for paths of a switch that is known.
 
@@ -213,6 +225,8 @@ class ParametricLaw(Law):
     learned = True
     #: How many logits there are.
     n_free: ClassVar[int]
+    #: How many of them, the last ones, are those of widths; the others are of shares of the mass.
+    n_widths: int = 0
 
     @classmethod
     @abstractmethod
@@ -280,6 +294,14 @@ class ParametricLaw(Law):
     def learner(self, n_nodes: int) -> ChainFamily:
         """Return the chain on so many nodes whose logits learning moves."""
         return LawChain(self, n_nodes)
+
+    @abstractmethod
+    def estimates_of(self, law: Self) -> dict[str, float]:
+        """Return what each logit of a law of this structure stands for, by names that a table can show."""
+
+    def free_numbers(self, n_nodes: int) -> LawNumbers:
+        """Return the logits, for an ascent."""
+        return LogitNumbers(self, n_nodes)
 
     def likeliest(self, paths: Sequence[FloatArray], n_nodes: int) -> Self:
         """Return the law of largest likelihood, whatever the number of nodes: the density is known."""

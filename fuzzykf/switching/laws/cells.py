@@ -13,6 +13,7 @@ from fuzzykf.switching.laws.chain import SwitchChain, hardened
 from fuzzykf.switching.laws.fmc1 import FMC1
 from fuzzykf.switching.laws.integration import Lines
 from fuzzykf.switching.laws.law import FuzzyMarkovLaw, checked_pair
+from fuzzykf.switching.laws.law_numbers import ChainNumbers
 from fuzzykf.switching.laws.learners import FreeChain
 
 if TYPE_CHECKING:
@@ -79,6 +80,10 @@ class CellLaw(FuzzyMarkovLaw):
         """Return a chain whose probabilities are all free."""
         return FreeChain(self.discretize(n_nodes).class_weights, self.masses, CellLaw)
 
+    def free_numbers(self, n_nodes: int) -> ChainNumbers:
+        """Return the probabilities of the chain on the cells, for an ascent."""
+        return ChainNumbers(self.discretize(n_nodes), _of_chain)
+
     def _cell(self, r: FloatArray) -> np.ndarray:
         inner = np.minimum((r * self._n_cells).astype(int), max(self._n_cells - 1, 0)) + 1
         return np.where(r == 0.0, 0, np.where(r == 1.0, self._n_cells + 1, inner))
@@ -129,3 +134,7 @@ class CellLaw(FuzzyMarkovLaw):
     @shown
     def __repr__(self) -> str:
         return f"CellLaw(n_nodes={self._n_cells})"
+
+
+def _of_chain(chain: SwitchChain) -> CellLaw:
+    return CellLaw(chain.initial[:, None] * chain.transition)

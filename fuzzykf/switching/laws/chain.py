@@ -24,12 +24,17 @@ __all__ = [
     "hardened",
     "rank",
     "shares_of",
+    "starts_stationary",
+    "stationary_back",
     "stationary_distribution",
     "value_of",
 ]
 
 #: Rows of probabilities have to sum to one within this.
 SUM_TOLERANCE = 1e-9
+
+#: How far probabilities may be from stationary ones by rounding.
+STATIONARY = 1e-9
 
 #: Values of the switch that are nearer than this are one value.
 SAME_VALUE = 1e-12
@@ -422,6 +427,39 @@ def stationary_distribution(transition: FloatArray) -> FloatArray:
     positive = np.where(solution > 1e-14, solution, 0.0)
     distribution: FloatArray = positive / positive.sum()
     return distribution
+
+
+def stationary_back(p: FloatArray, transition: FloatArray, by_p: FloatArray) -> FloatArray:
+    """Return the gradient by the transition matrix of what has one by its stationary distribution.
+
+    From p = p T and p 1 = 1, with Z = (I - T + 1 p)^-1: dp = p dT Z.
+
+    Parameters
+    ----------
+    p : ndarray, shape (K,)
+    transition : ndarray, shape (K, K)
+    by_p : ndarray, shape (K,)
+
+    Returns
+    -------
+    ndarray, shape (K, K)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> T = np.array([[0.9, 0.1], [0.3, 0.7]])  # p = (.3, .1) / .4
+    >>> gradient = stationary_back(stationary_distribution(T), T, np.array([1.0, 0.0]))
+    >>> round(float(gradient[0, 1] - gradient[0, 0]), 9)  # -.3 / .4^2
+    -1.875
+    """
+    gradient: FloatArray = p[:, None] * np.linalg.solve(np.eye(len(p)) - transition + p, by_p)
+    return gradient
+
+
+def starts_stationary(chain: SwitchChain) -> bool:
+    """Whether a chain begins in its stationary law, to rounding."""
+    p = chain.initial
+    return bool(np.abs(p @ chain.transition - p).max() <= STATIONARY)
 
 
 def balance(arrows: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from fuzzykf.reprs import shown
 from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.chain import SwitchChain, hardened
 from fuzzykf.switching.laws.edges import GraphicLaw, Link
+from fuzzykf.switching.laws.law_numbers import ChainNumbers
 from fuzzykf.switching.laws.learners import FreeChain
 
 if TYPE_CHECKING:
@@ -118,6 +119,10 @@ class ChainLaw(GraphicLaw):
         # what begins nowhere is possible all the same
         joint = np.where(start > 0.0, start, 1e-12)[:, None] * self.chain.transition
         return FreeChain(self.chain.class_weights, joint, self._of_joint)
+
+    def free_numbers(self, n_nodes: int) -> ChainNumbers:
+        """Return the probabilities of the same arrows, for an ascent."""
+        return ChainNumbers(self.chain, ChainLaw)
 
     def _of_joint(self, joint: FloatArray) -> ChainLaw:
         initial = joint.sum(axis=1)

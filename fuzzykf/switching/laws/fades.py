@@ -38,6 +38,7 @@ from fuzzykf.switching.laws.edges import (
 )
 from fuzzykf.switching.laws.fade_events import FadeEvents, count_events
 from fuzzykf.switching.laws.fade_learner import FadeChain
+from fuzzykf.switching.laws.fade_numbers import FadeNumbers
 from fuzzykf.texts import counted
 
 if TYPE_CHECKING:
@@ -399,6 +400,10 @@ class FadeLaw(GraphicLaw):
     def learner(self, n_nodes: int) -> FadeChain:
         """Return the chain with so many cells in each fade, as learning moves it."""
         return FadeChain(self, n_nodes)
+
+    def free_numbers(self, n_nodes: int) -> FadeNumbers:
+        """Return rates, jumps, lengths and turning back with so many cells in each fade, for an ascent."""
+        return FadeNumbers(self, n_nodes)
 
     def likeliest(self, paths: Sequence[FloatArray], n_nodes: int) -> Self:
         """Return the law in which events are as frequent as along paths of a switch that is known.

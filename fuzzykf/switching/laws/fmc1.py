@@ -102,6 +102,10 @@ class FMC1(FuzzyMarkovLaw, ParametricLaw):
         """Return three free numbers: shares 2 alpha, 2 beta, 8 eta / 3 and 7 delta / 3 of the mass."""
         return logits_of(2 * self.alpha, 2 * self.beta, 8 * self.eta / 3, 7 * self.delta / 3)
 
+    def estimates_of(self, law: FMC1) -> dict[str, float]:
+        """Return what the logits of a law stand for; alpha follows from these."""
+        return {"beta": law.beta, "eta": law.eta, "delta": law.delta}
+
     @classmethod
     def from_logits(cls, logits: FloatArray) -> Self:
         """Make the law of these shares."""

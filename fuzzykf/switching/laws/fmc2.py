@@ -28,6 +28,7 @@ class FMC2(FuzzyMarkovLaw, ParametricLaw):
 
     kind = "fmc2"
     n_free = 3
+    n_widths = 1
 
     def __init__(self, alpha: float, gamma: float, delta: float) -> None:
         alpha, gamma, delta = (
@@ -102,6 +103,10 @@ class FMC2(FuzzyMarkovLaw, ParametricLaw):
         """Return three free numbers: two of 2 alpha, 2 beta and the rest of the mass, one of delta."""
         shares = logits_of(2 * self.alpha, 2 * self.beta, 1 - 2 * self.alpha - 2 * self.beta)
         return np.append(shares, _width_logit(np.clip(2.0 * self.delta, 1e-3, 1.0 - 1e-3)))
+
+    def estimates_of(self, law: FMC2) -> dict[str, float]:
+        """Return what the logits of a law stand for; alpha follows from these."""
+        return {"beta": law.beta, "gamma": law.gamma, "delta": law.delta}
 
     @classmethod
     def from_logits(cls, logits: FloatArray) -> Self:

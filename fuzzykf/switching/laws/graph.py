@@ -31,6 +31,7 @@ from fuzzykf.switching.laws.graph_numbers import (
     widths_of,
 )
 from fuzzykf.switching.laws.graph_walk import GraphWalk
+from fuzzykf.switching.laws.law_numbers import LogitNumbers
 from fuzzykf.switching.laws.learners import LawChain
 from fuzzykf.switching.laws.quadrature import chain_of_joint
 from fuzzykf.switching.laws.shares import ROUNDING, softmax
@@ -390,7 +391,7 @@ class GraphLaw(GraphicLaw):
 
         Masses are linear in the shares of the parts; those of parts with widths are kept for the last ones.
         """
-        n_widths = self._n_widths
+        n_widths = self.n_widths
         parts = self.logits().size + 1 - n_widths
 
         @lru_cache(maxsize=4 * parts)
@@ -410,16 +411,37 @@ class GraphLaw(GraphicLaw):
         return joint
 
     @property
-    def _n_widths(self) -> int:
+    def n_widths(self) -> int:
+        """How many logits, the last ones, are those of widths."""
         return len(self._crossings) + (len(self.edges) if self.family == "band" else 0)
 
     def elsewhere(self, logits: FloatArray, n_nodes: int) -> list[FloatArray]:
         """Return free numbers of other widths, which a search on the nodes cannot reach."""
-        return other_widths(logits, self._n_widths, n_nodes)
+        return other_widths(logits, self.n_widths, n_nodes)
 
     def learner(self, n_nodes: int) -> LawChain:
         """Return the chain on so many cells of each edge, as learning moves it."""
         return LawChain(self, n_nodes, STEPS)
+
+    def estimates_of(self, law: GraphLaw) -> dict[str, float]:
+        """Return what the logits of a law of this structure stand for; the first corner follows."""
+        corners = {f"corner {k}": float(law.corners[k, k]) for k in range(1, self.n_classes)}
+        for a, b in np.argwhere(np.triu(self.corners, 1) > 0.0).tolist():
+            corners[f"corner {a} to {b}"] = float(law.corners[a, b])
+        names = [f"{a} to {b}" for a, b in self.edges]
+        first, second = ("eta", "delta") if self.family == "linear" else ("gamma", "width")
+        firsts = {f"{first} {name}": pair[0] for name, pair in zip(names, law._pairs.tolist(), strict=True)}
+        seconds = {f"{second} {name}": pair[1] for name, pair in zip(names, law._pairs.tolist(), strict=True)}
+        if self.family == "linear":  # both of an edge are shares
+            pairs = zip(firsts.items(), seconds.items(), strict=True)
+            return corners | dict(item for pair in pairs for item in pair)
+        kappas = {f"kappa {one} to {other}": pair[0] for (one, other), pair in law.crossings.items()}
+        widths = {f"width {one} to {other}": pair[1] for (one, other), pair in law.crossings.items()}
+        return corners | firsts | kappas | seconds | widths
+
+    def free_numbers(self, n_nodes: int) -> LogitNumbers:
+        """Return the logits, for an ascent."""
+        return LogitNumbers(self, n_nodes)
 
     # ------------------------------------------------------------------ pictures
 
