@@ -104,3 +104,36 @@ class LogCovariance:
             g = np.where(self._singular, -np.inf, mixed @ self._g)
             result[~pure] = compose((mixed @ self._T.reshape(n, -1)).reshape(-1, d, d), g)
         return result.reshape(*shares.shape[:-1], d, d)
+
+    def pull_back(self, shares: FloatArray, by_result: FloatArray) -> FloatArray:
+        """Return the gradient by the values (n, d, d) of what has a gradient by the results.
+
+        Residual variances that are zero stay so.
+
+        Parameters
+        ----------
+        shares : ndarray, shape (N, n)
+        by_result : ndarray, shape (N, d, d)
+            Symmetric.
+        """
+        pure = shares.max(axis=1) >= 1.0 - 1e-15
+        by_values = np.zeros_like(self.values)
+        np.add.at(by_values, np.argmax(shares[pure], axis=1), by_result[pure])
+        if pure.all():
+            return by_values
+        mixed, G = shares[~pure], by_result[~pure]
+        n, d = self._g.shape
+        # at the results V = L D L', L = T^-1: dV = dL D L' + L dD L' + L D dL', dL = -L dT L
+        variance = np.exp(np.where(self._singular, -np.inf, mixed @ self._g))
+        L = np.linalg.inv((mixed @ self._T.reshape(n, -1)).reshape(-1, d, d))
+        turned = np.swapaxes(L, -1, -2) @ G @ L
+        by_T = -2.0 * turned * variance[:, None, :] @ np.swapaxes(L, -1, -2)
+        by_g = np.diagonal(turned, axis1=-2, axis2=-1) * variance
+        # at the values, with W = T dV T': dD = diag W, and dL = L times what is below the diagonal of W D^-1
+        by_T, by_g = np.tensordot(mixed.T, by_T, 1), mixed.T @ by_g
+        inverse = np.where(self._singular, 0.0, np.exp(-self._g))
+        T_t = np.swapaxes(self._T, -1, -2)
+        by_W = np.tril(-by_T @ T_t * inverse[:, None, :], -1) + np.eye(d) * (by_g * inverse)[:, None, :]
+        by_V = T_t @ by_W @ self._T
+        both: FloatArray = by_values + 0.5 * (by_V + np.swapaxes(by_V, -1, -2))
+        return both

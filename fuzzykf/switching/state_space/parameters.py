@@ -117,6 +117,34 @@ class Parameter(Immutable):
         flat = shares @ self.values.reshape(self.n_classes, -1)
         return flat.reshape(*shares.shape[:-1], *self.shape)
 
+    def pull_back(self, shares: FloatArray, by_value: FloatArray) -> FloatArray:
+        """Return the gradient by what was given, one or one for each class, of what has one by the values.
+
+        Parameters
+        ----------
+        shares : ndarray, shape (N, K)
+        by_value : ndarray, shape (N, *shape)
+            That of a covariance is symmetric.
+
+        Returns
+        -------
+        ndarray, shape (1, *shape) or (K, *shape)
+
+        Raises
+        ------
+        ParameterError
+            If it is a function.
+        """
+        if self.function is not None:
+            raise ParameterError(f"{self.name}: a function of the class weights has no gradient")
+        if len(self.values) == 1:
+            total: FloatArray = by_value.sum(axis=0, keepdims=True)
+            return total
+        if self._between is not None:
+            return self._between.pull_back(shares, by_value)
+        by_class: FloatArray = np.tensordot(shares.T, by_value, 1)
+        return by_class
+
     def _called(self, weights: FloatArray) -> FloatArray:
         """Return what the function says of class weights (K,), and prove that nothing else matters to it."""
         assert self.function is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,12 @@ from fuzzykf.results import Simulation
 from fuzzykf.switching.dynamics.base import Dynamics
 from fuzzykf.switching.dynamics.exactness import Exactness, mixed_regimes
 from fuzzykf.switching.dynamics.nodes import joint_moments
-from fuzzykf.switching.laws.chain import SAME_VALUE, stationary_distribution
+from fuzzykf.switching.laws.chain import (
+    SAME_VALUE,
+    starts_stationary,
+    stationary_back,
+    stationary_distribution,
+)
 from fuzzykf.switching.state_space.parameters import Parameter, columns_of, rows_of
 from fuzzykf.switching.state_space.space_system import SpacePath, SpacePaths, SpaceSystem
 from fuzzykf.switching.state_space.stationary import LongRun
@@ -21,10 +26,18 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.laws.chain import SwitchChain
 
-__all__ = ["StateSpaceForm"]
+__all__ = ["FirstGradient", "StateSpaceForm"]
 
-#: How far probabilities may be from stationary ones by rounding.
+#: Growth by less than this is none: rounding.
 STATIONARY = 1e-9
+
+
+class FirstGradient(NamedTuple):
+    """Derivatives by what the first moments of the state depend on."""
+
+    values: dict[str, FloatArray]  # by names of parameters, at each node (M, ...)
+    initial: FloatArray  # (M,)
+    transition: FloatArray  # (M, M)
 
 
 class StateSpaceForm(Dynamics):
@@ -82,7 +95,9 @@ class StateSpaceForm(Dynamics):
         self.parameters = {name: Parameter(name, one[0], K, *one[1:]) for name, one in shapes.items()}
         for parameter in self.parameters.values():  # a form that exists is valid
             parameter.at(there)
-        self._first = self.first_moments(chain)
+        #: The state in the long run on its own nodes, where the first one has to do with it.
+        self._run = self._long_run(chain)
+        self._first = self._moments(chain, self._run)
 
     def at(self, name: str, shares: FloatArray) -> FloatArray:
         """Return a parameter at values of the switch with these shares (..., K)."""
@@ -98,21 +113,52 @@ class StateSpaceForm(Dynamics):
         NotStableError, ParameterError
             If they are to be stationary, and there is no such law.
         """
+        return self._first if chain is self.chain else self._moments(chain, self._long_run(chain))
+
+    def _moments(self, chain: SwitchChain, run: LongRun | None) -> tuple[FloatArray, FloatArray]:
         M, m = len(chain), self.dim_x
         there = chain.initial > 0.0
         mean, covariance = np.zeros((M, m)), np.broadcast_to(np.eye(m), (M, m, m)).copy()
-        if missing := [name for name in ("x0", "P0") if name not in self.parameters]:
-            stationary = self._long_run(chain, " and ".join(missing), settles="P0" in missing)
         for name, moment in (("x0", mean), ("P0", covariance)):
             if name in self.parameters:
                 moment[there] = self.at(name, chain.class_weights[there])
             else:
-                moment[:] = stationary.mean if name == "x0" else stationary.covariance
+                assert run is not None
+                moment[:] = run.mean if name == "x0" else run.covariance
         return mean, covariance
 
-    def _long_run(self, chain: SwitchChain, name: str, settles: bool) -> LongRun:
+    def pull_back(self, chain: SwitchChain, by_mean: FloatArray, by_covariance: FloatArray) -> FirstGradient:
+        """Return derivatives of what has these by the `first_moments`.
+
+        Parameters
+        ----------
+        chain : SwitchChain
+        by_mean, by_covariance : ndarray, shapes (M, m) and (M, m, m)
+            Zero at nodes that nothing begins in.
+        """
+        found = {"x0": by_mean, "P0": by_covariance}
+        values = {name: one for name, one in found.items() if name in self.parameters}
+        by_initial, by_transition = np.zeros(len(chain)), np.zeros((len(chain),) * 2)
+        run = self._run if chain is self.chain else self._long_run(chain)
+        if run is not None:
+            by_mean = np.zeros_like(by_mean) if "x0" in values else by_mean
+            by_p, by_transition, *rest = run.pull_back(by_mean, None if "P0" in values else by_covariance)
+            values |= dict(zip(("F", "b", "Q"), rest, strict=True))
+            if starts_stationary(chain):
+                by_initial = by_p
+            else:
+                p = stationary_distribution(chain.transition)
+                by_transition = by_transition + stationary_back(p, chain.transition, by_p)
+        return FirstGradient(values, by_initial, by_transition)
+
+    def _long_run(self, chain: SwitchChain) -> LongRun | None:
+        """Return the state in the long run; None where x0 and P0 are given."""
+        missing = [name for name in ("x0", "P0") if name not in self.parameters]
+        if not missing:
+            return None
+        name, settles = " and ".join(missing), "P0" in missing
         p = chain.initial
-        if np.abs(p @ chain.transition - p).max() > STATIONARY:
+        if not starts_stationary(chain):
             try:
                 p = stationary_distribution(chain.transition)
             except ParameterError as error:

@@ -12,7 +12,7 @@ second moments a step, is below one.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,17 @@ from fuzzykf.immutable import cached_property
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["LongRun"]
+__all__ = ["LongRun", "LongRunGradient"]
+
+
+class LongRunGradient(NamedTuple):
+    """Derivatives by the arguments of `LongRun`, each of the shape of that."""
+
+    p: FloatArray
+    transition: FloatArray
+    F: FloatArray
+    b: FloatArray
+    Q: FloatArray
 
 
 class LongRun:
@@ -43,7 +53,7 @@ class LongRun:
         mass, arrows = p[self._there], transition[np.ix_(self._there, self._there)]
         self._before = mass[:, None] * arrows / mass
         self._F, self._b, self._Q = F[self._there], b[self._there], Q[self._there]
-        self._size = F.shape[:2]
+        self._mass, self._size = mass, F.shape[:2]
 
     @cached_property
     def radius(self) -> float:
@@ -97,3 +107,50 @@ class LongRun:
         part[:, rows, columns] = part[:, columns, rows] = found.reshape(M, -1)
         covariance[self._there] = part
         return covariance
+
+    def pull_back(self, by_mean: FloatArray, by_covariance: FloatArray | None = None) -> LongRunGradient:
+        """Return the derivatives by the arguments of what has these by the moments.
+
+        The linear systems are differentiated, and solved once more with their operators transposed.
+
+        Parameters
+        ----------
+        by_mean : ndarray, shape (M, m)
+        by_covariance : ndarray, shape (M, m, m), optional
+            Symmetric; without it covariances need not settle.
+        """
+        there, M, m = self._there, len(self._there), self._size[1]
+        before, F, back = self._before, self._F, np.swapaxes(self._F, -1, -2)
+        mean, g = self.mean[there], by_mean[there]
+        mixed = np.einsum("ij,ia->ja", before, mean)
+        by_F, by_Q, by_before = (np.zeros(one.shape) for one in (F, F, before))
+        if by_covariance is not None:
+            off = mean[:, None] - mixed
+            spread = self.covariance[there][:, None] + off[..., :, None] * off[..., None, :]
+            rows, columns = np.triu_indices(m)
+            twice = np.where(rows == columns, 1.0, 2.0)
+            known = (by_covariance[there][:, rows, columns] * twice).ravel()
+            found = np.linalg.solve(np.eye(len(known)) - self._operator.T, known).reshape(M, -1) / twice
+            by_Q[:, rows, columns] = by_Q[:, columns, rows] = found
+            inside = back @ by_Q @ F
+            by_F = 2.0 * by_Q @ F @ np.einsum("ij,ijab->jab", before, spread)
+            by_before = np.einsum("jab,ijab->ij", inside, spread)
+            # what a mean adds to the spread about a mixed mean; that of the mixed mean itself vanishes
+            g = g + 2.0 * np.einsum("ij,jab,ijb->ia", before, inside, off)
+        by_b = np.linalg.solve(np.eye(M * m) - self._moved.T, g.ravel()).reshape(M, m)
+        by_F = by_F + by_b[:, :, None] * mixed[:, None, :]
+        by_before = by_before + mean @ (back @ by_b[..., None])[..., 0].T
+        own = by_before * before
+        by_p = (own.sum(axis=1) - own.sum(axis=0)) / self._mass
+        by_transition = by_before * self._mass[:, None] / self._mass
+        return LongRunGradient(
+            self._whole(by_p),
+            self._whole(self._whole(by_transition).T).T,
+            *(self._whole(one) for one in (by_F, by_b, by_Q)),
+        )
+
+    def _whole(self, part: Any) -> FloatArray:
+        """Return rows for all nodes, of zero for those without mass."""
+        whole = np.zeros((self._size[0], *part.shape[1:]))
+        whole[self._there] = part
+        return whole

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fuzzykf.switching.laws.chain import stationary_back, stationary_distribution
 from fuzzykf.switching.state_space.stationary import LongRun
 
 T = np.array([[0.8, 0.15, 0.05, 0.0], [0.1, 0.6, 0.3, 0.0], [0.3, 0.0, 0.7, 0.0], [0.5, 0.5, 0.0, 0.0]])
@@ -87,3 +88,30 @@ def test_one_node_is_the_equation_of_lyapunov():
     P = found.covariance[0]
     np.testing.assert_allclose(F[0] @ P @ F[0].T + Q[0], P, rtol=1e-10)
     assert found.radius == pytest.approx(np.abs(np.linalg.eigvals(F[0])).max() ** 2)
+
+
+@pytest.mark.parametrize("settles", [True, False], ids=["moments", "means"])
+@pytest.mark.parametrize("m", [1, 2])
+def test_derivatives_are_those_of_differences(m, settles):
+    rng = np.random.default_rng(1)
+    there = T[:3, :3] / T[:3, :3].sum(axis=1, keepdims=True)
+    start = (there, *(one[:3] for one in matrices(m, 0.8)))
+    turn = rng.normal(size=(3, 3)) * (there > 0.0)
+    way = [turn - there * turn.sum(axis=1, keepdims=True), *(rng.normal(size=one.shape) for one in start[1:])]
+    way[3] = way[3] + np.swapaxes(way[3], 1, 2)
+    of_mean, root = rng.normal(size=(3, m)), rng.normal(size=(3, m, m))
+    of_covariance = root + np.swapaxes(root, 1, 2) if settles else np.zeros((3, m, m))
+
+    def long_run(step):
+        transition, *rest = (one + step * along for one, along in zip(start, way, strict=True))
+        return LongRun(stationary_distribution(transition), transition, *rest)
+
+    def value(step):
+        found = long_run(step)
+        return (found.mean * of_mean).sum() + (found.covariance * of_covariance).sum()
+
+    slope = long_run(0.0).pull_back(of_mean, of_covariance if settles else None)
+    p = stationary_distribution(there)
+    by = (slope.transition + stationary_back(p, there, slope.p), *slope[2:])
+    exact = sum((one * along).sum() for one, along in zip(by, way, strict=True))
+    assert exact == pytest.approx((value(1e-5) - value(-1e-5)) / 2e-5, rel=1e-8)
