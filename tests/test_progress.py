@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, CGOMSModel, compare_models, progress
+from fuzzykf import CGOFMSModel, CGOMSModel, SwitchingStateSpace, compare_models, progress
 from fuzzykf.errors import MissingDependencyError, ParameterError
 from fuzzykf.progress import progress_bar
 
@@ -148,6 +148,15 @@ def test_learning_shows_its_iterations(bars, model):
     assert bars[0].told[0] == ("learning, 2 iterations", 1)
     learn(model, progress=True)
     assert bars[1].told[0] == ("learning, 1 iterations", 0)
+
+
+@pytest.mark.parametrize(
+    ("asked", "first"), [(False, None), (None, "learning, 2 iterations"), (True, "learning, 1 iterations")]
+)
+def test_learning_from_observations_shows_its_iterations(bars, asked, first):
+    model = SwitchingStateSpace([[1.0]], F=0.9, H=1.0, Q=1.0, R=1.0)
+    model.fit(np.random.default_rng(0).normal(size=20), free={"R": "full"}, progress=asked)
+    assert [bar.told[0][0] for bar in bars] == ([] if first is None else [first])
 
 
 def test_a_comparison_has_one_bar(bars):

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike
+    from fuzzykf.estimation.result import LikelihoodFit
     from fuzzykf.results import Simulation
     from fuzzykf.switching.state_space.space_system import SpaceSystem
 
@@ -213,28 +214,7 @@ class SwitchingStateSpace(SwitchingModel):
 
     def _chain(self, n_nodes: int | None = None, rule: str = "cell") -> SwitchChain:
         """Return the switch on nodes, beginning as the model says."""
-        if isinstance(self.law, SwitchChain):
-            chain = self.law
-        else:
-            chain = self.law.discretize(self._nodes(n_nodes), rule)
-        if chain.is_signed:
-            got = "law: got a chain" if chain is self.law else f"rule: got {rule!r}"
-            raise ParameterError(
-                f"{got}, by which some transition probabilities are negative; expected "
-                f"{'others' if chain is self.law else repr('cell')}"
-            )
-        if self.initial is None:
-            return chain
-        start = np.zeros(len(chain))
-        for k in np.flatnonzero(self.initial):
-            nodes = np.flatnonzero(chain.atoms & (chain.class_weights.argmax(axis=1) == k))
-            if len(nodes) != 1:
-                raise ParameterError(
-                    f"initial: got {self.initial[k]:.6g} for class {k}, of which the law has {len(nodes)} "
-                    "nodes, expected one (give a SwitchChain that begins as it should)"
-                )
-            start[nodes[0]] = self.initial[k]
-        return SwitchChain(chain.nodes, chain.weights, start, chain.transition, chain.class_weights)
+        return chain_on_nodes(self.law, self.initial, self._nodes(n_nodes), rule)
 
     def _nodes(self, n_nodes: int | None) -> int:
         """Return how many nodes there are between the classes."""
@@ -347,6 +327,102 @@ class SwitchingStateSpace(SwitchingModel):
         controls = read_controls(us, as_count("n", n), self, begins=True)
         r = self._sample_switch(n, rng, n_nodes)
         return self.form.simulate(self.class_weights(r), r, rng, None if controls is None else controls[0])
+
+    # ------------------------------------------------------------------ learning
+
+    def fit(
+        self,
+        zs: ManyNumbers | ManySeriesLike,
+        xs: ManyNumbers | ManySeriesLike | None = None,
+        *,
+        free: Mapping[str, Any],
+        us: Any = None,
+        n_nodes: int | None = None,
+        n_starts: int = 1,
+        rng: np.random.Generator | None = None,
+        max_iter: int = 500,
+        tolerance: float = 1e-7,
+        progress: bool | None = None,
+    ) -> LikelihoodFit[SwitchingStateSpace]:
+        """Learn noise levels, offsets, the law of the switch, ... from observations, by maximum likelihood.
+
+        The search begins at this model, which stays as it is.  What is not free is held.
+
+        Parameters
+        ----------
+        zs : array_like, DataFrame, list or mapping
+            A series of observations (n, q), or several, of any lengths; NaN where missing.
+        xs : array_like, list or mapping, optional
+            Measured states (n, m), as many series; NaN where not measured, in any pattern.  They count as
+            observations without an error.
+        free : mapping of str to object
+            What is to be learned of which parameters.  Of ``Q``, ``R`` and ``P0``: "full", all of it;
+            "diagonal", its variances; ("scale", M), a multiple of the covariance M; or an array of bool,
+            which entries.  Of ``F``, ``H``, ``b``, ``d``, ``x0`` and ``B``: "full" or an array of bool.  A
+            parameter that the model holds for each class is learned for each, a shared one is shared; of the
+            former a mask may be that of one class, for all.  ``"law": True`` frees the numbers of the law, of
+            a matrix or a chain all probabilities that are not zero.
+        us : optional
+            Controls, as `SwitchingKalmanFilter.filter` takes them; of several series a list or a mapping.
+        n_nodes : int, optional
+            Nodes between the classes, by default 5, or as many as the law admits.
+        n_starts : int
+            Searches, of which all but the first begin around this model at random.
+        rng : numpy.random.Generator, optional
+            For more than one start.
+        max_iter : int
+            Iterations of a search.
+        tolerance : float
+            Gain in log-likelihood at which a search stops.
+        progress : bool, optional
+            Whether to show a bar; by default one appears after two seconds, if somebody can see it.
+
+        Returns
+        -------
+        LikelihoodFit
+            With estimates, standard errors, intervals, ``summary()``, the other maxima that were found, and
+            ``model``: a new one with the estimates.  Its ``occupancy`` is the share of the steps in each
+            class, each given the observations up to then.  Warnings say what the data do not tell.
+
+        Raises
+        ------
+        ShapeError, ParameterError, NotPositiveDefiniteError
+            If series have other shapes; if ``free`` is inadmissible: a parameter is a function of the class
+            weights, or a variance that is free is zero at the start; if nothing is observed, or what is
+            observed has no density under this model.
+
+        Notes
+        -----
+        The likelihood is that of IMM on the nodes, which merges what leads to a node: it is an approximation,
+        by some thousandths a step, and exact with one class, or where the whole state is measured at every
+        step.  Its gradient is exact, through the mixing of the classes, the law, and a stationary law of the
+        first state.
+
+        Known matrices and unknown noise levels, offsets and laws can be learned.  Gains ``H`` that are
+        unknown have several maxima, also with wrong signs; of a state that is never measured its scale cannot
+        be told from that of H and Q.
+
+        Examples
+        --------
+        A sensor whose noise fades from .3 to 3 and back; half and twice as much is believed at first:
+
+        >>> import numpy as np
+        >>> from fuzzykf import FadeLaw, SwitchingStateSpace
+        >>> def model(low, high):
+        ...     R = np.array([low, high])[:, None, None] ** 2
+        ...     return SwitchingStateSpace(
+        ...         FadeLaw.between(60, 20), F=0.95, H=1.0, Q=0.09, R=R, x0=[0.0], P0=0.92, mix="log"
+        ...     )
+        >>> ys = model(0.3, 3.0).simulate(300, np.random.default_rng(0)).y
+        >>> fit = model(0.6, 1.5).fit(ys, free={"R": "full"}, n_nodes=2)
+        >>> {name: round(value**0.5, 1) for name, value in fit.estimates.items()}
+        {'R[0][0, 0]': 0.3, 'R[1][0, 0]': 2.9}
+        """
+        from fuzzykf.switching.learning.state_space.fit import fit_state_space
+
+        options: dict[str, Any] = {"n_starts": n_starts, "rng": rng, "max_iter": max_iter}
+        options["tolerance"] = tolerance
+        return fit_state_space(self, zs, xs, free=free, us=us, n_nodes=n_nodes, progress=progress, **options)
 
     # ------------------------------------------------------------------ the way to a filter
 
@@ -509,6 +585,40 @@ def _as_law(law: Any, initial: ArrayLike | None) -> Law | SwitchChain:
                 "weights; expected another value for each"
             )
     return law
+
+
+def chain_on_nodes(
+    law: Law | SwitchChain, initial: FloatArray | None, n_nodes: int, rule: str = "cell"
+) -> SwitchChain:
+    """Return the switch on nodes, beginning with probabilities of its classes (K,) where they are given.
+
+    Parameters
+    ----------
+    law : Law or SwitchChain
+        A chain has its own nodes.
+    initial : ndarray, shape (K,), or None
+    n_nodes : int
+    rule : str
+    """
+    chain = law if isinstance(law, SwitchChain) else law.discretize(n_nodes, rule)
+    if chain.is_signed:
+        got = "law: got a chain" if chain is law else f"rule: got {rule!r}"
+        raise ParameterError(
+            f"{got}, by which some transition probabilities are negative; expected "
+            f"{'others' if chain is law else repr('cell')}"
+        )
+    if initial is None:
+        return chain
+    start = np.zeros(len(chain))
+    for k in np.flatnonzero(initial):
+        nodes = np.flatnonzero(chain.atoms & (chain.class_weights.argmax(axis=1) == k))
+        if len(nodes) != 1:
+            raise ParameterError(
+                f"initial: got {initial[k]:.6g} for class {k}, of which the law has {len(nodes)} nodes, "
+                "expected one (give a SwitchChain that begins as it should)"
+            )
+        start[nodes[0]] = initial[k]
+    return SwitchChain(chain.nodes, chain.weights, start, chain.transition, chain.class_weights)
 
 
 def matrices_of(filters: Sequence[Any]) -> dict[str, Any]:

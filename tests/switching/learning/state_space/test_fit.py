@@ -1,0 +1,341 @@
+"""Learning switching state-space models from observations: what is found, what is said of it."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fuzzykf import FadeLaw, FuzzyMarkovLaw, KalmanFilter, SwitchingKalmanFilter, SwitchingStateSpace
+from fuzzykf.errors import FuzzykfError
+from fuzzykf.estimation import LikelihoodFit
+
+BOTH = {"Q": "full", "R": "full"}
+
+
+def model(R=(0.09, 9.0), q=0.09, law=None, d=(0.0, 2.0)):
+    """A state that is seen with one of two noises, and an offset."""
+    law = FadeLaw.between(30, 8) if law is None else law
+    R, d = np.array(R)[:, None, None], np.array(d)[:, None]
+    return SwitchingStateSpace(law, F=0.9, H=1.0, Q=q, R=R, d=d, x0=[0.0], P0=0.5, mix="log")
+
+
+def kalman(q=0.1, r=0.2, **others):
+    """A model of one class."""
+    return SwitchingStateSpace([[1.0]], **({"F": 0.9, "H": 1.0, "x0": [0.0], "P0": 0.5} | others), Q=q, R=r)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    return model().simulate(300, np.random.default_rng(3))
+
+
+@pytest.fixture(scope="module")
+def seen_by_one():
+    return kalman().simulate(200, np.random.default_rng(0))
+
+
+# --------------------------------------------------------------------------- what is found
+
+
+def test_eight_numbers_are_found_and_those_of_permuted_classes_are_permuted(seen):
+    fades = {(0, 1): (0.05, 6.0), (1, 0): (0.02, 7.0)}
+    given = model((0.3, 3.0), 0.2, FadeLaw(2, fades), d=(0.0, 1.0))
+    fit = given.fit(seen.y, free=BOTH | {"d": [[False], [True]], "law": True}, n_nodes=2)
+    assert isinstance(fit, LikelihoodFit)
+    assert fit.converged
+    assert fit.n_parameters == len(fit.estimates) == 8
+    truth = {"R[0][0, 0]": 0.09, "R[1][0, 0]": 9.0, "Q[0, 0]": 0.09, "d[1][0]": 2.0}
+    for name, value in truth.items():  # the standard errors say how near
+        assert abs(fit.estimates[name] - value) < 3.0 * fit.standard_errors[name], name
+
+    turned = {(1 - a, 1 - b): fade for (a, b), fade in fades.items()}
+    other = model((3.0, 0.3), 0.2, FadeLaw(2, turned), d=(1.0, 0.0))
+    found = other.fit(seen.y, free=BOTH | {"d": [[True], [False]], "law": True}, n_nodes=2)
+    assert found.log_likelihood == pytest.approx(fit.log_likelihood, abs=1e-6)
+    names = str.maketrans("01", "10")
+    for name, value in found.estimates.items():
+        if name == "Q[0, 0]":
+            mirrored = name
+        elif "[" in name:
+            mirrored = name[:1] + name[1:4].translate(names) + name[4:]
+        else:
+            mirrored = name.translate(names)
+        assert value == pytest.approx(fit.estimates[mirrored], rel=1e-4), name
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        FadeLaw.between(20, 5, jump=0.01),
+        FuzzyMarkovLaw.fmc1(0.3, 0.05, 0.08),
+        FuzzyMarkovLaw.fmc2(0.3, 0.2, 0.25),
+        [[0.9, 0.1], [0.2, 0.8]],
+        FadeLaw.between(30, 8).discretize(1),
+    ],
+    ids=["fades", "fmc1", "fmc2", "hard", "chain"],
+)
+def test_every_law_is_learned_to_where_nothing_rises(law, seen):
+    """Of what is found, the log-likelihood of the filter falls to either side of each number."""
+    given = model(law=law)
+    before = given.to_dict()
+    fit = given.fit(seen.y[:120], free={"R": "full", "law": True}, n_nodes=2)
+    assert given.to_dict() == before
+    assert fit.converged
+    f = SwitchingKalmanFilter(fit.model, n_nodes=2)
+    assert f.filter(seen.y[:120]).log_likelihood.sum() == pytest.approx(fit.log_likelihood, rel=1e-10)
+    begun = SwitchingKalmanFilter(given, n_nodes=2).filter(seen.y[:120]).log_likelihood.sum()
+    assert fit.trace[0] == pytest.approx(begun, rel=1e-6)
+    assert fit.log_likelihood > begun + 1.0
+    R = fit.model.form.parameters["R"].values
+    for factor in (0.99, 1.01):
+        moved = SwitchingStateSpace(
+            fit.model.law, F=0.9, H=1.0, Q=0.09, R=factor * R, d=[[0.0], [2.0]], x0=[0.0], P0=0.5, mix="log"
+        )
+        beside = SwitchingKalmanFilter(moved, n_nodes=2).filter(seen.y[:120]).log_likelihood.sum()
+        assert beside < fit.log_likelihood
+
+
+def test_one_class_is_the_kalman_filter(seen_by_one):
+    zs = seen_by_one.y.copy()
+    zs[20:30] = np.nan
+    found = kalman(0.1, 0.5).fit(zs, free={"R": "full"})
+    # the filter stands one step before: .81 P + .1 = .5
+    kf = KalmanFilter(1, 1, F=[[0.9]], H=[[1.0]], Q=0.1, R=0.5, x=[0.0], P=0.4 / 0.81)
+    expected = kf.fit(zs, free={"R": "full"})
+    assert found.log_likelihood == pytest.approx(expected.log_likelihood, rel=1e-9)
+    assert found.estimates == pytest.approx(expected.estimates, rel=1e-4)
+    assert found.standard_errors == pytest.approx(expected.standard_errors, rel=1e-3)
+    assert found.n_observations == expected.n_observations == 190
+
+
+def test_measured_states_make_moments_of_the_residuals(seen_by_one):
+    """With every state known, the maximum of one class is known as well."""
+    x, y = seen_by_one.x, seen_by_one.y
+    fit = kalman(0.5, 0.5).fit(y, x, free=BOTH)
+    assert fit.estimates["Q[0, 0]"] == pytest.approx(np.mean((x[1:] - 0.9 * x[:-1]) ** 2), rel=1e-6)
+    assert fit.estimates["R[0, 0]"] == pytest.approx(np.mean((y - x) ** 2), rel=1e-6)
+
+
+def test_measured_states_tell_gains_that_observations_alone_do_not(seen):
+    given = model((0.09, 9.0))
+    gains = SwitchingStateSpace(
+        given.law,
+        F=0.9,
+        H=[[[0.5]], [[0.5]]],
+        Q=0.09,
+        R=given.form.parameters["R"].values,
+        d=[[0.0], [2.0]],
+        x0=[0.0],
+        P0=0.5,
+        mix="log",
+    )
+    xs = np.where(np.arange(300)[:, None] % 3 == 0, seen.x, np.nan)  # every third one
+    fit = gains.fit(seen.y, xs, free={"H": "full"}, n_nodes=2)
+    assert fit.n_observations == 300
+    assert fit.estimates["H[0][0, 0]"] == pytest.approx(1.0, abs=3.0 * fit.standard_errors["H[0][0, 0]"])
+    hidden = gains.fit(seen.y, free={"H": "full"}, n_nodes=2)
+    assert fit.standard_errors["H[0][0, 0]"] < hidden.standard_errors["H[0][0, 0]"]
+
+
+def test_several_series_count_together(seen):
+    given = model((0.3, 3.0))
+    parts = [seen.y[:100], seen.y[100:180]]
+    fit = given.fit(parts, free={"R": "full"}, n_nodes=1)
+    f = SwitchingKalmanFilter(fit.model, n_nodes=1)
+    total = sum(float(f.filter(part).log_likelihood.sum()) for part in parts)
+    assert fit.log_likelihood == pytest.approx(total, rel=1e-10)
+    assert fit.n_observations == 180
+
+
+def test_a_control_matrix_is_learned():
+    rng = np.random.default_rng(2)
+    us = rng.normal(size=200)
+    given = kalman(B=[[0.8]])
+    truth = given.simulate(200, rng, us=us)
+    fit = kalman(B=[[0.1]]).fit(truth.y, free={"B": "full"}, us=us)
+    assert abs(fit.estimates["B[0, 0]"] - 0.8) < 3.0 * fit.standard_errors["B[0, 0]"]
+
+
+# --------------------------------------------------------------------------- what is said of it
+
+
+def test_signs_of_gains_are_two_maxima_of_one_height(seen_by_one):
+    given = kalman(H=[[0.7]])
+    fit = given.fit(seen_by_one.y, free={"H": "full"}, n_starts=8, rng=np.random.default_rng(1))
+    gains = sorted(one.estimates["H[0, 0]"] for one in fit.maxima)
+    assert gains[0] == pytest.approx(-gains[1], rel=1e-4)
+    assert abs(abs(gains[1]) - 1.0) < 3.0 * fit.standard_errors["H[0, 0]"]
+    assert fit.n_starts == 8
+    assert any(
+        note.startswith("another maximum has a log-likelihood that is less by") for note in fit.warnings
+    )
+
+
+@pytest.mark.parametrize(
+    ("fit", "notes"),
+    [
+        (
+            lambda zs: model((0.1, 5.0), law=[[0.999, 0.001], [0.5, 0.5]]).fit(zs, free={"R": "full"}),
+            [
+                r"R\[1\]\[0, 0\]: weakly identified",
+                "class 1: hardly visited, for .* of 60 steps in expectation",
+            ],
+        ),
+        (
+            lambda zs: kalman(0.1, 1.0, P0=1e-6).fit(np.tile([1.0, -1.0], 30), free=BOTH),
+            [r"Q\[0, 0\]: at its bound; the estimate is 0"],
+        ),
+        (
+            lambda zs: kalman(1.0, 1.0, x0=None, P0=None, F=0.0).fit(zs, free=BOTH),
+            [r"Q\[0, 0\], R\[0, 0\]: weakly identified, the log-likelihood"],
+        ),
+        (
+            lambda zs: model((0.1, 0.1), law=FadeLaw.between(20, 9)).fit(
+                2.0 * (np.arange(240) % 60 > 30) + 0.3 * np.sin(np.arange(240) ** 2),
+                free={"law": True},
+                n_nodes=6,
+            ),
+            ["the fades from 0 to 1, 1 to 0 cannot be learned to be shorter than n_nodes = 6 steps"],
+        ),
+    ],
+    ids=["not visited", "at its bound", "one number of two", "a short fade"],
+)
+def test_what_the_data_do_not_tell_is_said(fit, notes, seen_by_one):
+    warnings = fit(seen_by_one.y[:60]).warnings
+    for note in notes:
+        assert pd.Series(warnings).str.match(note).any(), (note, warnings)
+
+
+def test_occupancy_is_that_of_the_filter(seen):
+    fit = model((0.3, 3.0)).fit(seen.y, free={"R": "full"}, n_nodes=2)
+    weights = SwitchingKalmanFilter(fit.model, n_nodes=2).filter(seen.y).class_weights
+    np.testing.assert_allclose(fit.occupancy, weights.mean(axis=0), rtol=1e-9)
+
+
+def test_replicates_have_the_form_of_the_series(seen_by_one):
+    xs = np.where(np.arange(200)[:, None] % 2, seen_by_one.x, np.nan)
+    zs = seen_by_one.y.copy()
+    zs[:7] = np.nan
+    fit = pickle.loads(pickle.dumps(kalman(0.5, 0.5).fit(zs, xs, free=BOTH)))
+    replicates = fit.bootstrap(16, np.random.default_rng(0))
+    assert {one.n_observations for one in replicates} == {fit.n_observations}
+    for name, error in fit.standard_errors.items():
+        spread = np.std([one.estimates[name] for one in replicates])
+        assert 0.5 < spread / error < 2.0, name
+
+
+# --------------------------------------------------------------------------- what is refused
+
+Z = np.zeros((30, 1))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"zs": np.full((5, 1), np.nan)}, "zs: got 5 rows without an observation"),
+        ({"zs": np.zeros((0, 1))}, "zs: got no rows"),
+        ({"zs": [Z, np.zeros((0, 1))]}, "zs: series 1, got no rows"),
+        ({"zs": np.zeros((5, 2))}, r"zs: got shape \(5, 2\)"),
+        ({"zs": [Z, np.zeros((5, 2))]}, r"zs: series 1, got shape \(5, 2\)"),
+        ({"xs": np.zeros((29, 1))}, "xs: got 29 rows, expected 30"),
+        ({"xs": np.zeros((30, 2))}, r"xs: got shape \(30, 2\)"),
+        ({"xs": np.full((30, 1), np.inf)}, "xs: observation 0 is .inf., expected finite numbers"),
+        ({"us": np.zeros(30)}, "us: got .*, but the model has no B"),
+        ({"n_nodes": 9}, "n_nodes: got 9, expected n_nodes=8 at most"),
+        ({"n_nodes": 1.5}, "n_nodes: got 1.5"),
+        ({"free": {"R": "full", "law": True}, "n_nodes": 0}, "n_nodes: got 0, expected at least 1"),
+        ({"n_starts": 3}, "rng: missing; more than one start"),
+        ({"tolerance": 0.0}, "tolerance: got 0.0"),
+        ({"max_iter": 0}, "max_iter: got 0"),
+        ({"progress": "yes"}, "progress: got 'yes', expected True or False"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, message):
+    given = {"zs": Z, "free": {"R": "full"}} | arguments
+    with pytest.raises(FuzzykfError, match=message):
+        model().fit(given.pop("zs"), **given)
+
+
+def test_what_has_no_density_is_refused():
+    """Of a position and its speed, driven by one noise, the one follows from the other."""
+    F = [[1.0, 1.0], [0.0, 1.0]]
+    given = SwitchingStateSpace(
+        [[1.0]], F=F, H=[[1.0, 0.0]], Q=[[0.25, 0.5], [0.5, 1.0]], R=1.0, x0=[0.0, 0.0], P0=np.eye(2)
+    )
+    truth = given.simulate(20, np.random.default_rng(0))
+    with pytest.raises(FuzzykfError, match=r"xs: .* or fewer measured components"):
+        given.fit(truth.y, truth.x, free={"R": "full"})
+    positions = np.stack([truth.x[:, 0], np.full(20, np.nan)], axis=1)
+    assert given.fit(truth.y, positions, free={"R": "full"}).converged
+    exact = SwitchingStateSpace([[1.0]], F=0.5, H=1.0, Q=0.0, R=0.0, x0=[0.0], P0=0.0, b=[1.0])
+    with pytest.raises(
+        FuzzykfError, match=r"R: the covariance of an observation is .* expected a model with"
+    ):
+        exact.fit(Z, free={"b": "full"})
+
+
+# --------------------------------------------------------------------------- forms of series
+
+
+def series_forms():
+    """Ways to give one series, and two, of one model with a control."""
+    rng = np.random.default_rng(7)
+    z, x, u = rng.normal(size=(40, 1)), rng.normal(size=(40, 1)), rng.normal(size=40)
+    days = pd.date_range("2024-01-01", periods=40, freq="D")
+    z2, x2, u2 = z[:25], x[:25], u[:25]
+    one = (z, x, u)
+    two = ([z, z2], [x, x2], [u, u2])
+    return {
+        "flat": (one, (z[:, 0], x[:, 0], u[:, None])),
+        "lists": (one, (z.tolist(), x.tolist(), u.tolist())),
+        "columns": (one, (z[:, :, None], x[:, :, None], u[:, None, None])),
+        "pandas": (one, (pd.Series(z[:, 0], days), pd.Series(x[:, 0], days), pd.Series(u, days))),
+        "an iterator": (one, (iter(z), x, u)),
+        "one of several": (one, ([z], [x], [u])),
+        "several": (two, ([z[:, 0], z2[:, 0]], [x[:, 0], x2[:, 0]], (u, u2))),
+        "a mapping": (two, ({"a": z, "b": z2}, {"a": x, "b": x2}, {"b": u2, "a": u})),
+        "frames": (
+            two,
+            (
+                [pd.DataFrame(z, days), pd.DataFrame(z2, days[:25])],
+                [pd.DataFrame(x, days), pd.DataFrame(x2, days[:25])],
+                [u, u2],
+            ),
+        ),
+    }
+
+
+@pytest.mark.parametrize("form", series_forms())
+def test_series_come_in_many_forms(form):
+    plain, other = series_forms()[form]
+    given = kalman(B=[[0.3]])
+    expected = given.fit(plain[0], plain[1], us=plain[2], free=BOTH)
+    found = given.fit(other[0], other[1], us=other[2], free=BOTH)
+    assert found.estimates == expected.estimates
+    assert found.log_likelihood == expected.log_likelihood
+
+
+@pytest.mark.parametrize(
+    ("series", "message"),
+    [
+        ({"xs": {"a": Z, "c": Z}}, "xs: got the series a, c, expected those of zs"),
+        ({"us": {"a": Z, "c": Z}}, "us: got the series .*, expected those of zs"),
+        ({"us": [Z]}, "us: got .*, expected the controls of 2 series"),
+        ({"us": [Z, Z[:5]]}, "us: series 1, got shape"),
+        ({"xs": [Z, Z[:5]]}, "xs: got .*, expected one value for each"),
+    ],
+)
+def test_what_goes_with_several_series_has_to_fit_them(series, message):
+    with pytest.raises(FuzzykfError, match=message):
+        kalman(B=[[0.3]]).fit({"a": Z, "b": Z}, free=BOTH, **series)
+
+
+def test_names_of_the_model_choose_columns(seen_by_one):
+    named = kalman(0.5).labelled(observations=["level"])
+    frame = pd.DataFrame({"noise": 0.0, "level": seen_by_one.y[:, 0]})
+    fit = named.fit(frame, free=BOTH)
+    assert fit.estimates == kalman(0.5).fit(seen_by_one.y, free=BOTH).estimates
+    assert fit.model.labels == named.labels
