@@ -10,7 +10,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import brief
-from fuzzykf.labels import match_series
+from fuzzykf.labels import match_series, ordered
 from fuzzykf.many import ManySeries, read_many
 from fuzzykf.observations import as_observations, check_aligned, index_of
 from fuzzykf.sequel import warn_of_steps
@@ -75,7 +75,7 @@ def read_data(model: SwitchingStateSpace, zs: Any, xs: Any, us: Any) -> SpaceDat
         raise ShapeError(f"zs: {which}got no rows, expected at least one")
     states = np.full((s, n, model.dim_x), np.nan)
     if xs is not None:
-        states = _measured(many, is_one, zs, xs, model.dim_x)
+        states = _measured(many, is_one, zs, _by_names(model, xs), model.dim_x)
     measured = np.flatnonzero((~np.isnan(states)).any(axis=(0, 1)))
     both = np.concatenate([states[..., measured], many.values], axis=-1)
     if np.isnan(both).all():
@@ -119,6 +119,16 @@ def _looks_like_many(zs: Any, q: int) -> bool:
         return index_of(zs[0]) is not None or np.ndim(zs[0]) > (0 if q == 1 else 1)
     except ValueError:  # lists of unequal lengths
         return True
+
+
+def _by_names(model: SwitchingStateSpace, xs: Any) -> Any:
+    """Return measured states with their columns in the order of the model, as far as it knows names."""
+    names = model.labels.states
+    if isinstance(xs, Mapping):
+        return dict(zip(xs, ordered(list(xs.values()), names, "xs"), strict=True))
+    if isinstance(xs, list | tuple):
+        return ordered(xs, names, "xs")
+    return ordered([xs], names, "xs")[0]
 
 
 def _measured(many: ManySeries, is_one: bool, zs: Any, xs: Any, m: int) -> FloatArray:

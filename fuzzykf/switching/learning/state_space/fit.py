@@ -19,13 +19,16 @@ from fuzzykf.switching.learning.state_space.problem import SpaceProblem, read_fr
 from fuzzykf.texts import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.estimation.result import LikelihoodFit
+    from fuzzykf.estimation.result import LikelihoodFit, LocalMaximum
     from fuzzykf.switching.state_space.model import SwitchingStateSpace
 
 __all__ = ["fit_state_space"]
+
+#: Maxima are those of exchanged classes if log-likelihoods, and relative to their size numbers, are so close.
+EXCHANGED = 1e-3
 
 
 def fit_state_space(
@@ -57,7 +60,7 @@ def _learned(problem: SpaceProblem, **options: Any) -> LikelihoodFit[SwitchingSt
         problem.log_likelihood, problem.free, problem.model_of, problem.data.n_observations, **options
     )
     visits, law = problem.visits(found.numbers), found.model.law
-    notes = _unvisited(visits)
+    notes = _unvisited(visits) + _exchanged(found.maxima)
     if "law" in problem.free.blocks and not isinstance(law, SwitchChain):
         notes += no_shorter(law, problem.n_nodes)
     kept: dict[str, Any] = {name: options[name] for name in ("max_iter", "tolerance") if name in options}
@@ -77,6 +80,23 @@ def _unvisited(visits: FloatArray) -> list[str]:
         for k, steps in enumerate(visits.tolist())
         if steps < SCARCE
     ]
+
+
+def _exchanged(maxima: Sequence[LocalMaximum]) -> list[str]:
+    """Say which other maxima are the best one with its classes in another order."""
+    best = maxima[0]
+
+    def is_exchanged(one: LocalMaximum) -> bool:
+        if one.log_likelihood < best.log_likelihood - EXCHANGED:
+            return False
+        pairs = zip(sorted(one.estimates.values()), sorted(best.estimates.values()), strict=True)
+        return all(abs(a - b) <= EXCHANGED * abs(b) for a, b in pairs)
+
+    number = sum(map(is_exchanged, maxima[1:]))
+    if not number:
+        return []
+    which = "another maximum has" if number == 1 else f"{number} other maxima have"
+    return [f"{which} the same numbers in another order: its classes are exchanged, and it tells nothing new"]
 
 
 @dataclass(frozen=True)

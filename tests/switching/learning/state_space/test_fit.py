@@ -174,6 +174,17 @@ def test_signs_of_gains_are_two_maxima_of_one_height(seen_by_one):
     )
 
 
+def test_maxima_of_exchanged_classes_are_named(seen):
+    R, law = [[[1.0]], [[1.2]]], [[0.9, 0.1], [0.1, 0.9]]
+    given = SwitchingStateSpace(law, F=0.9, H=1.0, Q=0.09, R=R, x0=[0.0], P0=0.5)
+    fit = given.fit(seen.y[:150], free={"R": "full"}, n_starts=6, rng=np.random.default_rng(0))
+    first, second = (list(one.estimates.values()) for one in fit.maxima)
+    assert second == pytest.approx(first[::-1], rel=1e-3)
+    assert fit.warnings[-1].startswith("another maximum has the same numbers in another order")
+    alone = given.fit(seen.y[:150], free={"R": "full"})
+    assert alone.warnings == ()
+
+
 @pytest.mark.parametrize(
     ("fit", "notes"),
     [
@@ -339,3 +350,16 @@ def test_names_of_the_model_choose_columns(seen_by_one):
     fit = named.fit(frame, free=BOTH)
     assert fit.estimates == kalman(0.5).fit(seen_by_one.y, free=BOTH).estimates
     assert fit.model.labels == named.labels
+
+
+def test_names_of_the_model_order_measured_states():
+    given = SwitchingStateSpace(
+        [[1.0]], F=np.diag([0.9, 0.5]), H=[[1.0, 1.0]], Q=np.eye(2), R=1.0, x0=[0.0, 0.0], P0=np.eye(2)
+    )
+    truth, free = given.simulate(60, np.random.default_rng(0)), {"F": np.eye(2, dtype=bool)}
+    expected = given.fit(truth.y, truth.x, free=free).estimates
+    frame = pd.DataFrame({"fast": truth.x[:, 1], "slow": truth.x[:, 0]})
+    named = given.labelled(states=["slow", "fast"])
+    for xs in (frame, [frame], {0: frame}):
+        zs = truth.y if xs is frame else [truth.y]
+        assert named.fit(zs, xs, free=free).estimates == expected
