@@ -65,7 +65,7 @@ CASES = {
     "sun": Case(
         sun,
         {"low": 0.4, "high": 0.4, "process": 0.6, "bias": 1.0},
-        8,  # from the first alone, in which both classes have one noise, the bias was found in none of the ten
+        8,  # from the first alone, whose classes have one noise, the bias was found in none of the ten
         {"d": [[False], [True]]},
         {"low": 0.2, "high": 0.6, "process": 0.3, "bias": 2.0},
     ),
