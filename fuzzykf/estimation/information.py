@@ -28,6 +28,9 @@ NONE = 1e-7
 #: What has less than this part in a direction is not named with it.
 PART = 0.3
 
+#: A variance given other components is named as such if it is less than this part of the variance.
+REST = 0.5
+
 #: Step of the differences, in standard errors of one number given the others.
 STEP = 1e-2
 
@@ -175,8 +178,18 @@ def uncertainty(
     unknown = np.linalg.norm(jacobian @ ways[:, ~known], axis=1) > 1e-3 * size
     unknown |= size == 0.0  # a variance at its bound, and what is in its column
     covariance[unknown] = covariance[:, unknown] = np.nan
-    names = [name for name, moves in zip(free.names, moving, strict=True) if moves]
+    names = [name for name, moves in zip(_numbers_named(free, numbers), moving, strict=True) if moves]
     return Uncertainty(covariance, _weak(names, bent, (unit / scale[moving])[:, None] * ways, known))
+
+
+def _numbers_named(free: FreeNumbers, numbers: FloatArray) -> list[str]:
+    """Return what the numbers of a search are: of a covariance they are variances given components before."""
+    estimates = free.estimates(numbers)
+    with np.errstate(over="ignore"):
+        given = free.is_variance & free.is_positive & (np.exp(numbers) < REST * estimates)
+    return [
+        f"what {name} has of its own" if rest else name for name, rest in zip(free.names, given, strict=True)
+    ]
 
 
 def _weak(names: list[str], bent: FloatArray, ways: FloatArray, known: BoolArray) -> list[str]:

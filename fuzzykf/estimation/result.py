@@ -90,18 +90,16 @@ class LikelihoodFit(FitResult[M], Generic[M]):
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from fuzzykf.estimation.free import read_free
-    >>> free = read_free({"R": "full"}, {"R": np.eye(1)}, covariances=["R"])
-    >>> def f(numbers):  # 200 observations of the variance 4
-    ...     ratio = 4.0 * np.exp(-numbers)
-    ...     return -100.0 * float(numbers[0] + ratio[0]), -100.0 * (1.0 - ratio)
-    >>> fit = maximum_likelihood(f, free, dict, 200)
+    >>> from fuzzykf import KalmanFilter
+    >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], P=0.0, Q=0.0)
+    >>> fit = kf.fit([2.0, -2.0] * 100, free={"R": "full"})  # noise of the variance 4 about zero
     >>> round(fit.estimates["R[0, 0]"], 3), round(fit.standard_errors["R[0, 0]"], 3)
     (4.0, 0.4)
     >>> lower, upper = fit.intervals()["R[0, 0]"]
     >>> round(lower, 3), round(upper, 3)
     (3.288, 4.866)
+    >>> fit.model.R.round(3)
+    array([[4.]])
     """
 
     estimates: Mapping[str, float] = field(default_factory=dict)
@@ -223,6 +221,10 @@ class LikelihoodFit(FitResult[M], Generic[M]):
         return [self.replicate(rng) for _ in range(n_replicates)]
 
 
+def _never(one: LocalMaximum, best: LocalMaximum) -> bool:
+    return False
+
+
 def _number(value: float) -> str:
     return "-" if np.isnan(value) else f"{value:.5g}"
 
@@ -240,6 +242,7 @@ def maximum_likelihood(
     tolerance: float = 1e-7,
     tick: Callable[[], None] | None = None,
     warnings: tuple[str, ...] = (),
+    is_known: Callable[[LocalMaximum, LocalMaximum], bool] = _never,
 ) -> LikelihoodFit[M]:
     """Maximise a log-likelihood, and say what was found.
 
@@ -252,6 +255,8 @@ def maximum_likelihood(
     n_observations : int
     warnings : tuple of str
         Others, which go before those of the search.
+    is_known : callable
+        Whether a maximum, given the best one, is not worth a warning.
 
     Returns
     -------
@@ -286,11 +291,17 @@ def maximum_likelihood(
         + at_their_bound(free, best.numbers)
         + how_well.notes
     )
-    notes += several(found.maxima, free) + fewer(found.n_starts, n_starts)
 
     def named(values: FloatArray) -> dict[str, float]:
         return dict(zip(free.names, values.tolist(), strict=True))
 
+    maxima = tuple(
+        LocalMaximum(one.log_likelihood, named(free.estimates(one.numbers))) for one in found.maxima
+    )
+    others = [
+        one for one, shown in zip(found.maxima[1:], maxima[1:], strict=True) if not is_known(shown, maxima[0])
+    ]
+    notes += several((best, *others), free) + fewer(found.n_starts, n_starts)
     return LikelihoodFit(
         model=build(free.values(best.numbers)),
         log_likelihood=best.log_likelihood,
@@ -298,13 +309,11 @@ def maximum_likelihood(
         n_observations=n_observations,
         trace=np.array(best.trace),
         converged=best.converged,
-        warnings=(*warnings, *notes),
+        warnings=tuple(dict.fromkeys((*warnings, *notes))),
         estimates=named(free.estimates(best.numbers)),
         standard_errors=named(np.sqrt(np.diagonal(how_well.covariance))),
         covariance=how_well.covariance,
-        maxima=tuple(
-            LocalMaximum(one.log_likelihood, named(free.estimates(one.numbers))) for one in found.maxima
-        ),
+        maxima=maxima,
         n_starts=found.n_starts,
         numbers=best.numbers,
         positive=frozenset(name for name, is_one in zip(free.names, free.is_positive, strict=True) if is_one),

@@ -130,7 +130,12 @@ def control_matrix(B: Any, dim_x: int) -> FloatArray:
     matrix = None if B is None else as_numbers("B", B)
     if matrix is not None and dim_x == 1 and matrix.shape in {(), (1,)}:
         matrix = matrix.reshape(1, 1)
-    if matrix is None or matrix.ndim != 2:
+    if matrix is None:
+        raise ShapeError(
+            f"B: got None, expected a matrix ({dim_x}, dim_u) to go with us; where it is to be learned, that "
+            "from which the search begins, zeros for instance"
+        )
+    if matrix.ndim != 2:
         raise ShapeError(f"B: got shape {np.shape(B)}, expected ({dim_x}, dim_u) to go with us")
     _check_finite(matrix, "B")
     return matrix

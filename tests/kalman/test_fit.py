@@ -456,6 +456,17 @@ def test_noises_that_nothing_tells_apart_are_named() -> None:
     assert sum(fit.estimates.values()) == pytest.approx(4.0, rel=0.3)
 
 
+def test_what_hardly_makes_a_covariance_singular_is_named_as_such() -> None:
+    # white noise of an acceleration has a covariance of rank one: the second variance is known, but no rest
+    push = np.array([0.5, 1.0])
+    truth = KalmanFilter(
+        2, 1, F=[[1.0, 1.0], [0.0, 1.0]], H=[[1.0, 0.0]], Q=0.09 * np.outer(push, push), R=4.0
+    )
+    fit = KalmanFilter(2, 1, F=truth.F, H=truth.H, Q=np.eye(2), R=1.0, P=100.0).fit(simulated(truth, 400, 3))
+    assert not any(note.startswith("Q[1, 1]: weakly") for note in fit.warnings)
+    assert any("Q[1, 1]" in note for note in fit.warnings)
+
+
 def test_several_starts_find_several_maxima() -> None:
     # the sign of a gain that is squared in all that is observed
     kf = KalmanFilter(1, 1, H=[[0.5]], F=[[0.9]])

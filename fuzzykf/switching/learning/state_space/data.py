@@ -131,10 +131,21 @@ def _by_names(model: SwitchingStateSpace, xs: Any) -> Any:
     return ordered([xs], names, "xs")[0]
 
 
+def _filled(xs: Any, many: ManySeries, m: int) -> Any:
+    """Return several series of measured states, rows of NaN where there are none of one."""
+    n = many.values.shape[1]
+    lengths = [n] * len(many.values) if many.lengths is None else many.lengths.tolist()
+    if isinstance(xs, Mapping) and many.names is not None and set(xs) <= set(many.names):
+        xs = [xs.get(name) for name in many.names]
+    if not isinstance(xs, list | tuple) or len(xs) != len(lengths) or not any(one is None for one in xs):
+        return xs
+    return [np.full((k, m), np.nan) if one is None else one for one, k in zip(xs, lengths, strict=True)]
+
+
 def _measured(many: ManySeries, is_one: bool, zs: Any, xs: Any, m: int) -> FloatArray:
     """Return measured states (series, n, m), NaN where they are not."""
     if not is_one:
-        return many.beside("xs", xs, m)
+        return many.beside("xs", _filled(xs, many, m), m)
     check_aligned(zs=zs, xs=xs)
     try:
         states = as_observations(xs, m)

@@ -57,7 +57,12 @@ def fit_state_space(
 
 def _learned(problem: SpaceProblem, **options: Any) -> LikelihoodFit[SwitchingStateSpace]:
     found = maximum_likelihood(
-        problem.log_likelihood, problem.free, problem.model_of, problem.data.n_observations, **options
+        problem.log_likelihood,
+        problem.free,
+        problem.model_of,
+        problem.data.n_observations,
+        is_known=_is_exchanged,
+        **options,
     )
     visits, law = problem.visits(found.numbers), found.model.law
     notes = _unvisited(visits) + _exchanged(found.maxima)
@@ -66,7 +71,7 @@ def _learned(problem: SpaceProblem, **options: Any) -> LikelihoodFit[SwitchingSt
     kept: dict[str, Any] = {name: options[name] for name in ("max_iter", "tolerance") if name in options}
     return replace(
         found,
-        warnings=(*found.warnings, *notes),
+        warnings=tuple(dict.fromkeys((*found.warnings, *notes))),
         occupancy=visits / visits.sum(),
         replicate=_Replicate(problem, found.numbers, kept),
     )
@@ -84,19 +89,18 @@ def _unvisited(visits: FloatArray) -> list[str]:
 
 def _exchanged(maxima: Sequence[LocalMaximum]) -> list[str]:
     """Say which other maxima are the best one with its classes in another order."""
-    best = maxima[0]
-
-    def is_exchanged(one: LocalMaximum) -> bool:
-        if one.log_likelihood < best.log_likelihood - EXCHANGED:
-            return False
-        pairs = zip(sorted(one.estimates.values()), sorted(best.estimates.values()), strict=True)
-        return all(abs(a - b) <= EXCHANGED * abs(b) for a, b in pairs)
-
-    number = sum(map(is_exchanged, maxima[1:]))
+    number = sum(_is_exchanged(one, maxima[0]) for one in maxima[1:])
     if not number:
         return []
     which = "another maximum has" if number == 1 else f"{number} other maxima have"
     return [f"{which} the same numbers in another order: its classes are exchanged, and it tells nothing new"]
+
+
+def _is_exchanged(one: LocalMaximum, best: LocalMaximum) -> bool:
+    if one.log_likelihood < best.log_likelihood - EXCHANGED:
+        return False
+    pairs = zip(sorted(one.estimates.values()), sorted(best.estimates.values()), strict=True)
+    return all(abs(a - b) <= EXCHANGED * abs(b) for a, b in pairs)
 
 
 @dataclass(frozen=True)

@@ -109,3 +109,12 @@ def test_what_does_not_fit_is_refused(series, message):
 def test_controls_need_their_matrix():
     with pytest.raises(FuzzykfError, match=r"us: got .*, but the model has no B"):
         read_data(PLANE, np.zeros((9, 2)), None, np.zeros(9))
+
+
+@pytest.mark.parametrize(
+    ("zs", "xs"), [([Z, Z2], [None, X2]), ((Z, Z2), (None, X2)), ({"a": Z, "b": Z2}, {"b": X2})]
+)
+def test_of_one_series_the_state_may_never_have_been_measured(zs, xs):
+    first, second = read_data(MODEL, zs, xs, None).series
+    assert np.isnan(first.ys[:, 0]).all()
+    np.testing.assert_array_equal(second.ys[:, :1], X2)

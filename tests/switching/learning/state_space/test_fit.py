@@ -194,6 +194,7 @@ def test_maxima_of_exchanged_classes_are_named(seen):
     first, second = (list(one.estimates.values()) for one in fit.maxima)
     assert second == pytest.approx(first[::-1], rel=1e-3)
     assert fit.warnings[-1].startswith("another maximum has the same numbers in another order")
+    assert sum("another maximum" in note for note in fit.warnings) == 1
     alone = given.fit(seen.y[:100], free={"R": "full"})
     assert alone.warnings == ()
 
