@@ -66,7 +66,8 @@ class FadeNumbers(LawNumbers):
         start = np.concatenate([leave, _logit(begun.advance)])
         if self._turns:
             names, start = [*names, "turn_back"], np.append(start, _logit(begun.turn_back))
-        self._name(names, start, np.arange(len(names)) < len(self._free))
+        is_turning = np.array(names) == "turn_back"
+        self._name(names, start, (np.arange(len(names)) < len(self._free)) | is_turning)
 
     def _odds(self, numbers: FloatArray) -> _Odds:
         n, K = len(self._free), self._law.n_classes
@@ -76,7 +77,8 @@ class FadeNumbers(LawNumbers):
         np.maximum.at(top, self._begin, logits)
         weights, stay = np.exp(logits - top[self._begin]), np.exp(-top)
         total = stay + np.bincount(self._begin, weights, minlength=K)
-        likely = 1.0 / (1.0 + np.exp(-numbers[n:]))
+        with np.errstate(over="ignore"):  # then it is nothing
+            likely = 1.0 / (1.0 + np.exp(-numbers[n:]))
         advance = likely[: self._n_fades]
         turn_back = float(likely[-1]) if self._turns else 0.0
         return _Odds(weights / total[self._begin], stay / total, advance, turn_back)

@@ -130,6 +130,13 @@ def test_what_happens_at_no_rate_is_impossible():
     assert law.jumps[2, 0] == pytest.approx(0.05)
 
 
+def test_what_never_turns_back_has_no_turning():
+    free = LAWS["fades"].free_numbers(NODES)
+    law = free.value(np.where(np.array(free.names) == "turn_back", -np.inf, free.start))
+    assert law.turn_back == 0.0
+    assert law.fades[0, 1] == pytest.approx((0.1, 4.5))  # as often on as before, and never back
+
+
 def test_a_search_begins_inside_of_the_bounds():
     free = FadeLaw.between(1.0, 2.0).free_numbers(2)  # no waiting anywhere
     assert np.isfinite(free.start).all()
