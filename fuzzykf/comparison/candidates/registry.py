@@ -22,6 +22,7 @@ __all__ = ["FAMILIES", "candidate", "candidate_names", "chosen"]
 #: family is a module and its line here.
 FAMILIES = (
     "switching",
+    "state_space",
     "linear",
     "regression",
 )
