@@ -12,6 +12,7 @@ import typer
 
 from fuzzykf.cli.columns import Rows, read_rows
 from fuzzykf.cli.law import law_of_words
+from fuzzykf.cli.learn import Kind, judge_filter, learn_pairwise, learn_state_space
 from fuzzykf.cli.output import (
     check_file,
     console_beside,
@@ -23,6 +24,7 @@ from fuzzykf.cli.output import (
 )
 from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat
 from fuzzykf.errors import ParameterError
+from fuzzykf.estimation import LikelihoodFit
 from fuzzykf.steps import find_steps
 from fuzzykf.switching.laws.registry import learned_laws
 from fuzzykf.texts import counted, listed
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from fuzzykf.results import FitResult
-    from fuzzykf.switching.laws.base import Law as LawOfSwitch
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -95,10 +96,20 @@ def command(
             "--output", "-o", metavar="FILE", help="File for the model (JSON); - is standard output."
         ),
     ] = Path("model.json"),
+    kind: Annotated[
+        Kind,
+        typer.Option(
+            "--model",
+            help="pairwise: state and observation follow one another, and filtering is exact; ssm: a "
+            "state-space model, one motion of the state and a sensor for each class, whose filter is "
+            "corrected by every observation. For ssm some of the states may be missing.",
+        ),
+    ] = Kind.PAIRWISE,
     law: Annotated[
         Law | None,
         typer.Option(
-            help="Family of the law of a fuzzy switch between two classes; fmc1 unless said otherwise.",
+            help="Family of the law of a fuzzy switch between two classes; unless said otherwise fmc1, and "
+            "fade with --model ssm.",
             show_default=False,
         ),
     ] = None,
@@ -220,6 +231,8 @@ def command(
             raise ParameterError(
                 f"--train: got {train:g}, expected a share of the rows, above 0 and at most 1"
             )
+        if kind == Kind.SSM and form != Form.AUTO:
+            raise ParameterError(f"--form: got {form.value}, which goes with --model pairwise alone")
         check_file(output, data)
         n_train = round(train * len(rows))
         options: dict[str, Any] = {
@@ -232,9 +245,14 @@ def command(
         with progress_bar(None) as progress:
             progress("learning")
             hard = switches if regimes is None else regimes
-            fit = _learn(rows, n_train, start, hard, nodes, options)
+            fit: FitResult[Any]
+            if kind == Kind.SSM:
+                begin = None if law is None and start == "fmc1" else start
+                fit = learn_state_space(rows, n_train, begin, hard, nodes, options)
+            else:
+                fit = learn_pairwise(rows, n_train, start, hard, nodes, options)
             progress("testing")
-            tested = _test(rows, n_train, fit, nodes)
+            tested = judge_filter(rows, n_train, fit, nodes, kind)
         step = None if rows.times is None else find_steps(rows.times).step
         model = fit.model.labelled(states=state, observations=obs, units=units, step=step)
         model.save(output)
@@ -260,42 +278,6 @@ def _units(given: list[str], columns: list[str]) -> dict[str, str]:
     return found
 
 
-def _learn(
-    rows: Rows,
-    n_train: int,
-    law: str | LawOfSwitch,
-    regimes: int | None,
-    nodes: int | None,
-    options: dict[str, Any],
-) -> FitResult[Any]:
-    from fuzzykf import CGOFMSModel, CGOMSModel
-
-    x, y = rows.values["--state"][:n_train], rows.values["--obs"][:n_train]
-    if regimes is not None:
-        return CGOMSModel.fit(x, y, n_regimes=regimes, **options)
-    return CGOFMSModel.fit(x, y, law=law, n_nodes=nodes, **options)
-
-
-def _test(rows: Rows, n_train: int, fit: FitResult[Any], nodes: int | None) -> tuple[str, tuple[str, ...]]:
-    """Say how the filter does on the other rows, and what to know about the model."""
-    from fuzzykf.comparison.candidates.switching import LearnedSwitching
-    from fuzzykf.comparison.scores import INTERVAL_FACTOR
-
-    learned = LearnedSwitching(fit, nodes)
-    truth, zs = rows.values["--state"][n_train:], rows.values["--obs"]
-    if not np.isfinite(truth).any():
-        return "", learned.notes
-    found = learned.restore(zs[:n_train], zs[n_train:])
-    missed = found.mean - truth
-    rmse = ", ".join(f"{v:.4g}" for v in np.sqrt(np.nanmean(missed**2, axis=0)))
-    known = np.isfinite(missed)
-    inside = (np.abs(missed) <= INTERVAL_FACTOR * found.std)[known].mean()
-    return (
-        f"On the {counted(len(truth), 'row')} after these, from the observation alone: RMSE {rmse}; "
-        f"the intervals of 90 % hold {100 * inside:.1f} % of the states."
-    ), learned.notes
-
-
 def _print(
     console: Console,
     rows: Rows,
@@ -316,9 +298,14 @@ def _print(
         f"log-likelihood {fit.log_likelihood:.2f} ({fit.log_likelihood / fit.n_observations:.4f} per row), "
         f"AIC {fit.aic:.1f}, BIC {fit.bic:.1f}, p_hard {model.p_hard:.4g}.",
     ]
-    numbers = {name: value for name, value in model.named_parameters().items() if name != "p_hard"}
+    numbers = model.named_parameters() if hasattr(model, "named_parameters") else {}
+    numbers = {name: value for name, value in numbers.items() if name != "p_hard"}
     if numbers:
         lines.append(f"Law: {', '.join(f'{name} {value:.4g}' for name, value in numbers.items())}.")
+    if isinstance(fit, LikelihoodFit):
+        errors = fit.standard_errors
+        told = (f"{name} {value:.4g} ({errors[name]:.2g})" for name, value in fit.estimates.items())
+        lines.append(f"Estimates, with standard errors: {', '.join(told)}.")
     result, notes = tested
     if result:
         lines.append(result)

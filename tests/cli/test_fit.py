@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FadeLaw
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FadeLaw, SwitchingStateSpace
 from fuzzykf.cli.app import app
 from fuzzykf.io import load_model, model_to_dict
 
@@ -242,3 +242,81 @@ def test_a_failure_leaves_an_earlier_model_as_it_was(write, data, tmp_path) -> N
     assert result.exit_code == 1
     assert (tmp_path / "model.txt").read_text() == "precious"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["data.csv", "model.txt"]
+
+
+# --------------------------------------------------------------------------- state-space models
+
+
+@pytest.fixture(scope="module")
+def sensor():
+    """Two sensors of one level, of which the worse one is biased; the level is measured at most times."""
+    R = np.array([0.2, 0.6])[:, None, None] ** 2
+    model = SwitchingStateSpace(
+        [[0.95, 0.05], [0.05, 0.95]], F=0.9, H=1.0, Q=0.09, R=R, d=[[0.0], [2.0]], mix="log"
+    )
+    drawn = model.simulate(200, np.random.default_rng(1))
+    x = np.where(np.arange(200)[:, None] % 7 == 3, np.nan, drawn.x)
+    return np.concatenate([x, drawn.y], axis=1)
+
+
+def test_a_state_space_model_is_learned_and_filters_the_next_file(write, sensor, tmp_path) -> None:
+    out, estimates = tmp_path / "model.json", tmp_path / "estimates.csv"
+    data = write(sensor, ("level", "gauge"))
+    columns = ("--state", "level", "--obs", "gauge")
+    options = ("--model", "ssm", "--regimes", 2, "--starts", 2, "--max-iter", 30, "--train", 0.75)
+    result = run(data, *columns, "-o", out, *options)
+    assert result.exit_code == 0, result.output
+    model = load_model(out)
+    assert isinstance(model, SwitchingStateSpace)
+    assert model.labels.states == ("level",)
+    assert model.labels.observations == ("gauge",)
+    printed = " ".join(result.output.split())
+    assert "Model: fuzzy" not in printed
+    assert "hard switch, a chain on 2 nodes; state_space form, 11 parameters" in printed
+    (d,) = re.findall(r"d\[\d\]\[0\] ([12]\.\d+) \(0\.\d+\)", printed)
+    assert abs(float(d) - 2.0) < 0.4
+    assert "On the 50 rows after these, from the observation alone: RMSE" in printed
+    done = CliRunner().invoke(app, ["filter", str(out), str(data), "-o", str(estimates)])
+    assert done.exit_code == 0, done.output
+    assert len(estimates.read_text().splitlines()) == 201
+
+
+@pytest.mark.parametrize(
+    ("law", "says"),
+    [
+        ((), "fuzzy switch, law fade"),
+        (("--law", "fmc1"), "fuzzy switch, law fmc1"),
+        (("--fades", "0-1,1-0", "--stay", 30), "fuzzy switch, law fade"),
+    ],
+)
+def test_the_law_of_a_state_space_model_is_chosen_as_of_others(write, sensor, tmp_path, law, says) -> None:
+    data, out = write(sensor[:80], ("level", "gauge")), tmp_path / "model.json"
+    result = run(
+        data, "--state", "level", "--obs", "gauge", "-o", out, "--model", "ssm", *law, *SHORT, "--nodes", 1
+    )
+    assert result.exit_code == 0, result.output
+    assert says in " ".join(result.output.split())
+    assert load_model(out).law.kind == says.split()[-1]
+
+
+SHORT = ("--starts", 1, "--max-iter", 2)
+
+
+def test_a_form_goes_with_pairwise_models_alone(write, tmp_path) -> None:
+    out = tmp_path / "model.json"
+    result = run(
+        write(),
+        "--state",
+        "load",
+        "--obs",
+        "temperature",
+        "-o",
+        out,
+        "--model",
+        "ssm",
+        "--form",
+        "regression",
+    )
+    assert result.exit_code != 0
+    assert "--form: got regression, which goes with --model pairwise alone" in " ".join(result.output.split())
+    assert not out.exists()

@@ -1,0 +1,102 @@
+"""What ``fuzzykf fit`` learns from rows of a file, and how the filter does on the others."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.switching.laws.base import NODES
+from fuzzykf.texts import counted
+
+if TYPE_CHECKING:
+    from fuzzykf.cli.columns import Rows
+    from fuzzykf.estimation import LikelihoodFit
+    from fuzzykf.results import FitResult
+    from fuzzykf.switching.laws.base import Law as LawOfSwitch
+
+__all__ = ["Kind", "judge_filter", "learn_pairwise", "learn_state_space"]
+
+
+class Kind(StrEnum):
+    """Kind of the model."""
+
+    PAIRWISE = "pairwise"
+    SSM = "ssm"
+
+
+def learn_pairwise(
+    rows: Rows,
+    n_train: int,
+    law: str | LawOfSwitch,
+    regimes: int | None,
+    nodes: int | None,
+    options: dict[str, Any],
+) -> FitResult[Any]:
+    """Learn a pairwise model from the first rows."""
+    from fuzzykf import CGOFMSModel, CGOMSModel
+
+    x, y = rows.values["--state"][:n_train], rows.values["--obs"][:n_train]
+    if regimes is not None:
+        return CGOMSModel.fit(x, y, n_regimes=regimes, **options)
+    return CGOFMSModel.fit(x, y, law=law, n_nodes=nodes, **options)
+
+
+def learn_state_space(
+    rows: Rows,
+    n_train: int,
+    law: str | LawOfSwitch | None,
+    regimes: int | None,
+    nodes: int | None,
+    options: dict[str, Any],
+) -> LikelihoodFit[Any]:
+    """Learn a state-space model: half of the starts begin with offsets of the sensors, half with noises."""
+    from fuzzykf.comparison.candidates.state_space import fading_law, hard_law
+    from fuzzykf.switching.laws.registry import LAWS
+    from fuzzykf.switching.learning.state_space.start import learn_from_states
+
+    n_nodes = NODES if nodes is None else nodes
+    begin: Any = law
+    if regimes is not None:
+        begin = hard_law(regimes)
+    elif law is None:
+        begin = fading_law(n_nodes)
+    elif isinstance(law, str):
+        begin = LAWS[law].by_name(n_nodes)
+    x, y = rows.values["--state"][:n_train], rows.values["--obs"][:n_train]
+    return learn_from_states(
+        x,
+        y,
+        begin,
+        n_nodes=nodes,
+        n_starts=(options["n_starts"] + 1) // 2,
+        rng=options["rng"],
+        max_iter=options["max_iter"],
+        tolerance=options["tolerance"] * n_train,
+        progress=False,
+    )
+
+
+def judge_filter(
+    rows: Rows, n_train: int, fit: FitResult[Any], nodes: int | None, kind: Kind
+) -> tuple[str, tuple[str, ...]]:
+    """Say how the filter does on the other rows, and what to know about the model."""
+    from fuzzykf.comparison.candidates.state_space import LearnedStateSpace
+    from fuzzykf.comparison.candidates.switching import LearnedSwitching
+    from fuzzykf.comparison.scores import INTERVAL_FACTOR
+
+    given: Any = fit
+    learned = LearnedStateSpace(given, nodes) if kind == Kind.SSM else LearnedSwitching(fit, nodes)
+    truth, zs = rows.values["--state"][n_train:], rows.values["--obs"]
+    if not np.isfinite(truth).any():
+        return "", learned.notes
+    found = learned.restore(zs[:n_train], zs[n_train:])
+    missed = found.mean - truth
+    rmse = ", ".join(f"{v:.4g}" for v in np.sqrt(np.nanmean(missed**2, axis=0)))
+    known = np.isfinite(missed)
+    inside = (np.abs(missed) <= INTERVAL_FACTOR * found.std)[known].mean()
+    return (
+        f"On the {counted(len(truth), 'row')} after these, from the observation alone: RMSE {rmse}; "
+        f"the intervals of 90 % hold {100 * inside:.1f} % of the states."
+    ), learned.notes
