@@ -199,6 +199,12 @@ class Filter(ABC):
             probabilistic filter, ``log_likelihood``; from a possibilistic one,
             ``possibility``, ``lower`` and ``upper``; with a switch, ``mu`` and ``switch``.
         """
+        return self._filter_noting(zs, resume=resume)
+
+    def _filter_noting(
+        self, zs: ManyNumbers, note: Callable[[], None] | None = None, *, resume: bool = False
+    ) -> FilterResult:
+        """Filter a series, and call ``note`` after each step: what a way back has to know is kept there."""
         index = index_of(zs)
         if as_flag("resume", resume):
             self._check_next(index)
@@ -213,6 +219,8 @@ class Filter(ABC):
                 self.step(z)
                 for name, values in collected.items():
                     values[n] = np.reshape(getattr(self, name), shapes[name])
+                if note is not None:
+                    note()
         except BaseException:  # half a series is of no use to anybody
             self.__dict__.clear()
             self.__dict__.update(before)

@@ -28,13 +28,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fuzzykf.engine.selected import rts_gains
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import LOG_2PI, RANK_TOLERANCE, symmetrize, whitening
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, IntArray
 
-__all__ = ["Posterior", "condition", "over_all", "possibility", "predict", "restart"]
+__all__ = ["Posterior", "condition", "over_all", "possibility", "predict", "restart", "retrace"]
 
 #: A residual in a direction without spread contradicts it beyond this relative rounding error.
 CONTRADICTION = 1e-9
@@ -173,3 +174,51 @@ def restart(
     G = P @ H.T @ whiten.T @ whiten
     A = np.eye(x.size) - G @ H
     return x + G @ (z - H @ x), symmetrize(A @ P @ A.T + G @ R @ G.T)
+
+
+def retrace(
+    x: FloatArray,
+    P: FloatArray,
+    x_prior: FloatArray,
+    P_prior: FloatArray,
+    F: FloatArray,
+    Q: FloatArray,
+    x_later: FloatArray,
+    P_later: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Look back over a linear prediction: the recursion of Rauch, Tung and Striebel.
+
+    The minimum over x' of |x - m|^2_P + |x' - F x|^2_Q - |x' - m'|^2_P' + |x' - m'_s|^2_P's is a
+    quadratic form around m + G (m'_s - m') with the matrix P + G (P's - P') G', G = P F' P'^-1, whether
+    or not P's is larger than P': it may be for Cauchy, whose spread grows with surprise.
+
+    Parameters
+    ----------
+    x, P : ndarray, shapes (m,) and (m, m)
+        Before the prediction.
+    x_prior, P_prior : ndarray
+        After it.
+    F, Q : ndarray, shape (m, m)
+    x_later, P_later : ndarray
+        What the whole series says of the state after it.
+
+    Returns
+    -------
+    x, P : ndarray, shapes (m,) and (m, m)
+        What it says of the state before.
+
+    Notes
+    -----
+    The matrix is written (I - G F) P (I - G F)' + G (P's + Q) G', which cannot become indefinite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> one = np.eye(1)
+    >>> x, P = retrace(np.zeros(1), one, np.zeros(1), 2.0 * one, one, one, np.ones(1), one)
+    >>> x, P
+    (array([0.5]), array([[0.75]]))
+    """
+    G = rts_gains(P[None], P_prior[None], F[None])[0]
+    A = np.eye(x.size) - G @ F
+    return x + G @ (x_later - x_prior), symmetrize(A @ P @ A.T + G @ (P_later + Q) @ G.T)

@@ -45,6 +45,30 @@ def test_gaussian_case_is_the_kalman_filter(seed, n, q, singular):
         np.testing.assert_allclose(est.P, kf.P, atol=1e-10)
 
 
+@given(seeds, st.integers(1, 4), st.integers(1, 3), st.sampled_from(["", "F"]))
+@settings(max_examples=20, deadline=None, derandomize=True)
+def test_gaussian_case_is_the_smoother_of_filterpy(seed, n, q, singular):
+    rng = np.random.default_rng(seed)
+    F, H = 0.8 * rng.normal(size=(n, n)), rng.normal(size=(q, n))
+    roots = [rng.normal(size=(k, k)) for k in (n, n, q)]
+    P, Q, R = (r @ r.T + 0.1 * np.eye(len(r)) for r in roots)
+    F[-1] *= "F" not in singular
+    est, kf = FuzzyRelationEstimator(n, q), KalmanFilter(dim_x=n, dim_z=q)
+    for f in (est, kf):
+        f.F, f.H, f.P, f.Q, f.R = F, H, P, Q, R
+    zs = list(rng.normal(size=(6, q)))
+    zs[2] = None
+    means, covariances = np.empty((6, n, 1)), np.empty((6, n, n))
+    for k, z in enumerate(zs):
+        kf.predict()
+        kf.update(z)
+        means[k], covariances[k] = kf.x, kf.P
+    x, P, _, _ = kf.rts_smoother(means, covariances)
+    smoothed = est.smooth(zs)
+    np.testing.assert_allclose(smoothed.x, x[..., 0], atol=1e-10)
+    np.testing.assert_allclose(smoothed.P, P, atol=1e-10)
+
+
 @given(seeds, st.sampled_from(["gaussian", "cauchy", "parabolic"]))
 @settings(max_examples=25, deadline=None)
 def test_updates_never_widen_but_for_surprise(seed, family):

@@ -167,6 +167,7 @@ def possibility_verbs(noise: Kind) -> list[Verb]:
         *common(1),
         verb("predict", u=maybe(fixed(None)), Q=maybe(covariance(1)), F=maybe(array(1, 1))),
         verb("update", z=observation(1), R=maybe(covariance(1)), H=maybe(array(1, 1))),
+        verb("smooth", zs=series(1)),
         verb("defuzzify", method=choice("centroid", "mean_of_maximum", "peak")),
         *[assign(name, noise) for name in ("membership", "process_noise", "measurement_noise")],
         *[assign(name, kind) for name, kind in zip("xPQR", (array(1, 1), *[covariance(1)] * 3), strict=True)],

@@ -1,0 +1,173 @@
+"""The estimator looks back: what each state is given the whole series.
+
+In costs, backwards by conditioning (the residuum of the t-norm):
+
+    gamma_n(x) = min over x' of [ c_n(x) + c_W(x' - f(x)) - c'_(n+1)(x') + gamma_(n+1)(x') ]
+
+with c_n of the filter, c' of its prediction, and gamma_N = c_N.  An update changes nothing on the way
+back: it speaks of the same state.  What a restart forgot is not told of what came after it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from fuzzykf.base import FilterResult
+from fuzzykf.errors import EmptyIntersectionError, ParameterError
+from fuzzykf.overrides import attributes_of
+from fuzzykf.possibility import closed_form
+from fuzzykf.possibility.beliefs import QuadraticBelief
+from fuzzykf.possibility.mapping import matrix_of
+from fuzzykf.possibility.representation import required_quadratic
+from fuzzykf.possibility.trail import Trail
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import TypeAlias
+
+    from fuzzykf.arrays import FloatArray, ManyNumbers
+    from fuzzykf.possibility.trail import Node
+
+    #: x (d,), P (d, d), lower and upper bounds (d,).
+    Estimate: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+
+__all__ = ["smooth_series"]
+
+
+class WayBack(Protocol):
+    """How a representation goes from one node to the one before."""
+
+    def last(self, node: Node) -> Any:
+        """Return what is known of the node if nothing is known of later ones."""
+
+    def back(self, node: Node, known: Any) -> Any:
+        """Return what is known of the node before a prediction or update."""
+
+    def estimate(self, node: Node, known: Any) -> tuple[Any, Estimate]:
+        """Return what is known, mended as `on_empty` says if it is impossible; x, P and bounds of it."""
+
+
+def smooth_series(est: Any, zs: ManyNumbers) -> FilterResult:
+    """Filter a series and look back; the estimator ends at the last observation.
+
+    Parameters
+    ----------
+    est : FuzzyRelationEstimator
+    zs : array_like
+        See `FuzzyRelationEstimator.smooth`.
+
+    Returns
+    -------
+    FilterResult
+    """
+    before = attributes_of(est)
+    try:
+        est.remember_origin()  # with the belief of before, and not one that is tracked
+        trail = Trail(est, copies=est.is_closed_form)
+        forward = est._filter_noting(zs, trail.note)
+        trail.stop()
+        x, P, lower, upper = _look_back(trail, _way_back(est))
+    except BaseException:
+        est.__dict__.clear()
+        est.__dict__.update(before)
+        raise
+    return FilterResult(
+        x=x,
+        P=P,
+        lower=lower,
+        upper=upper,
+        possibility=forward.possibility,
+        log_likelihood=forward.log_likelihood,
+        index=forward.index,
+        coords=forward.coords,
+    )
+
+
+def _way_back(est: Any) -> WayBack:
+    if est.is_closed_form:
+        return QuadraticWayBack(est.on_empty)
+    raise ParameterError(
+        f"smooth: got an estimator on {est.representation!r}, expected one of the closed families"
+    )
+
+
+def _look_back(trail: Trail, way: WayBack) -> tuple[FloatArray, ...]:
+    """Return x (n, d), P (n, d, d), lower and upper (n, d), from the last step to the first."""
+    n, d = len(trail.ends), trail.est.dim_x
+    x, P, lower, upper = np.empty((n, d)), np.empty((n, d, d)), np.empty((n, d)), np.empty((n, d))
+    if n == 0:
+        return x, P, lower, upper
+    node = trail.ends[-1]
+    known = way.last(node)
+    for k in range(n - 1, -1, -1):
+        while node is not trail.ends[k]:
+            if node.before is None:
+                raise trail.broken(k + 1)
+            # A restart knows nothing of before, so that nothing after it tells of before.
+            known = way.last(node.before) if node.verb == "restart" else way.back(node, known)
+            node = node.before
+        known, (x[k], P[k], lower[k], upper[k]) = way.estimate(node, known)
+    return x, P, lower, upper
+
+
+def contradiction(on_empty: str, lower: Sequence[float], upper: Sequence[float]) -> None:
+    """Do what `on_empty` says where later measurements leave nothing of a state.
+
+    Raises
+    ------
+    EmptyIntersectionError
+        If it says "raise".
+    """
+    if on_empty == "raise":
+        raise EmptyIntersectionError(
+            f"zs: later measurements exclude every state within {list(lower)} and {list(upper)}, which is "
+            "what earlier ones leave; on_empty='keep' looks back from there anew"
+        )
+
+
+class QuadraticWayBack:
+    """The recursion of Rauch, Tung and Striebel, on the matrices of any closed family.
+
+    What is known of a node is a `QuadraticBelief`.
+
+    Parameters
+    ----------
+    on_empty : str
+    """
+
+    def __init__(self, on_empty: str) -> None:
+        self.on_empty = on_empty
+
+    def last(self, node: Node) -> QuadraticBelief:
+        """Return the belief of the filter."""
+        belief: QuadraticBelief = node.belief
+        return belief
+
+    def back(self, node: Node, known: QuadraticBelief) -> QuadraticBelief:
+        """Return what is known before a verb."""
+        if node.verb == "update" or node.before is None:
+            return known
+        past: QuadraticBelief = node.before.belief
+        _, Q = required_quadratic("noise", node.noise, past.family)
+        x, P = closed_form.retrace(
+            past.x.ravel(),
+            past.P,
+            node.belief.x.ravel(),
+            node.belief.P,
+            matrix_of(node.mapping),
+            Q,
+            known.x.ravel(),
+            known.P,
+        )
+        return QuadraticBelief(past.family, x, P)
+
+    def estimate(self, node: Node, known: QuadraticBelief) -> tuple[QuadraticBelief, Estimate]:
+        """Return center, matrix and bounds; what the filter excludes stays excluded."""
+        (low, high), (least, most) = known.bounds(), node.belief.bounds()
+        lower, upper = np.maximum(low, least), np.minimum(high, most)
+        if (lower > upper).any():
+            contradiction(self.on_empty, least.tolist(), most.tolist())
+            return self.estimate(node, self.last(node))
+        return known, (known.x.ravel(), known.P, lower, upper)
