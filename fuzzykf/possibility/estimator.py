@@ -426,6 +426,9 @@ class FuzzyRelationEstimator(Filter):
         With Gaussian memberships and the product it is the smoother of Rauch, Tung and Striebel.  Its
         recursion holds for the other closed families too.  For Łukasiewicz it is that of quadratic forms
         that are not cut at zero, so that what the filter excludes is excluded from ``lower`` and ``upper``.
+        Intervals and boxes are contracted, back over the prediction and, in several dimensions, forth again
+        until nothing is gained: every trajectory that explains all measurements stays within the bounds,
+        and those of a scalar are exact.
 
         Examples
         --------

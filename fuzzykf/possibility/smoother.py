@@ -18,7 +18,8 @@ from fuzzykf.base import FilterResult
 from fuzzykf.errors import EmptyIntersectionError, ParameterError
 from fuzzykf.overrides import attributes_of
 from fuzzykf.possibility import closed_form
-from fuzzykf.possibility.beliefs import QuadraticBelief
+from fuzzykf.possibility.beliefs import BoxBelief, QuadraticBelief
+from fuzzykf.possibility.intervals.path import Broken, contract_path
 from fuzzykf.possibility.mapping import matrix_of
 from fuzzykf.possibility.representation import required_quadratic
 from fuzzykf.possibility.trail import Trail
@@ -68,7 +69,7 @@ def smooth_series(est: Any, zs: ManyNumbers) -> FilterResult:
         trail = Trail(est, copies=est.is_closed_form)
         forward = est._filter_noting(zs, trail.note)
         trail.stop()
-        x, P, lower, upper = _look_back(trail, _way_back(est))
+        x, P, lower, upper = _look_back(trail, est)
     except BaseException:
         est.__dict__.clear()
         est.__dict__.update(before)
@@ -85,21 +86,24 @@ def smooth_series(est: Any, zs: ManyNumbers) -> FilterResult:
     )
 
 
-def _way_back(est: Any) -> WayBack:
+def _way_back(est: Any, trail: Trail) -> WayBack:
     if est.is_closed_form:
         return QuadraticWayBack(est.on_empty)
+    if est.representation == "interval":
+        return BoxWayBack(est.on_empty, trail)
     raise ParameterError(
-        f"smooth: got an estimator on {est.representation!r}, expected one of the closed families"
+        f"smooth: got an estimator on {est.representation!r}, expected one of the closed families, or on "
+        "intervals"
     )
 
 
-def _look_back(trail: Trail, way: WayBack) -> tuple[FloatArray, ...]:
+def _look_back(trail: Trail, est: Any) -> tuple[FloatArray, ...]:
     """Return x (n, d), P (n, d, d), lower and upper (n, d), from the last step to the first."""
-    n, d = len(trail.ends), trail.est.dim_x
+    n, d = len(trail.ends), est.dim_x
     x, P, lower, upper = np.empty((n, d)), np.empty((n, d, d)), np.empty((n, d)), np.empty((n, d))
     if n == 0:
         return x, P, lower, upper
-    node = trail.ends[-1]
+    way, node = _way_back(est, trail), trail.ends[-1]
     known = way.last(node)
     for k in range(n - 1, -1, -1):
         while node is not trail.ends[k]:
@@ -171,3 +175,42 @@ class QuadraticWayBack:
             contradiction(self.on_empty, least.tolist(), most.tolist())
             return self.estimate(node, self.last(node))
         return known, (known.x.ravel(), known.P, lower, upper)
+
+
+class BoxWayBack:
+    """Boxes that go back and forth over the whole series at once.
+
+    What is known of a node is a `BoxBelief`.
+
+    Parameters
+    ----------
+    on_empty : str
+    trail : Trail
+        Of a whole series.
+    """
+
+    def __init__(self, on_empty: str, trail: Trail) -> None:
+        nodes = trail.nodes()
+        cuts = {k for k, node in enumerate(nodes) if node.verb == "restart"}
+        while True:
+            try:
+                found = contract_path(nodes, cuts)
+                break
+            except Broken as broken:
+                box = nodes[broken.place - 1].belief.box
+                contradiction(on_empty, box.lower.tolist(), box.upper.tolist())
+                cuts.add(broken.place)
+        self.known = {node: BoxBelief(box) for node, box in zip(nodes, found, strict=True)}
+
+    def last(self, node: Node) -> BoxBelief:
+        """Return what is left of the box of the filter."""
+        return self.known[node]
+
+    def back(self, node: Node, known: BoxBelief) -> BoxBelief:
+        """Return what is left before a verb."""
+        return known if node.before is None else self.known[node.before]
+
+    def estimate(self, node: Node, known: BoxBelief) -> tuple[BoxBelief, Estimate]:
+        """Return the center, that of a uniform density for P, and bounds."""
+        x, P = known.moments()
+        return known, (x.ravel(), P, *known.bounds())

@@ -42,7 +42,7 @@ class Node:
     before: Node | None = None
     mapping: Any = None
     noise: Any = None
-    z: FloatArray | None = None
+    z: Any = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +137,13 @@ class Trail:
         if not isinstance(tracked, Tracked):
             raise self.broken(len(self.ends))
         self.ends.append(tracked.node)
+
+    def nodes(self) -> list[Node]:
+        """All nodes that lead to the last step, in the order of time."""
+        found = self.ends[-1:]
+        while found and found[-1].before is not None:
+            found.append(found[-1].before)
+        return found[::-1]
 
     def stop(self) -> None:
         """Give the estimator back its belief."""

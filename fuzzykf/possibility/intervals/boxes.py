@@ -1,4 +1,4 @@
-"""Prediction and update of an interval or a box, whichever way its functions are given."""
+"""Prediction and update of an interval or a box, and the way back, whichever way its functions are given."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.mapping import Mapping
 
-__all__ = ["is_reachable", "predict", "restart", "update"]
+__all__ = ["intersect", "is_reachable", "predict", "restart", "retrace", "update"]
 
 #: Relative error of a measurement: a true state on the bound of its interval must not be lost by it.
 ROUNDING = 4.0 * float(np.finfo(float).eps)
@@ -49,19 +49,54 @@ def update(
     Layne and Passino (2001), equations (62)-(65), corrected: h(x) is in
     [z - upper noise, z - lower noise].
     """
-    least, most = _explained(noise, z)
+    return _restricted(box, measure, *_explained(noise, z))
+
+
+def retrace(
+    box: IntervalMembership, move: Mapping, noise: IntervalMembership, later: IntervalMembership
+) -> IntervalMembership | None:
+    """Part of a box from which the map and its noise lead into a later one; None if there is none.
+
+    Parameters
+    ----------
+    box : IntervalMembership
+        Before the prediction.
+    move : Mapping
+    noise : IntervalMembership
+    later : IntervalMembership
+        What is known of the state after it.
+
+    Notes
+    -----
+    f(x) is in [lower - upper noise, upper - lower noise]: the same for increasing and decreasing f.
+    """
+    size = np.maximum(np.abs(noise.lower), np.abs(noise.upper))
+    slack = ROUNDING * (np.maximum(np.abs(later.lower), np.abs(later.upper)) + size)
+    return _restricted(box, move, later.lower - noise.upper - slack, later.upper - noise.lower + slack)
+
+
+def intersect(one: IntervalMembership, other: IntervalMembership) -> IntervalMembership | None:
+    """Part that two boxes share; None if there is none."""
+    lower, upper = np.maximum(one.lower, other.lower), np.minimum(one.upper, other.upper)
+    return IntervalMembership(lower, upper) if (lower <= upper).all() else None
+
+
+def _restricted(
+    box: IntervalMembership, mapping: Mapping, least: FloatArray, most: FloatArray
+) -> IntervalMembership | None:
+    """Part of a box that a map takes into [least, most]; None if there is none."""
     found: tuple[FloatArray, FloatArray] | None = box.lower, box.upper
-    if measure.has_interval:
-        found = intervals.shave(measure.interval, box.lower, box.upper, least, most)
+    if mapping.has_interval:
+        found = intervals.shave(mapping.interval, box.lower, box.upper, least, most)
     elif box.dim == 1:
-        for k in range(z.size):
+        for k in range(least.size):
             if found is not None:
                 found = intervals.monotone_restriction(
-                    _component(measure, k), found[0], found[1], least[k], most[k], measure.name
+                    _component(mapping, k), found[0], found[1], least[k], most[k], mapping.name
                 )
     else:
-        shift = measure.shift
-        found = intervals.contract(matrix_of(measure), box.lower, box.upper, least - shift, most - shift)
+        shift = mapping.shift
+        found = intervals.contract(matrix_of(mapping), box.lower, box.upper, least - shift, most - shift)
     return None if found is None else IntervalMembership(*found)
 
 
