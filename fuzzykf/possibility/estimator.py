@@ -25,7 +25,7 @@ from fuzzykf.possibility.representation import (
     required_quadratic,
     universe_of,
 )
-from fuzzykf.possibility.smoother import smooth_series
+from fuzzykf.possibility.smoother import MEMORY, smooth_series
 from fuzzykf.reprs import shown, value_text
 
 if TYPE_CHECKING:
@@ -396,13 +396,16 @@ class FuzzyRelationEstimator(Filter):
 
     # ------------------------------------------------------------------ the way back
 
-    def smooth(self, zs: ManyNumbers) -> FilterResult:
+    def smooth(self, zs: ManyNumbers, *, memory: float = MEMORY) -> FilterResult:
         """Filter a series, and look back: what each state is given the whole of it.
 
         Parameters
         ----------
         zs : array_like
             As in `filter`, which predicts first; the estimator ends at the last observation.
+        memory : float
+            On a grid, how many bytes the lattices that are kept for the way back may take; by default
+            2^30.  If there are more, some are made again.
 
         Returns
         -------
@@ -419,7 +422,13 @@ class FuzzyRelationEstimator(Filter):
             after.
         ParameterError, ShapeError
             As from `filter`; if a verb of a subclass assigns the membership, which the way back could not
-            follow.
+            follow; if ``memory`` is less than 16 lattices.
+
+        Warns
+        -----
+        SupportWarning
+            As from `filter`; if later measurements draw states to the edge of what the filter kept, which a
+            smaller ``floor`` would widen.
 
         Notes
         -----
@@ -428,7 +437,9 @@ class FuzzyRelationEstimator(Filter):
         that are not cut at zero, so that what the filter excludes is excluded from ``lower`` and ``upper``.
         Intervals and boxes are contracted, back over the prediction and, in several dimensions, forth again
         until nothing is gained: every trajectory that explains all measurements stays within the bounds,
-        and those of a scalar are exact.
+        and those of a scalar are exact.  On a grid it is a convolution with the reflected noise, looked up
+        at the image of each node; for the minimum, which has no residuum, the membership of a state is the
+        minimum of what earlier and what later measurements say, divided by its peak.
 
         Examples
         --------
@@ -438,7 +449,7 @@ class FuzzyRelationEstimator(Filter):
         >>> est.smooth([1.0, None, 2.0]).x.ravel().round(3).tolist()
         [0.909, 1.273, 1.636]
         """
-        return smooth_series(self, zs)
+        return smooth_series(self, zs, memory)
 
     # ------------------------------------------------------------------ the state
 

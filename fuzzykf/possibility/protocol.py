@@ -30,6 +30,8 @@ class Outcome:
         What the user has to be warned of.
     posterior : Posterior or None
         Residual and gain of an update in closed form.
+    prior : Belief or None
+        Of an update on a grid, the prediction on the lattice of the result.
     """
 
     belief: Belief | None
@@ -37,6 +39,7 @@ class Outcome:
     reachable: bool = True
     notes: list[str] = field(default_factory=list)
     posterior: Posterior | None = None
+    prior: Belief | None = None
 
 
 class Belief(Protocol):

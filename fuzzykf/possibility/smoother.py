@@ -10,15 +10,20 @@ back: it speaks of the same state.  What a restart forgot is not told of what ca
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from fuzzykf.base import FilterResult
-from fuzzykf.errors import EmptyIntersectionError, ParameterError
+from fuzzykf.engine.selected import CUT
+from fuzzykf.errors import EmptyIntersectionError, ParameterError, SupportWarning
+from fuzzykf.gaussian import as_real
 from fuzzykf.overrides import attributes_of
 from fuzzykf.possibility import closed_form
-from fuzzykf.possibility.beliefs import BoxBelief, QuadraticBelief
+from fuzzykf.possibility.beliefs import BoxBelief, GridBelief, QuadraticBelief
+from fuzzykf.possibility.grid.backward import Message, before_prediction, before_update, smoothed
+from fuzzykf.possibility.grid.noise import decompose
 from fuzzykf.possibility.intervals.path import Broken, contract_path
 from fuzzykf.possibility.mapping import matrix_of
 from fuzzykf.possibility.representation import required_quadratic
@@ -29,12 +34,16 @@ if TYPE_CHECKING:
     from typing import TypeAlias
 
     from fuzzykf.arrays import FloatArray, ManyNumbers
+    from fuzzykf.possibility.grid.lattice import Lattice
     from fuzzykf.possibility.trail import Node
 
     #: x (d,), P (d, d), lower and upper bounds (d,).
     Estimate: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
-__all__ = ["smooth_series"]
+__all__ = ["MEMORY", "smooth_series"]
+
+#: How much memory the lattices of a series take by default, in bytes, and how many there must be room for.
+MEMORY, LATTICES = 2.0**30, 16
 
 
 class WayBack(Protocol):
@@ -50,23 +59,28 @@ class WayBack(Protocol):
         """Return what is known, mended as `on_empty` says if it is impossible; x, P and bounds of it."""
 
 
-def smooth_series(est: Any, zs: ManyNumbers) -> FilterResult:
+def smooth_series(est: Any, zs: ManyNumbers, memory: float) -> FilterResult:
     """Filter a series and look back; the estimator ends at the last observation.
 
     Parameters
     ----------
     est : FuzzyRelationEstimator
     zs : array_like
+    memory : float
         See `FuzzyRelationEstimator.smooth`.
 
     Returns
     -------
     FilterResult
     """
+    room = _room(est, memory)
     before = attributes_of(est)
     try:
         est.remember_origin()  # with the belief of before, and not one that is tracked
-        trail = Trail(est, copies=est.is_closed_form)
+        if est.representation == "grid":
+            trail = Trail(est, copies=False, room=room, size=_bytes_of)
+        else:
+            trail = Trail(est, copies=est.is_closed_form)
         forward = est._filter_noting(zs, trail.note)
         trail.stop()
         x, P, lower, upper = _look_back(trail, est)
@@ -86,15 +100,29 @@ def smooth_series(est: Any, zs: ManyNumbers) -> FilterResult:
     )
 
 
+def _room(est: Any, memory: float) -> float:
+    """Check a bound of memory."""
+    room = as_real("memory", memory, "a number of bytes")
+    least = 0.0 if est._universe is None else LATTICES * 8.0 * float(np.prod(est._universe.points))
+    if not room >= least:
+        raise ParameterError(
+            f"memory: got {room:g} bytes, expected at least {least:g}: {LATTICES} lattices of this grid"
+        )
+    return room
+
+
+def _bytes_of(node: Node) -> float:
+    """Return how much memory the lattices of a node take."""
+    beliefs = (node.belief, node.prior)
+    return float(sum(one.lattice.cost.nbytes for one in beliefs if one is not None))
+
+
 def _way_back(est: Any, trail: Trail) -> WayBack:
     if est.is_closed_form:
         return QuadraticWayBack(est.on_empty)
     if est.representation == "interval":
         return BoxWayBack(est.on_empty, trail)
-    raise ParameterError(
-        f"smooth: got an estimator on {est.representation!r}, expected one of the closed families, or on "
-        "intervals"
-    )
+    return GridWayBack(est.on_empty)
 
 
 def _look_back(trail: Trail, est: Any) -> tuple[FloatArray, ...]:
@@ -104,13 +132,17 @@ def _look_back(trail: Trail, est: Any) -> tuple[FloatArray, ...]:
     if n == 0:
         return x, P, lower, upper
     way, node = _way_back(est, trail), trail.ends[-1]
+    trail.recall(node)
     known = way.last(node)
     for k in range(n - 1, -1, -1):
         while node is not trail.ends[k]:
             if node.before is None:
                 raise trail.broken(k + 1)
+            trail.recall(node.before)
+            trail.recall(node)
             # A restart knows nothing of before, so that nothing after it tells of before.
             known = way.last(node.before) if node.verb == "restart" else way.back(node, known)
+            trail.release(node)
             node = node.before
         known, (x[k], P[k], lower[k], upper[k]) = way.estimate(node, known)
     return x, P, lower, upper
@@ -214,3 +246,70 @@ class BoxWayBack:
         """Return the center, that of a uniform density for P, and bounds."""
         x, P = known.moments()
         return known, (x.ravel(), P, *known.bounds())
+
+
+class GridWayBack:
+    """Messages on lattices; what is known of a node is a `Message` on the axes of its belief.
+
+    Parameters
+    ----------
+    on_empty : str
+    """
+
+    def __init__(self, on_empty: str) -> None:
+        self.on_empty = on_empty
+        self.noted: set[str] = set()
+        self.noise: Any = None  # as it was decomposed last
+
+    def last(self, node: Node) -> Message:
+        """Return the message of no measurements."""
+        return Message.nothing(node.belief.lattice)
+
+    def back(self, node: Node, known: Message) -> Message:
+        """Return the message before a verb."""
+        if node.before is None:
+            return known
+        source: GridBelief = node.before.belief
+        if node.verb == "update":
+            message = before_update(node.belief.lattice, known, node.prior.lattice, node.possibility)
+            return message if node.before.verb == "predict" else message.on(source.lattice.axes)
+        if self.noise is None or self.noise.membership is not node.noise:
+            self.noise = decompose(node.noise, source.lattice.t_norm)
+        return before_prediction(source.lattice, known, node.mapping, self.noise, source.universe)
+
+    def estimate(self, node: Node, known: Message) -> tuple[Message, Estimate]:
+        """Return centroid, spread and bounds."""
+        belief: GridBelief = node.belief
+        found = smoothed(belief.lattice, known)
+        if found is None:
+            contradiction(self.on_empty, *(bound.tolist() for bound in belief.bounds()))
+            return self.estimate(node, self.last(node))
+        lattice, known = found
+        for note in [*lattice.notes(follows=belief.universe.domain is None), *_cut_off(lattice, belief)]:
+            self._warn(note)
+        result = GridBelief(lattice, belief.universe)
+        x, P = result.moments()
+        return known, (x.ravel(), P, *result.bounds())
+
+    def _warn(self, note: str) -> None:
+        """Warn, once a series."""
+        if note not in self.noted:
+            self.noted.add(note)
+            warnings.warn(f"smooth: {note}", SupportWarning, stacklevel=6)
+
+
+def _cut_off(lattice: Lattice, belief: GridBelief) -> list[str]:
+    """Warn where later measurements draw a state to the edge of what the filter kept of it."""
+    universe, t_norm = belief.universe, lattice.t_norm
+    if universe.domain is not None or universe.bounded:
+        return []
+    level = np.sqrt(t_norm.membership(universe.limit))
+    for k in lattice.free:
+        for end in (0, -1):
+            edge, before = lattice.cost.take(end, axis=k), belief.lattice.cost.take(end, axis=k)
+            if ((t_norm.membership(edge) > level) & (before >= CUT * universe.limit)).any():
+                return [
+                    "later measurements draw states to the edge of what the filter kept; what it left out "
+                    "does not come back (choose a smaller floor)"
+                ]
+    return []

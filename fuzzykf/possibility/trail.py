@@ -4,6 +4,9 @@ While it is tracked, an estimator holds a `Tracked` belief: it does what the bel
 prediction, update or restart of it becomes a `Node`, which knows the one before it.  So the way back
 follows what the verbs did, whoever wrote them: two predictions between observations, noise that changes,
 measurements that were left out.
+
+Beliefs that take much memory are kept at every second, fourth, ... node only, and what lies between is
+done again on the way back, stretch by stretch.
 """
 
 from __future__ import annotations
@@ -12,9 +15,13 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from fuzzykf.errors import ParameterError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import Membership
@@ -30,11 +37,14 @@ class Node:
     Attributes
     ----------
     verb : {"start", "predict", "update", "restart"}
-    belief : Belief
+    belief : Belief or None
+        None where it is to be made again.
     before : Node or None
         None at the start.
     mapping, noise, z
         What the verb was given.
+    prior, possibility
+        What an update found, see `Outcome`.
     """
 
     verb: Literal["start", "predict", "update", "restart"]
@@ -43,6 +53,24 @@ class Node:
     mapping: Any = None
     noise: Any = None
     z: Any = None
+    prior: Any = None
+    possibility: float = 1.0
+
+    def redo(self) -> None:
+        """Make the belief again from the one before."""
+        assert self.before is not None
+        past: Belief = self.before.belief
+        if self.verb == "predict":
+            self.belief = past.predict(self.mapping, self.noise).belief
+        elif self.verb == "update":
+            outcome = past.update(self.mapping, self.noise, self.z)
+            self.belief, self.prior = outcome.belief, outcome.prior
+        else:
+            self.belief = past.restart(self.mapping, self.noise, self.z)
+
+    def forget(self) -> None:
+        """Let the belief go."""
+        self.belief = self.prior = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +117,9 @@ class Tracked:
     def update(self, measure: Mapping, noise: Membership, z: FloatArray) -> Outcome:
         """Combine with a measurement; where they exclude each other nothing is added to the trail."""
         outcome = self.belief.update(measure, noise, z)
-        return self._next(outcome, Node("update", outcome.belief, self.node, measure, self._kept(noise), z))
+        node = Node("update", outcome.belief, self.node, measure, self._kept(noise), z)
+        node.prior, node.possibility = outcome.prior, outcome.possibility
+        return self._next(outcome, node)
 
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> Tracked | None:
         """Return what the measurement alone says; None if that is not enough."""
@@ -117,11 +147,20 @@ class Trail:
         It is tracked from now on.
     copies : bool
         See `Tracked`.
+    room : float
+        How much the beliefs that are kept may take.
+    size : callable, optional
+        Of a node: how much its belief takes; by default nothing.
     """
 
-    def __init__(self, est: Any, *, copies: bool) -> None:
+    def __init__(
+        self, est: Any, *, copies: bool, room: float = np.inf, size: Callable[[Node], float] = lambda _: 0.0
+    ) -> None:
         self.est = est
         self.ends: list[Node] = []
+        self._room, self._size = room, size
+        self._kept: list[tuple[int, Node]] = []  # with their places; the start is kept in any case
+        self._count, self._stride, self._used, self._largest = 0, 1, 0.0, 0.0
         belief = est._belief
         est._belief = Tracked(belief, Node("start", belief), copies)
 
@@ -136,7 +175,59 @@ class Trail:
         tracked = self.est._belief
         if not isinstance(tracked, Tracked):
             raise self.broken(len(self.ends))
+        fresh, node = [], tracked.node
+        while node.before is not None and node not in self.ends[-1:]:
+            fresh.append(node)
+            node = node.before
+        for node in reversed(fresh):
+            self._count += 1
+            self._kept.append((self._count, node))
+            self._add(node)
+        # Half of the room is for what is done again.
+        while self._used > 0.5 * self._room and self._kept:
+            self._stride *= 2
+            self._thin()
+        if self._stride > 1:
+            self._thin()
         self.ends.append(tracked.node)
+
+    def _thin(self) -> None:
+        """Keep the beliefs of every so many nodes."""
+        for place, node in self._kept:
+            if place % self._stride:
+                self.release(node)
+        self._kept = [(place, node) for place, node in self._kept if place % self._stride == 0]
+
+    def _add(self, node: Node) -> None:
+        size = self._size(node)
+        self._used += size
+        self._largest = max(self._largest, size)
+
+    def release(self, node: Node) -> None:
+        """Let the belief of a node go, if that is worth anything."""
+        if np.isfinite(self._room) and node.before is not None and node.belief is not None:
+            self._used -= self._size(node)
+            node.forget()
+
+    def recall(self, node: Node) -> None:
+        """Make sure that the belief of a node is there, and as many of those before it as there is room for.
+
+        The stretch since the last belief that was kept is done again.  If there is no room for all of
+        it, a few are kept on the way, and the rest of the way is done once more.
+        """
+        while node.belief is None:
+            stretch = [node]
+            while (before := stretch[-1].before) is not None and before.belief is None:
+                stretch.append(before)
+            free = max(2, int((self._room - self._used) // self._largest))
+            stride = 1 if len(stretch) <= free else -(-len(stretch) // (free // 2))
+            last = None
+            for k, one in enumerate(reversed(stretch), start=1):
+                one.redo()
+                self._add(one)
+                if last is not None:
+                    self.release(last)
+                last = one if k % stride and one is not node else None
 
     def nodes(self) -> list[Node]:
         """All nodes that lead to the last step, in the order of time."""

@@ -116,7 +116,8 @@ class GridBelief:
         if found.lattice is None:
             return Outcome(None, found.possibility, found.reachable, found.notes)
         notes = found.notes or found.lattice.notes(follows=self.universe.domain is None)
-        return Outcome(self._with(found.lattice), found.possibility, found.reachable, notes)
+        prior = None if found.prior is None else self._with(found.prior)
+        return Outcome(self._with(found.lattice), found.possibility, found.reachable, notes, prior=prior)
 
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> GridBelief | None:
         """Return what the measurement alone says."""

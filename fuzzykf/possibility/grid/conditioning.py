@@ -52,12 +52,15 @@ class Conditioned:
         Whether any node of the lattice, possible or not, could explain the measurement.
     notes : list of str
         What the user has to be warned of.
+    prior : Lattice or None
+        The prediction on the axes of the posterior.
     """
 
     lattice: Lattice | None
     possibility: float
     reachable: bool
     notes: list[str]
+    prior: Lattice | None = None
 
 
 @QUIET
@@ -111,7 +114,7 @@ def condition(
     posterior = Lattice(prior.axes, t_norm.renormalise(cost, best), t_norm)
     if is_prolonged:
         notes += posterior.notes(follows=universe.domain is None)
-    return Conditioned(posterior, float(t_norm.membership(best)), True, notes)
+    return Conditioned(posterior, float(t_norm.membership(best)), True, notes, prior)
 
 
 def _too_far(z: FloatArray, why: str) -> NumericalRangeError:

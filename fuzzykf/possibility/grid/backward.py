@@ -1,0 +1,329 @@
+"""Looking back on a grid.
+
+    gamma_n(x) = c_n(x) + b_n(x),   b_n(x) = min over x' of b'_(n+1)(x') + c_W(x' - f(x))
+
+is the residuum of the t-norm with b'_(n+1) = gamma_(n+1) - c'_(n+1), what later measurements add to the
+cost of a predicted state: the convolution with the reflected noise, looked up at the image of each node.  It
+needs neither an inverse of f nor a drawing, wherever f folds.  Costs may be negative here: later measurements
+can make a state more possible than the prediction did.
+
+The minimum has no residuum.  There b' = max(c_V, b_(n+1)), not normalised on its way, and gamma_n is the
+maximum of c_n and b_n, divided by its peak.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fuzzykf.engine.selected import convolve_joint, interpolate, pull_back, subgrid_minimum
+from fuzzykf.possibility.grid.belief import convolve_axis
+from fuzzykf.possibility.grid.lattice import Kernel, Lattice
+from fuzzykf.possibility.grid.noise import shear
+from fuzzykf.possibility.mapping import grid_points
+from fuzzykf.possibility.norms import MIN, PRODUCT
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import BoolArray, FloatArray
+    from fuzzykf.possibility.grid.lattice import Universe
+    from fuzzykf.possibility.grid.noise import Noise
+    from fuzzykf.possibility.mapping import Mapping
+    from fuzzykf.possibility.memberships import Membership
+
+__all__ = ["Message", "before_prediction", "before_update", "smoothed"]
+
+#: Kernels and interpolation take costs below zero for rounding errors: messages are lifted above it.
+LIFT = 1.0
+
+#: Nodes along the axis of an image without width.
+FEW = 5
+
+#: A message is continued by so many times its width for a noise without axes.
+WIDEST = 2
+
+#: By so much of a step an image may be beyond the last node and be on it nevertheless.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Message:
+    """What later measurements say of the states on a lattice.
+
+    Attributes
+    ----------
+    axes : tuple of ndarray
+    cost : ndarray, shape (n_1, ..., n_d)
+        Infinite where they exclude a state; may be negative if the t-norm has a generator.
+    """
+
+    axes: tuple[FloatArray, ...]
+    cost: FloatArray
+
+    @classmethod
+    def nothing(cls, lattice: Lattice) -> Message:
+        """Return that of no measurements."""
+        return cls(lattice.axes, np.zeros(lattice.cost.shape))
+
+    def on(self, axes: tuple[FloatArray, ...]) -> Message:
+        """Return the same on other axes."""
+        points = grid_points(axes)
+        cost = self.at(points.reshape(-1, len(axes))).reshape(points.shape[:-1])
+        return Message(axes, cost)
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """Costs (m,) at points (m, d), by interpolation; infinite outside the lattice."""
+        return _interpolated(self.axes, self.cost, points)
+
+
+def smoothed(lattice: Lattice, message: Message) -> tuple[Lattice, Message] | None:
+    """Join what earlier and later measurements say of a state.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        Of the filter.
+    message : Message
+        On the same axes.
+
+    Returns
+    -------
+    Lattice
+        Its least cost, between the nodes, is 0.
+    Message
+        What it makes of the filter's: the least cost of the sum is 0 but for the errors of the grid, which
+        are taken away here.
+
+    None if no state is left.
+    """
+    t_norm = lattice.t_norm
+    with np.errstate(invalid="ignore"):
+        cost = t_norm.combine(lattice.cost, message.cost)
+    cost = np.where(lattice.live(np.inf), cost, np.inf)
+    if not np.isfinite(cost).any():
+        return None
+    if not t_norm.additive:
+        return Lattice(lattice.axes, t_norm.renormalise(cost, float(cost.min())), t_norm), message
+    excess = subgrid_minimum(cost)[0]
+    cost = np.maximum(cost - excess, 0.0)
+    return Lattice(lattice.axes, cost, t_norm), Message(message.axes, message.cost - excess)
+
+
+def before_update(posterior: Lattice, message: Message, prior: Lattice, possibility: float) -> Message:
+    """Add to a message what the measurement of this instant says.
+
+    Parameters
+    ----------
+    posterior : Lattice
+    message : Message
+        On its axes.
+    prior : Lattice
+        The prediction, on the same axes.
+    possibility : float
+        Of the measurement.
+
+    Returns
+    -------
+    Message
+        On the same axes.
+    """
+    t_norm = posterior.t_norm
+    if not t_norm.additive:
+        # Where the prediction was costlier than the measurement it takes its place: what led there costs as
+        # much, so that the maximum over a trajectory stays the same.
+        seen = posterior.cost + float(t_norm.cost(possibility))
+        return Message(message.axes, np.maximum(seen, message.cost))
+    with np.errstate(invalid="ignore"):
+        cost = posterior.cost + message.cost - prior.cost
+    possible = prior.live(np.inf) & posterior.live(np.inf)
+    return Message(message.axes, np.where(possible, cost, np.inf))
+
+
+def before_prediction(
+    source: Lattice, message: Message, move: Mapping, noise: Noise, universe: Universe
+) -> Message:
+    """Carry a message back over a prediction.
+
+    Parameters
+    ----------
+    source : Lattice
+        What was predicted from.
+    message : Message
+        On the states after it.
+    move : Mapping
+        The map f.
+    noise : Noise
+        Added to f(x).
+    universe : Universe
+        Its points are those of the convolution.
+
+    Returns
+    -------
+    Message
+        On the axes of ``source``.
+    """
+    d, kernels = len(source.axes), noise.kernels
+    additive = source.t_norm.additive
+    least = float(message.cost.min())
+    if not np.isfinite(least):
+        return Message(source.axes, np.full(source.cost.shape, np.inf))
+    lift = LIFT - least if additive else 0.0
+    message = Message(message.axes, message.cost + lift)
+    if kernels is None:
+        lower, upper = source.bounds(universe.limit)
+        oblique = shear(noise.membership, source.t_norm, upper - lower)
+        if oblique is None:
+            moved = move.then(np.eye(d), noise.peak)
+            cost = _before_joint(source, message, moved, noise.membership)
+            return Message(source.axes, cost - lift)
+        basis, kernels = oblique
+        move = move.then(np.asarray(np.linalg.inv(basis)), noise.peak)
+        message = _in_basis(message, basis, universe)
+    elif noise.peak.any():
+        move = move.then(np.eye(d), noise.peak)
+    live = source.live(np.inf)
+    image = move.on_grid(source.axes, live)
+    axes, cost = list(message.axes), message.cost
+    for k, kernel in enumerate(kernels):
+        if kernel is not None:
+            target = _spanned(image[..., k][live], axes[k], universe.points[k], universe.domain is not None)
+            cost = convolve_axis(cost, k, axes[k], target, _Reflected(kernel))
+            axes[k] = target
+    return Message(source.axes, _looked_up(source, move, image, live, tuple(axes), cost) - lift)
+
+
+def _spanned(there: FloatArray, axis: FloatArray, points: int, in_domain: bool) -> FloatArray:
+    """Return an axis over images; in a domain by whole steps of its axis, so that nodes stay nodes."""
+    low, high = float(there.min()), float(there.max())
+    step = float(axis[-1] - axis[0]) / max(axis.size - 1, 1)
+    if in_domain and step > 0.0:
+        below, above = (int(np.ceil(beyond / step - ROUNDING)) for beyond in (axis[0] - low, high - axis[-1]))
+        if max(below, above) <= axis.size:
+            steps = np.arange(-max(below, 0), axis.size + max(above, 0))
+            return np.asarray(axis[0] + step * steps, dtype=np.float64)
+    if high > low:
+        return np.linspace(low, high, points)
+    step = step or max(abs(low), 1.0) * 1e-6
+    return np.asarray(low + step * (np.arange(FEW) - FEW // 2), dtype=np.float64)
+
+
+def _looked_up(
+    source: Lattice,
+    move: Mapping,
+    image: FloatArray,
+    live: BoolArray,
+    axes: tuple[FloatArray, ...],
+    cost: FloatArray,
+) -> FloatArray:
+    """Costs at the images of the nodes of ``source``, infinite for nodes that are impossible."""
+    d = len(axes)
+    if move.matrix is not None and len(source.free) == d and all(axis.size > 1 for axis in axes):
+        first = np.array([axis[0] for axis in source.axes])
+        origin, step = np.array([[a[0], (a[-1] - a[0]) / (a.size - 1)] for a in axes]).T
+        found = pull_back(
+            cost,
+            move.matrix * source.step / step[:, None],
+            (move.matrix @ first + move.shift - origin) / step,
+            source.cost.shape,
+            "log",
+        )
+        return np.where(live, found, np.inf)
+    out = np.full(source.cost.shape, np.inf)
+    out[live] = _interpolated(axes, cost, image[live])
+    return out
+
+
+def _interpolated(axes: tuple[FloatArray, ...], cost: FloatArray, points: FloatArray) -> FloatArray:
+    """Costs (m,) at points (m, d); along an axis of length one every point counts as on it.
+
+    The messages of known components are looked up by what is predicted of the same components.
+    """
+    free = [k for k, axis in enumerate(axes) if axis.size > 1]
+    if not free:
+        return np.full(points.shape[0], float(cost.ravel()[0]))
+    origin = np.array([axes[k][0] for k in free])
+    step = np.array([(axes[k][-1] - axes[k][0]) / (axes[k].size - 1) for k in free])
+    lattice = cost.reshape([axes[k].size for k in free])
+    return interpolate(lattice, np.ascontiguousarray((points[:, free] - origin) / step), "log")
+
+
+def _in_basis(message: Message, basis: FloatArray, universe: Universe) -> Message:
+    """Return a message in the coordinates u of x = basis u."""
+    d = len(message.axes)
+    back = np.asarray(np.linalg.inv(basis))
+    possible = np.isfinite(message.cost)
+    there = grid_points(message.axes)[possible] @ back.T
+    axes = tuple(
+        np.linspace(there[:, k].min(), there[:, k].max(), universe.points[k])
+        if there[:, k].max() > there[:, k].min()
+        else there[:1, k]
+        for k in range(d)
+    )
+    points = grid_points(axes)
+    cost = message.at(points.reshape(-1, d) @ basis.T).reshape(points.shape[:-1])
+    return Message(axes, cost)
+
+
+def _before_joint(source: Lattice, message: Message, move: Mapping, joint: Membership) -> FloatArray:
+    """Carry a message back over a noise that has no axes: offset by offset on the lattice of the message."""
+    t_norm = source.t_norm
+    live = source.live(np.inf)
+    image = move.on_grid(source.axes, live)
+    if any(axis.size == 1 for axis in message.axes):
+        return _before_joint_of_points(source, message, image, joint)
+    axes, padding, count = [], [], []
+    for k, axis in enumerate(message.axes):
+        step, there = axis[1] - axis[0], image[..., k][live]
+        below = max(0, int(np.ceil((axis[0] - there.min()) / step)))
+        above = max(0, int(np.ceil((there.max() - axis[-1]) / step)))
+        if below + above > WIDEST * axis.size:  # a message far narrower than what leads to it
+            return _before_joint_of_points(source, message, image, joint)
+        padding.append((below, above))
+        axes.append(axis[0] + step * np.arange(-below, axis.size + above))
+        count.append(axes[-1].size - 1)
+    cost = np.pad(message.cost, padding, constant_values=np.inf)
+    steps = [axis[1] - axis[0] for axis in axes]
+    offsets = grid_points(tuple(h * np.arange(-n, n + 1) for h, n in zip(steps, count, strict=True)))
+    kernel = joint.cost(joint.peak - offsets, t_norm)  # reflected
+    kernel[kernel >= t_norm.impossible] = np.inf
+    cost = convolve_joint(cost, kernel, tuple(count), t_norm.combine)
+    return _looked_up(source, move, image, live, tuple(axes), cost)
+
+
+def _before_joint_of_points(
+    source: Lattice, message: Message, image: FloatArray, joint: Membership
+) -> FloatArray:
+    """Do the same from all nodes of a message, which need not form a lattice with any width."""
+    t_norm, live = source.t_norm, source.live(np.inf)
+    out = np.full(source.cost.shape, np.inf)
+    possible = np.isfinite(message.cost)
+    best = out[live]
+    for later, cost in zip(grid_points(message.axes)[possible], message.cost[possible], strict=True):
+        noise = joint.cost(later - image[live] + joint.peak, t_norm)
+        noise[noise >= t_norm.impossible] = np.inf
+        np.minimum(best, t_norm.combine(noise, cost), out=best)
+    out[live] = best
+    return out
+
+
+class _Reflected(Kernel):
+    """A kernel for messages: of the opposite noise, and with no membership that ends at a finite cost."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._kernel = kernel
+        self.t_norm = PRODUCT if kernel.t_norm.additive else MIN
+        self.lower, self.upper = -kernel.upper, -kernel.lower
+        self.kinks = kernel.kinks  # none, or at the peak
+        # What is impossible has a finite cost in one scale, beyond which messages below zero would reach.
+        self.curvature = kernel.curvature if np.isinf(kernel.t_norm.impossible) else None
+
+    def cost(self, offset: FloatArray) -> FloatArray:
+        """Costs of offsets from the peak."""
+        cost = self._kernel.cost(-offset)
+        return np.where(cost < self._kernel.t_norm.impossible, cost, np.inf)
+
+    def reach(self, cost: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the offsets that cost no more than each of many costs."""
+        lower, upper = self._kernel.reach(cost)
+        return -upper, -lower
