@@ -71,7 +71,13 @@ from fuzzykf.estimation import LikelihoodFit, LocalMaximum
 from fuzzykf.experiments import Experiment, Outcome
 from fuzzykf.kalman import StateMap
 from fuzzykf.labels import Labels
-from fuzzykf.possibility import RuleBase
+from fuzzykf.possibility import (
+    Controllability,
+    Observability,
+    RuleBase,
+    controllability,
+    observability,
+)
 from fuzzykf.possibility.memberships import CutMembership, EllipticalMembership, JointMembership, Membership
 from fuzzykf.possibility.norms import HAMACHER, MAX, PRODUCT, TConorm, TNorm
 from fuzzykf.possibility.relations import Rule
@@ -303,6 +309,8 @@ SPECIMENS = {
     TConorm: [lambda: MAX],
     Rule: [rules],
     RuleBase: [lambda: RuleBase((rules(),) * 60)],
+    Observability: [lambda d=d: observability(FuzzyRelationEstimator(d, 1), 40) for d in (1, 30)],
+    Controllability: [lambda d=d: controllability(FuzzyRelationEstimator(d, 1), 40) for d in (1, 30)],
     Standardizer: [
         Standardizer,
         lambda: Standardizer().fit([1.0, 2.0]),

@@ -9,6 +9,7 @@ from fuzzykf.plotting.laws import plot_graph, plot_law, plot_model, plot_path
 from fuzzykf.plotting.memberships import plot_estimate, plot_membership
 from fuzzykf.plotting.results import plot_result
 from fuzzykf.plotting.style import BLUE, ORANGE, TRUTH
+from fuzzykf.plotting.widths import plot_widths
 
 __all__ = [
     "BLUE",
@@ -21,6 +22,7 @@ __all__ = [
     "plot_model",
     "plot_path",
     "plot_result",
+    "plot_widths",
 ]
 
 if not TYPE_CHECKING:  # to type checkers only what is listed is there

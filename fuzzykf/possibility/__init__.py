@@ -17,15 +17,18 @@ from fuzzykf.possibility.memberships import (
     TriangularMembership,
 )
 from fuzzykf.possibility.norms import TConorm, TNorm
+from fuzzykf.possibility.observing import Controllability, Observability, controllability, observability
 from fuzzykf.possibility.relations import Rule, RuleBase, compose, extend, fuzzify
 
 __all__ = [
     "CauchyMembership",
+    "Controllability",
     "FunctionMembership",
     "FuzzyRelationEstimator",
     "GaussianMembership",
     "GridMembership",
     "IntervalMembership",
+    "Observability",
     "ParabolicMembership",
     "Rule",
     "RuleBase",
@@ -34,8 +37,10 @@ __all__ = [
     "TNorm",
     "TriangularMembership",
     "compose",
+    "controllability",
     "extend",
     "fuzzify",
+    "observability",
 ]
 
 if not TYPE_CHECKING:  # to type checkers only what is listed is there
