@@ -73,6 +73,7 @@ from fuzzykf.kalman import StateMap
 from fuzzykf.labels import Labels
 from fuzzykf.possibility import (
     Controllability,
+    LocalObservability,
     Observability,
     RuleBase,
     controllability,
@@ -309,6 +310,11 @@ SPECIMENS = {
     TConorm: [lambda: MAX],
     Rule: [rules],
     RuleBase: [lambda: RuleBase((rules(),) * 60)],
+    LocalObservability: [
+        lambda: observability(
+            FuzzyRelationEstimator(1, 1, state=Cone(), measurement_noise=Cone(), points=21), 2
+        )
+    ],
     Observability: [lambda d=d: observability(FuzzyRelationEstimator(d, 1), 40) for d in (1, 30)],
     Controllability: [lambda d=d: controllability(FuzzyRelationEstimator(d, 1), 40) for d in (1, 30)],
     Standardizer: [

@@ -17,7 +17,13 @@ from fuzzykf.possibility.memberships import (
     TriangularMembership,
 )
 from fuzzykf.possibility.norms import TConorm, TNorm
-from fuzzykf.possibility.observing import Controllability, Observability, controllability, observability
+from fuzzykf.possibility.observing import (
+    Controllability,
+    LocalObservability,
+    Observability,
+    controllability,
+    observability,
+)
 from fuzzykf.possibility.relations import Rule, RuleBase, compose, extend, fuzzify
 
 __all__ = [
@@ -28,6 +34,7 @@ __all__ = [
     "GaussianMembership",
     "GridMembership",
     "IntervalMembership",
+    "LocalObservability",
     "Observability",
     "ParabolicMembership",
     "Rule",

@@ -17,6 +17,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_count, as_numbers, as_real, check_definite, whitening
 from fuzzykf.possibility import gramians
+from fuzzykf.possibility.around import LocalObservability, observe_around
 from fuzzykf.possibility.mapping import as_map
 from fuzzykf.possibility.memberships import JointMembership, TriangularMembership
 from fuzzykf.possibility.representation import as_box, as_quadratic
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["Controllability", "Observability", "controllability", "observability"]
+__all__ = ["Controllability", "LocalObservability", "Observability", "controllability", "observability"]
 
 #: Bisections for a possibility that a linear program decides level by level.
 BISECTIONS = 40
@@ -273,31 +274,39 @@ class Controllability:
 
 def observability(
     est: FuzzyRelationEstimator, n: int, level: float = 0.5, x: ArrayLike | None = None
-) -> Observability:
-    """Ask what n measurements of a linear model show of the state at the first of them.
+) -> Observability | LocalObservability:
+    """Ask what n measurements show of the state at the first of them.
 
     Parameters
     ----------
     est : FuzzyRelationEstimator
         With a linear model, and noises of a closed family, or crisp, or, under the minimum, with cuts that
-        are boxes.  It stays as it is; its membership of the state does not matter.
+        are boxes; its membership of the state does not matter then.  Or on a grid, with any model; the
+        states considered are those within its ``lower`` and ``upper``.  It stays as it is.
     n : int
         Number of measurements.
     level : float
         In ]0, 1]: two states are told apart if they show the same measurements with a lower possibility.
         With noises of one peak, level 1 is observability in the classical sense.
     x : array_like, shape (m,) or (m, 1), optional
-        A state around which to ask.  What a linear model shows is the same around all.
+        A state around which to ask, by default that of the estimator.  What a linear model shows is the same
+        around all.
 
     Returns
     -------
     Observability
+        Of a linear model.
+    LocalObservability
+        Of any other on a grid: what is not told from ``x`` by the measurements that it is likeliest to show.
+        That is less than what any measurements leave undecided: by a factor of 1/sqrt(2) in the closed
+        families, of 1/2 of bounded noise.
 
     Raises
     ------
     ParameterError, ShapeError
-        An argument is inadmissible; the model is not linear; its noises are of other shapes, or the
-        measurement noise has no spread in some direction.
+        An argument is inadmissible; the model is not linear, or its noises are of other shapes, and the
+        estimator is not on a grid; the measurement noise has no spread in some direction; ``x`` is none of
+        the states considered.
 
     Notes
     -----
@@ -318,11 +327,13 @@ def observability(
     >>> print(observability(est, 10).verdict)
     observable: states that 10 measurements leave undecided at level 0.5 differ by at most 0.979 and 0.183
     """
-    n, level = as_count("n", n, 1, most=MOST), _level(level)
+    n, level, m = as_count("n", n, 1, most=MOST), _level(level), est.dim_x
+    around = None if x is None else _point("x", x, m)
     model = _linear(est, "observability")
-    m = model.F.shape[0]
-    if x is not None:
-        _point("x", x, m)
+    if isinstance(model, ParameterError):
+        if est.representation == "grid":
+            return observe_around(est, n, level, around)
+        raise model
     spaces = [gramians.row_space(gramians.observability_matrix(model.F, model.H, k)) for k in range(1, m + 1)]
     spaces += spaces[-1:] * max(n - m, 0)
     if model.Q is None or model.R is None:
@@ -383,6 +394,8 @@ def controllability(
     """
     n, level = as_count("n", n, 1, most=MOST), _level(level)
     model = _linear(est, "controllability", measured=False)
+    if isinstance(model, ParameterError):
+        raise model
     F, m = model.F, model.F.shape[0]
     center = np.zeros(m) if x is None else _point("x", x, m)
     if model.Q is not None:
@@ -403,11 +416,11 @@ def controllability(
     return Controllability(level, W, seen.shape[1], unseen, center, widths, model)
 
 
-def _linear(est: Any, name: str, *, measured: bool = True) -> Linear:
-    """Return the model of an estimator, if it is of a kind that can be judged."""
+def _linear(est: Any, name: str, *, measured: bool = True) -> Linear | ParameterError:
+    """Return the model of an estimator, or the error for one that is of no kind that can be judged."""
     for function in ("fx", "hx") if measured else ("fx",):
         if getattr(est, function) is not None:
-            raise ParameterError(
+            return ParameterError(
                 f"{function}: got a function, expected a linear model, which {name} can judge"
             )
     d, q, norm = est.dim_x, est.dim_z, est.t_norm
@@ -422,7 +435,7 @@ def _linear(est: Any, name: str, *, measured: bool = True) -> Linear:
     noises = {"process_noise": process, "measurement_noise": measurement}
     for role, noise in noises.items():
         if (measured or role == "process_noise") and not _has_boxes(noise, norm):
-            raise ParameterError(
+            return ParameterError(
                 f"{role}: got {noise!r}, which {name} cannot judge under the t-norm {norm.name!r}; expected "
                 f"noises all of the family {family or 'of none'!r}, all crisp, or of boxes under the minimum"
             )
