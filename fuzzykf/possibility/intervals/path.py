@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from fuzzykf.possibility.intervals import boxes
 
 if TYPE_CHECKING:
@@ -61,48 +59,70 @@ def contract_path(nodes: Sequence[Node], cuts: Collection[int]) -> list[Interval
     Broken
         If no trajectory is left.
     """
-    found = [node.belief.box for node in nodes]
-    _backward(nodes, cuts, found)
-    if found[0].dim > 1:
+    path = _Path(nodes, cuts)
+    path.back()
+    if nodes[0].belief.box.dim > 1:
         for _ in range(ROUNDS):
-            before = _widths(found)
-            _forward(nodes, cuts, found)
-            _backward(nodes, cuts, found)
-            if not (_widths(found) < (1.0 - GAIN) * before).any():
+            # One after the other: what the way forward gains is carried back at once.
+            if not path.forth() + path.back():
                 break
-    return found
+    return path.found
 
 
-def _widths(found: list[IntervalMembership]) -> np.ndarray:
-    return np.array([box.upper - box.lower for box in found])
+class _Path:
+    """Boxes that are contracted link by link; a link whose boxes have not moved since is left out.
 
+    Parameters
+    ----------
+    nodes, cuts
+        See `contract_path`.
 
-def _backward(nodes: Sequence[Node], cuts: Collection[int], found: list[IntervalMembership]) -> None:
-    """Contract, in place, each box by the one after it."""
-    for k in range(len(nodes) - 1, 0, -1):
-        if k in cuts:
-            continue
-        node = nodes[k]
+    Attributes
+    ----------
+    found : list of IntervalMembership
+    """
+
+    def __init__(self, nodes: Sequence[Node], cuts: Collection[int]) -> None:
+        self.nodes, self.links = nodes, [k for k in range(1, len(nodes)) if k not in cuts]
+        self.found: list[IntervalMembership] = [node.belief.box for node in nodes]
+        self._time = 0
+        self._moved = [1] * len(nodes)
+        self._done = {"back": [0] * len(nodes), "forth": [0] * len(nodes)}
+
+    def back(self) -> int:
+        """Contract each box by the one after it, and return how many of them moved."""
+        return sum(self._contract(k, "back", k - 1) for k in reversed(self.links))
+
+    def forth(self) -> int:
+        """Contract each box by the one before it and by its measurement, and return how many moved."""
+        return sum(self._contract(k, "forth", k) for k in self.links)
+
+    def _contract(self, k: int, way: str, target: int) -> bool:
+        """Contract over the link to node k, if anything has moved; whether the target did."""
+        done = self._done[way]
+        if max(self._moved[k - 1], self._moved[k]) <= done[k]:
+            return False
+        box = getattr(self, f"_{way}")(k)
+        if box is None:
+            raise Broken(k)
+        before, self.found[target] = self.found[target], box
+        self._time += 1
+        done[k] = self._time + 1
+        wide = before.upper - before.lower
+        shrunk = bool((box.upper - box.lower < (1.0 - GAIN) * wide).any())
+        if shrunk:
+            self._moved[target] = done[k]
+        return shrunk
+
+    def _back(self, k: int) -> IntervalMembership | None:
+        node = self.nodes[k]
         if node.verb == "update":  # the same state
-            found[k - 1] = found[k]
-            continue
-        found[k - 1] = _left(boxes.retrace(found[k - 1], node.mapping, node.noise, found[k]), k)
+            return self.found[k]
+        return boxes.retrace(self.found[k - 1], node.mapping, node.noise, self.found[k])
 
-
-def _forward(nodes: Sequence[Node], cuts: Collection[int], found: list[IntervalMembership]) -> None:
-    """Contract, in place, each box by the one before it and by its measurement."""
-    for k, node in enumerate(nodes):
-        if k == 0 or k in cuts:
-            continue
+    def _forth(self, k: int) -> IntervalMembership | None:
+        node, past = self.nodes[k], self.found[k - 1]
         if node.verb == "update":
-            both = _left(boxes.intersect(found[k - 1], found[k]), k)
-            found[k] = _left(boxes.update(both, node.mapping, node.noise, node.z), k)
-        else:
-            image = boxes.predict(found[k - 1], node.mapping, node.noise)
-            found[k] = _left(boxes.intersect(image, found[k]), k)
-
-
-def _left(box: IntervalMembership | None, place: int) -> IntervalMembership:
-    if box is None:
-        raise Broken(place)
-    return box
+            both = boxes.intersect(past, self.found[k])
+            return None if both is None else boxes.update(both, node.mapping, node.noise, node.z)
+        return boxes.intersect(boxes.predict(past, node.mapping, node.noise), self.found[k])

@@ -351,7 +351,7 @@ def test_memory_is_bounded_and_changes_nothing() -> None:
     _, zs = noisy()
     zs[[5, 6, 30]] = np.nan
     peaks, results = [], []
-    for lattices in (None, 60, 16):
+    for lattices in (None, 60, 16, np.inf):
         options = {} if lattices is None else {"memory": lattices * 101 * 8}
         est = robust()
         used = []
