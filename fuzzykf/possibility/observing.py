@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_count, as_numbers, as_real, check_definite, whitening
+from fuzzykf.gaussian import as_array, as_count, as_numbers, as_real, brief, check_definite, whitening
 from fuzzykf.possibility import gramians
 from fuzzykf.possibility.around import LocalObservability, observe_around
+from fuzzykf.possibility.estimator import FuzzyRelationEstimator
 from fuzzykf.possibility.mapping import as_map
 from fuzzykf.possibility.memberships import JointMembership, TriangularMembership
 from fuzzykf.possibility.representation import as_box, as_quadratic
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.possibility.estimator import FuzzyRelationEstimator
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TNorm
 
@@ -327,6 +327,7 @@ def observability(
     >>> print(observability(est, 10).verdict)
     observable: states that 10 measurements leave undecided at level 0.5 differ by at most 0.979 and 0.183
     """
+    est = _estimator(est)
     n, level, m = as_count("n", n, 1, most=MOST), _level(level), est.dim_x
     around = None if x is None else _point("x", x, m)
     model = _linear(est, "observability")
@@ -392,6 +393,7 @@ def controllability(
     >>> print(controllability(est, 2).verdict)
     controllable: at level 0.5 the noise of 2 predictions leads up to 1.18 and 1.67 away
     """
+    est = _estimator(est)
     n, level = as_count("n", n, 1, most=MOST), _level(level)
     model = _linear(est, "controllability", measured=False)
     if isinstance(model, ParameterError):
@@ -414,6 +416,12 @@ def controllability(
         center = F @ center + model.process.peak
     seen, unseen = gramians.row_space(gramians.observability_matrix(F.T, spread.T, n))
     return Controllability(level, W, seen.shape[1], unseen, center, widths, model)
+
+
+def _estimator(est: Any) -> FuzzyRelationEstimator:
+    if not isinstance(est, FuzzyRelationEstimator):
+        raise ParameterError(f"est: got {brief(est)}, expected a FuzzyRelationEstimator")
+    return est
 
 
 def _linear(est: Any, name: str, *, measured: bool = True) -> Linear | ParameterError:

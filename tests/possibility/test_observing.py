@@ -289,6 +289,8 @@ def test_noise_off_zero_drifts() -> None:
 WRONG = {
     "n of nothing": (lambda: observability(quadratic(), 0), "n: got 0"),
     "n that is not whole": (lambda: observability(quadratic(), 1.5), "n: got 1.5"),
+    "no estimator": (lambda: observability(3.0, 3), "est: got 3.0, expected a FuzzyRelationEstimator"),
+    "no estimator either": (lambda: controllability(None, 3), "est: got None"),
     "a level of zero": (lambda: observability(quadratic(), 3, 0.0), "level: got 0.0"),
     "a level beyond one": (lambda: controllability(quadratic(), 3, 1.5), "level: got 1.5"),
     "a state of three": (lambda: observability(quadratic(), 3, x=[1.0, 2.0, 3.0]), r"x: got shape \(3,\)"),

@@ -42,6 +42,11 @@ def read(cls: Any, name: str) -> tuple[str, None, list[Verb]]:
     return function(load, path=fixed("file:there.json"), max_bytes=maybe(count(1, 10**6)))
 
 
+#: Estimators of all representations.
+ESTIMATORS = choice(
+    *(make() for make in (specimens.linear_estimator, specimens.box_estimator, specimens.grid_estimator))
+)
+
 #: Functions, in the same form.
 FUNCTIONS: list[tuple[str, None, list[Verb]]] = [
     function(norms.as_t_norm, infinite=True, t_norm=SOME_NORM),
@@ -61,6 +66,10 @@ FUNCTIONS: list[tuple[str, None, list[Verb]]] = [
         nearest=maybe(choice(True, False)),
         t_conorm=maybe(SOME_CONORM),
     ),
+    *[
+        function(one, est=ESTIMATORS, n=count(1, 6), level=maybe(real(0.0, 1.0)), x=maybe(array(1)))
+        for one in (possibility.observability, possibility.controllability)
+    ],
     function(
         possibility.fuzzify,
         point=array(2),
