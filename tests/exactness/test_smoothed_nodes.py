@@ -24,14 +24,17 @@ N = 8
 PATHS = np.array(list(itertools.product(range(3), repeat=N)))
 BASE = {"F": 0.95, "b": 0.0, "Q": 0.3**2, "H": 1.0, "d": 0.0, "R": 0.5**2, "x0": 0.0}
 
-#: What switches, and by what part the squared error may exceed that of the exact smoother, by method.
+#: What switches.
 SYSTEMS = {
-    "process noise": ({"Q": (0.1**2, 0.8**2)}, {"imm": 0.05, "gpb2": 0.05}),
-    "observation noise": ({"R": (0.3**2, 3.0**2)}, {"imm": 0.05, "gpb2": 0.05}),
-    "offset of the motion": ({"b": (0.0, 1.0)}, {"imm": 0.05, "gpb2": 0.05}),
-    "offset of the observation": ({"d": (0.0, 3.0)}, {"gpb2": 0.1}),
-    "gain": ({"H": (1.0, 0.3), "x0": 3.0}, {"gpb2": 0.1}),
+    "process noise": {"Q": (0.1**2, 0.8**2)},
+    "observation noise": {"R": (0.3**2, 3.0**2)},
+    "offset of the motion": {"b": (0.0, 1.0)},
+    "offset of the observation": {"d": (0.0, 3.0)},
+    "gain": {"H": (1.0, 0.3), "x0": 3.0},
 }
+
+#: By what part the squared error may exceed that of the exact smoother.
+MOST = {"imm": 0.03, "gpb2": 0.01}
 
 
 def model_of(changes):
@@ -91,17 +94,17 @@ def along_all_paths(model, x0, ys):
 @pytest.mark.parametrize("what", SYSTEMS)
 def test_errors_are_near_those_of_the_exact_smoother(what) -> None:
     # that is a conditional mean: the squares of what another estimate is off it come on top of its own error
-    changes, most = SYSTEMS[what]
+    changes = SYSTEMS[what]
     model, x0, rng = model_of(changes), changes.get("x0", 0.0), np.random.default_rng(0)
-    filters = {method: SwitchingKalmanFilter(model, method=method, n_nodes=1) for method in most}
-    exact, errors = 0.0, dict.fromkeys(most, 0.0)
+    filters = {method: SwitchingKalmanFilter(model, method=method, n_nodes=1) for method in MOST}
+    exact, errors = 0.0, dict.fromkeys(MOST, 0.0)
     for _ in range(60):
         x, ys = drawn_on_nodes(model, x0, rng)
         mean = along_all_paths(model, x0, ys)[0]
         exact += ((mean - x) ** 2).sum()
         for method, f in filters.items():
             errors[method] += ((f.smooth(ys).x[:, 0] - mean) ** 2).sum()
-    for method, limit in most.items():
+    for method, limit in MOST.items():
         assert errors[method] <= limit * exact, method
 
 
