@@ -33,6 +33,9 @@ AWAY = 1e-2
 #: and where it began, in steps.
 BELOW, ABOVE, RUNG = 20.0, 40.0, 2.0
 
+#: A variance that is further below where it began counts for nothing: from there nobody climbs.
+NOTHING = 80.0
+
 #: What is gained there that is more than rounding, and a loss that shows, by how much it grows from one step
 #: to the next, whether it is proportional to the variance, as at a bound, or to its square, as where other
 #: numbers make up for it.
@@ -207,7 +210,8 @@ class _Climber:
             return None
         before = 0.0
         here = float(point.numbers[i])
-        for rung in np.arange(here - BELOW, max(here, float(self.free.start[i])) + ABOVE, RUNG):
+        start = float(self.free.start[i])
+        for rung in np.arange(max(here - BELOW, start - NOTHING), max(here, start) + ABOVE, RUNG):
             numbers = zero.numbers.copy()
             numbers[i] = rung
             up = self.look(numbers)

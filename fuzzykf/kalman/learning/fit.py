@@ -170,13 +170,12 @@ def _problem(f: Any, many: ManySeries, us: Any, given: Mapping[str, Any], free: 
     """Return the log-likelihood of a filter, by its exact gradient if its verbs are its own."""
     is_linear = hasattr(f, "_is_plain")
     B = control_matrix(f.B, f.dim_x) if us is not None and getattr(f, "fx", None) is None else None
-    numbers = _free_numbers(f, free, B)
+    controls = None
+    if B is not None:
+        found = read_controls(us, many, B.shape[1]).numbers(many.values.shape[:2], B.shape[1])
+        controls = np.nan_to_num(found.values[None] if found.is_shared else found.values)  # beyond an end
+    numbers = _free_numbers(f, free, B, controls)
     if is_linear and f._is_plain():
-        controls = None
-        if B is not None:
-            found = read_controls(us, many, B.shape[1]).numbers(many.values.shape[:2], B.shape[1])
-            controls = found.values[None] if found.is_shared else found.values
-            controls = np.nan_to_num(controls)  # beyond the end of a series
         return LinearProblem(f._model(), B, many.values, _lengths(many), controls, numbers)
     arguments = [{name: value for name, value in given.items() if value is not None} for _ in many.values]
     if us is not None:
@@ -187,7 +186,7 @@ def _problem(f: Any, many: ManySeries, us: Any, given: Mapping[str, Any], free: 
     return VerbProblem(f, series, arguments, numbers)
 
 
-def _free_numbers(f: Any, free: Any, B: FloatArray | None) -> FreeNumbers:
+def _free_numbers(f: Any, free: Any, B: FloatArray | None, us: FloatArray | None) -> FreeNumbers:
     """Return the free numbers of a filter, from its attributes as they are."""
     d, m = f.dim_x, f.dim_z
     x, P = f._state()
@@ -205,5 +204,9 @@ def _free_numbers(f: Any, free: Any, B: FloatArray | None) -> FreeNumbers:
         values["B"] = B
     elif isinstance(free, Mapping) and "B" in free:
         raise ParameterError("free: got 'B', but without controls us nothing is known of it")
+    state = np.maximum(np.sqrt(np.diagonal(values["P"])), np.sqrt(np.diagonal(values["Q"])))
     sizes = {"x": np.maximum(np.sqrt(np.diagonal(values["P"])), np.abs(values["x"]))}
+    if B is not None and us is not None:
+        told = np.abs(us).max(axis=tuple(range(us.ndim - 1)), initial=0.0)
+        sizes["B"] = np.maximum(state[:, None] / np.where(told > 0.0, told, np.inf), np.abs(B))
     return read_free(free, values, covariances=("Q", "R", "P"), vectors=("x",), sizes=sizes)

@@ -361,7 +361,8 @@ class SwitchingStateSpace(SwitchingModel):
             which entries.  Of ``F``, ``H``, ``b``, ``d``, ``x0`` and ``B``: "full" or an array of bool.  A
             parameter that the model holds for each class is learned for each, a shared one is shared; of the
             former a mask may be that of one class, for all.  ``"law": True`` frees the numbers of the law, of
-            a matrix or a chain all probabilities that are not zero.
+            a matrix or a chain all probabilities that are not zero: those of the first class as well, unless
+            it begins in its stationary law, which it then keeps to.
         us : optional
             Controls, as `SwitchingKalmanFilter.filter` takes them; of several series a list or a mapping.
         n_nodes : int, optional

@@ -48,7 +48,8 @@ def fit_state_space(
     nodes = model._nodes(None if n_nodes is None else as_count("n_nodes", n_nodes, 0))
     if not isinstance(model.law, SwitchChain):
         model.law.discretize(nodes)  # the error that says how many there can be
-    problem = SpaceProblem(model, nodes, read_data(model, zs, xs, us), read_free_numbers(model, free, nodes))
+    data = read_data(model, zs, xs, us)
+    problem = SpaceProblem(model, nodes, data, read_free_numbers(model, free, nodes, data))
     problem.check_start()
     with progress_bar(None, progress) as tell:
         iterations = count(1)

@@ -29,7 +29,7 @@ from fuzzykf.switching.state_space.space_system import SpaceSystem
 from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.estimation.blocks import Block
@@ -42,8 +42,8 @@ COVARIANCES, VECTORS = ("Q", "R", "P0"), ("b", "d", "x0")
 PARAMETERS = ("F", "H", "Q", "R", "b", "d", "B", "x0", "P0")
 
 
-def read_free_numbers(model: SwitchingStateSpace, free: Any, n_nodes: int) -> FreeNumbers:
-    """Return the free numbers of a model.
+def read_free_numbers(model: SwitchingStateSpace, free: Any, n_nodes: int, data: SpaceData) -> FreeNumbers:
+    """Return the free numbers of a model, whose changes are large or small beside the data.
 
     Raises
     ------
@@ -80,11 +80,41 @@ def read_free_numbers(model: SwitchingStateSpace, free: Any, n_nodes: int) -> Fr
     arrays = {key: what for key, what in free.items() if key != "law"}
     blocks: dict[str, Block] = {}
     if arrays:
-        blocks |= read_free(arrays, values, covariances=COVARIANCES, vectors=VECTORS).blocks
+        sizes = _sizes(model.dim_x, values, data)
+        blocks |= read_free(arrays, values, covariances=COVARIANCES, vectors=VECTORS, sizes=sizes).blocks
     if "law" in free:
         law = model.law
         blocks["law"] = ChainNumbers(law) if isinstance(law, SwitchChain) else law.free_numbers(n_nodes)
     return FreeNumbers({key: blocks[key] for key in free})
+
+
+def _sizes(m: int, values: dict[str, FloatArray], data: SpaceData) -> dict[str, FloatArray]:
+    """Return how large offsets, starts and gains may be, in the units of what they belong to."""
+    c = data.measured.size
+    seen = _size(one.ys[:, c:] for one in data.series)
+    state = np.zeros(m)
+    for name in ("Q", "P0"):
+        if name in values:
+            variances = np.diagonal(values[name], axis1=-2, axis2=-1)
+            state = np.maximum(state, np.sqrt(variances).reshape(-1, state.size).max(axis=0))
+    if c:
+        state[data.measured] = np.maximum(state[data.measured], _size(one.ys[:, :c] for one in data.series))
+    known = {"d": seen, "b": state, "x0": state}
+    controls = [one.us for one in data.series if one.us is not None]
+    if controls and "B" in values:
+        told = _size(controls)
+        known["B"] = state[:, None] / np.where(told > 0.0, told, np.inf)
+    return {name: np.maximum(size, np.abs(values[name])) for name, size in known.items() if name in values}
+
+
+def _size(parts: Iterable[FloatArray]) -> FloatArray:
+    """Root mean squares of columns, 0 of what is never seen."""
+    rows = np.concatenate([*parts])
+    largest = np.nanmax(np.abs(rows), axis=0, initial=0.0)
+    unit = np.where(largest > 0.0, largest, 1.0)
+    there = np.maximum((~np.isnan(rows)).sum(axis=0), 1)
+    size: FloatArray = unit * np.sqrt(np.nansum((rows / unit) ** 2, axis=0) / there)
+    return size
 
 
 class SpaceProblem:

@@ -171,6 +171,31 @@ def test_a_control_matrix_is_learned():
     assert abs(fit.estimates["B[0, 0]"] - 0.8) < 3.0 * fit.standard_errors["B[0, 0]"]
 
 
+@pytest.mark.parametrize("unit", [1e-8, 1e3, 1e8])
+def test_offsets_from_zero_are_found_in_any_unit(unit, seen_by_one):
+    def learned(unit):
+        given = kalman(0.1 * unit**2, 0.2 * unit**2, d=[0.0], b=[0.0], P0=0.5 * unit**2)
+        return given.fit(unit * (seen_by_one.y + 3.0), free={"d": "full", "R": "full"}, max_iter=60)
+
+    one, other = learned(1.0), learned(unit)
+    assert other.converged
+    for name, power in (("d[0]", 1), ("R[0, 0]", 2)):
+        assert other.estimates[name] == pytest.approx(one.estimates[name] * unit**power, rel=1e-4)
+        assert other.standard_errors[name] == pytest.approx(one.standard_errors[name] * unit**power, rel=1e-3)
+
+
+def test_a_search_ends_where_an_offset_is_far_away():
+    # the way to it leads over noises that vanish, from which nobody should climb step by step
+    def sensor(d):
+        noises = {"Q": 0.25, "R": [[[1.0]], [[100.0]]]}
+        return SwitchingStateSpace([[0.9, 0.1], [0.1, 0.9]], F=0.95, H=1.0, **noises, d=[d], x0=[0.0], P0=1.0)
+
+    zs = sensor(1000.0).simulate(100, np.random.default_rng(0)).y
+    fit = sensor(0.0).fit(zs, free={"d": "full", "Q": "full", "R": "full"}, max_iter=200)
+    assert fit.converged
+    assert fit.estimates["d[0]"] == pytest.approx(1000.0, abs=3.0)
+
+
 # --------------------------------------------------------------------------- what is said of it
 
 

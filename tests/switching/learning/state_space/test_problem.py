@@ -91,7 +91,7 @@ def problem(case, *, xs=None, n=25):
         xs = np.where(rng.random(truth.x.shape) < xs, truth.x, np.nan)
         xs = [xs, xs[:10]]
     data = read_data(model, [zs, zs[:10]], xs, None if us is None else [us, us[:10]])
-    return SpaceProblem(model, 2, data, read_free_numbers(model, free, 2))
+    return SpaceProblem(model, 2, data, read_free_numbers(model, free, 2, data))
 
 
 def somewhere(one):
@@ -204,10 +204,11 @@ PLAIN = SwitchingStateSpace([[1.0]], F=0.5, H=1.0, Q=1.0, R=1.0)
 )
 def test_what_cannot_be_free_is_refused(model, free, message):
     with pytest.raises(FuzzykfError, match=message):
-        read_free_numbers(model, free, 2)
+        read_free_numbers(model, free, 2, read_data(model, np.ones((3, model.dim_z)), None, None))
 
 
 def test_names_say_the_class():
-    free = read_free_numbers(MODEL, {"law": True, "R": "full", "d": [[False], [True]], "Q": "full"}, 2)
+    given = {"law": True, "R": "full", "d": [[False], [True]], "Q": "full"}
+    free = read_free_numbers(MODEL, given, 2, read_data(MODEL, np.ones((3, MODEL.dim_z)), None, None))
     assert free.names[-4:] == ("R[0][0, 0]", "R[1][0, 0]", "d[1][0]", "Q[0, 0]")
     assert free.names[:2] == ("rate 0 to 1", "rate 1 to 0")
