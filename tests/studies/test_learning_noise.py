@@ -7,12 +7,13 @@ series.
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from fuzzykf import FadeLaw, SwitchingStateSpace
+from fuzzykf import FadeLaw, KnownSwitchFilter, SwitchingKalmanFilter, SwitchingStateSpace
 
 pytestmark = pytest.mark.study
 
@@ -131,3 +132,20 @@ def test_levels_of_noise_are_found(found, write_table):
         assert (np.abs(one / value - 1.0) <= 0.2).sum() >= 9, name
         assert np.median(one) == pytest.approx(value, rel=0.05), name
     assert (np.abs(found["sun", "fades"]["bias"] / 2.0 - 1.0) <= 0.1).sum() >= 9
+
+
+@pytest.mark.parametrize(("make", "most"), [(noise, 0.03), (sun, 0.15)], ids=["noise", "sun"])
+def test_the_likelihood_misses_little_a_step(make, most):
+    """Against the sum over all paths of a hard switch; means over 20 series of twelve observations."""
+    n, T = 12, np.array([[0.8, 0.2], [0.2, 0.8]])
+    model, paths = make(T), np.array(list(product([0, 1], repeat=n)))
+    log_p = np.log(0.5) + np.log(T[paths[:, :-1], paths[:, 1:]]).sum(axis=1)
+    missed = []
+    for seed in range(20):
+        y = model.simulate(n, np.random.default_rng(seed)).y
+        known = KnownSwitchFilter(model).filter_many(
+            np.repeat(y[None], len(paths), axis=0), r=paths.astype(float), keep=("log_likelihood",)
+        )
+        exact = np.logaddexp.reduce(log_p + known.log_likelihood.sum(axis=1))
+        missed.append(abs(SwitchingKalmanFilter(model).filter(y).log_likelihood.sum() - exact) / n)
+    assert np.mean(missed) < most

@@ -225,8 +225,8 @@ class ParametricLaw(Law):
     learned = True
     #: How many logits there are.
     n_free: ClassVar[int]
-    #: How many of them, the last ones, are those of widths; the others are of shares of the mass.
-    n_widths: int = 0
+    #: How many of them, the first ones, are those of shares of the mass, which are zero at minus infinity.
+    n_shares: int = 0
 
     @classmethod
     @abstractmethod
@@ -295,9 +295,12 @@ class ParametricLaw(Law):
         """Return the chain on so many nodes whose logits learning moves."""
         return LawChain(self, n_nodes)
 
-    @abstractmethod
     def estimates_of(self, law: Self) -> dict[str, float]:
-        """Return what each logit of a law of this structure stands for, by names that a table can show."""
+        """Return what each logit of a law of this structure stands for, by names that a table can show.
+
+        Unless a family knows better: the logits themselves.
+        """
+        return {f"logit {k}": float(value) for k, value in enumerate(law.logits())}
 
     def free_numbers(self, n_nodes: int) -> LawNumbers:
         """Return the logits, for an ascent."""

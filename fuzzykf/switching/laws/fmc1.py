@@ -26,7 +26,7 @@ class FMC1(FuzzyMarkovLaw, ParametricLaw):
     """Density linear in the distance |r1 - r2|, see `FuzzyMarkovLaw.fmc1`."""
 
     kind = "fmc1"
-    n_free = 3
+    n_free = n_shares = 3
 
     def __init__(self, alpha: float, delta: float, eta: float) -> None:
         alpha, delta, eta = (as_number(n, v) for n, v in (("alpha", alpha), ("delta", delta), ("eta", eta)))

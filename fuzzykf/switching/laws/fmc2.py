@@ -28,7 +28,7 @@ class FMC2(FuzzyMarkovLaw, ParametricLaw):
 
     kind = "fmc2"
     n_free = 3
-    n_widths = 1
+    n_shares = 2
 
     def __init__(self, alpha: float, gamma: float, delta: float) -> None:
         alpha, gamma, delta = (

@@ -411,6 +411,11 @@ class GraphLaw(GraphicLaw):
         return joint
 
     @property
+    def n_shares(self) -> int:
+        """How many logits, the first ones, are those of shares."""
+        return self.logits().size - self.n_widths
+
+    @property
     def n_widths(self) -> int:
         """How many logits, the last ones, are those of widths."""
         return len(self._crossings) + (len(self.edges) if self.family == "band" else 0)

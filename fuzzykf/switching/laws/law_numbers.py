@@ -103,14 +103,15 @@ class LogitNumbers(LawNumbers):
     Parameters
     ----------
     law : Law
-        With ``logits``, ``from_logits``, ``on_cells``, ``estimates_of`` and ``n_widths``.
+        With ``logits``, ``from_logits``, ``on_cells``, ``estimates_of`` and ``n_shares``.
     n_nodes : int
     """
 
     def __init__(self, law: Any, n_nodes: int) -> None:
         self._law, self._n_nodes = law, n_nodes
         names = [*law.estimates_of(law)]
-        self._name(names, law.logits(), np.arange(len(names)) < len(names) - law.n_widths)
+        # masses, densities and widths are positive; logits, where a family has nothing better, need not be
+        self._name(names, law.logits(), np.arange(len(names)) < law.n_shares, law.n_shares > 0)
 
     def value(self, numbers: FloatArray) -> Any:
         """Return the law of these logits."""
@@ -132,7 +133,7 @@ class LogitNumbers(LawNumbers):
         return slope
 
     def estimates(self, numbers: FloatArray) -> FloatArray:
-        """Return masses, densities and widths."""
+        """Return masses, densities and widths; of a family that has no names for them, the logits."""
         found = np.array(list(self._law.estimates_of(self.value(numbers)).values()))
         return np.where(np.isneginf(numbers), 0.0, found)  # a difference may leave rounding there
 

@@ -395,9 +395,9 @@ class SwitchingStateSpace(SwitchingModel):
         Notes
         -----
         The likelihood is that of IMM on the nodes, which merges what leads to a node: it is an approximation,
-        by some thousandths a step, and exact with one class, or where the whole state is measured at every
-        step.  Its gradient is exact, through the mixing of the classes, the law, and a stationary law of the
-        first state.
+        better where noise switches than where offsets or gains do, and exact with one class, or where the
+        whole state is measured at every step.  Its gradient is exact, through the mixing of the classes, the
+        law, and a stationary law of the first state.
 
         Known matrices and unknown noise levels, offsets and laws can be learned.  Gains ``H`` that are
         unknown have several maxima, also with wrong signs; of a state that is never measured its scale cannot

@@ -7,8 +7,10 @@ import pytest
 
 from fuzzykf import FadeLaw, FuzzyMarkovLaw, GraphLaw, SwitchChain
 from fuzzykf.errors import ParameterError
+from fuzzykf.switching.laws.base import ParametricLaw
 from fuzzykf.switching.laws.cells import CellLaw
 from fuzzykf.switching.laws.chains import ChainLaw
+from fuzzykf.switching.laws.fmc1 import FMC1
 from fuzzykf.switching.laws.law_numbers import ByTables, ChainNumbers
 
 NODES = 2
@@ -128,6 +130,19 @@ def test_what_happens_at_no_rate_is_impossible():
     law = free.value(numbers)
     assert law.jumps[0, 2] == 0.0
     assert law.jumps[2, 0] == pytest.approx(0.05)
+
+
+def test_a_family_of_its_own_is_learned_by_its_logits():
+    class Own(FMC1):
+        n_shares = 0
+        estimates_of = ParametricLaw.estimates_of
+
+    free = Own(0.25, 0.05, 0.08).free_numbers(NODES)
+    assert free.names == ("logit 0", "logit 1", "logit 2")
+    np.testing.assert_allclose(free.estimates(free.start), free.start, rtol=1e-12)
+    np.testing.assert_allclose(free.jacobian(free.start), np.eye(3), atol=1e-9)
+    assert not free.is_variance.any()
+    assert not free.is_positive.any()
 
 
 def test_what_never_turns_back_has_no_turning():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf import FadeLaw, SwitchingStateSpace
+from fuzzykf import FadeLaw, SwitchingStateSpace, engine
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.switching.learning.state_space.start import learn_from_states, starts
 
@@ -44,6 +44,7 @@ def test_classes_differ_in_offset_or_in_noise(law):
     assert (np.diff(R) > 0.0).all()
 
 
+@pytest.mark.skipif(engine.info().name == "numpy", reason="a fit takes long on NumPy")
 def test_the_likelier_end_is_taken():
     law = [[0.9, 0.1], [0.1, 0.9]]
     fit = learn_from_states(X[:50], Y[:50], law, max_iter=5)
