@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 
 from fuzzykf import engine
@@ -28,7 +29,9 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without µ shows ?, and gets its table
-    app()
+    if "_FUZZYKF_COMPLETE" in os.environ:  # a shell asks what may follow, and takes each line for an answer,
+        os.environ["COLUMNS"] = "1000"  # so no help of an option may go on in a second one
+    app(prog_name="fuzzykf")  # however it was started: the shell asks by this name
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ __all__ = ["app"]
 app = typer.Typer(
     name="fuzzykf",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_show_locals=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

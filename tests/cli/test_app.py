@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from functools import cache
@@ -10,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import fuzzykf
+from fuzzykf.__main__ import main
 from fuzzykf.cli.app import app
 
 
@@ -50,6 +52,45 @@ def test_without_the_extra_it_says_which_one_brings_the_command_line(missing) ->
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert run.returncode != 0
     assert run.stderr.strip() == f"The command line needs {missing}: pip install 'fuzzykf[cli]'"
+
+
+#: What is typed before the tab key, and what is offered.
+TYPED = [
+    ("fuzzykf s", {"smooth", "simulate"}),
+    ("fuzzykf fit DATA --l", {"--law", "--length"}),
+    ("fuzzykf fit DATA --law f", {"fmc1", "fmc2", "free", "fade"}),
+    ("fuzzykf improve --l", set()),
+]
+
+#: How each shell hands over what is typed, and the form in which it reads what is offered.
+SHELLS = {
+    "bash": (lambda typed: {"COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}, r"^(.+)$"),
+    "zsh": (lambda typed: {"_TYPER_COMPLETE_ARGS": typed}, r'(?:\(|^)"(.+?)"(?=:|$|\))'),
+    "fish": (
+        lambda typed: {"_TYPER_COMPLETE_ARGS": typed, "_TYPER_COMPLETE_FISH_ACTION": "get-args"},
+        r"^([^\t\n]+)",
+    ),
+    "powershell": (
+        lambda typed: {
+            "_TYPER_COMPLETE_ARGS": typed,
+            "_TYPER_COMPLETE_WORD_TO_COMPLETE": typed.rpartition(" ")[2],
+        },
+        r"^(.+?)(?=:::|$)",
+    ),
+}
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+@pytest.mark.parametrize(("typed", "offered"), TYPED)
+def test_a_shell_completes_commands_options_and_choices(shell, typed, offered, monkeypatch, capsys) -> None:
+    told, form = SHELLS[shell]
+    env = {"COLUMNS": "80", "_FUZZYKF_COMPLETE": f"complete_{shell}", **told(typed)}
+    for name, value in env.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(sys, "argv", ["fuzzykf"])
+    with pytest.raises(SystemExit):
+        main()
+    assert set(re.findall(form, capsys.readouterr().out, re.MULTILINE)) == offered
 
 
 #: Whole numbers with a least one: command, option, that number.
