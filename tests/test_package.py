@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import subprocess
 import sys
@@ -67,6 +68,23 @@ def test_the_version_is_the_same_everywhere() -> None:
     assert fuzzykf.__version__ == metadata["version"] == version("fuzzykf")
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {fuzzykf.__version__}\n" in citation
+
+
+def test_whoever_cites_and_archives_the_package_is_told_the_same() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    deposit = json.loads((ROOT / ".zenodo.json").read_text(encoding="utf-8"))
+    metadata = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert f'\ntitle: "{deposit["title"]}"\n' in citation
+    assert f"\nlicense: {deposit['license']}\n" in citation
+    assert deposit["license"] == metadata["license"]
+    names = [one["name"] for one in deposit["creators"]]
+    assert names == [one["name"] for one in metadata["authors"]]
+    own = citation.partition("\nreferences:")[0]
+    assert re.findall(r"^  - name: (.+)$", own, re.MULTILINE) == names
+    assert re.findall(r"^  - (.+)$", own.partition("\nkeywords:")[2], re.MULTILINE) == deposit["keywords"]
+    for one in deposit["related_identifiers"]:
+        assert f"doi: {one['identifier']}\n" in citation
+    assert "version" not in deposit  # the archive takes it from the tag of the release
 
 
 def test_the_installed_package_carries_its_types_and_its_data() -> None:
