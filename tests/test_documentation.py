@@ -27,6 +27,7 @@ PAGES = [
     ROOT / "docs" / "architecture.md",
     ROOT / "docs" / "performance.md",
     ROOT / "docs" / "reproduction.md",
+    ROOT / "docs" / "paper" / "paper.md",
 ]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -85,6 +86,25 @@ def test_the_tests_that_pages_name_exist() -> None:
     for file, function in named:
         source = (ROOT / "tests" / file).read_text(encoding="utf-8")
         assert re.search(rf"^def {function}\(", source, re.MULTILINE), f"there is no {file}::{function}"
+
+
+def test_the_paper_cites_what_its_bibliography_has() -> None:
+    folder = ROOT / "docs" / "paper"
+    cited = set(re.findall(r"\[@(\w+)\]", (folder / "paper.md").read_text(encoding="utf-8")))
+    listed = re.findall(r"^@\w+\{(\w+),$", (folder / "paper.bib").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(cited) == sorted(listed)
+
+
+def test_the_figures_of_the_paper_are_those_of_the_study() -> None:
+    table = (ROOT / "docs" / "_tables" / "fading_sensor.inc").read_text(encoding="utf-8").splitlines()
+    head, *rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table]
+    cells = {(row[0], row[1]): dict(zip(head[2:], row[2:], strict=True)) for row in rows}
+    slow, fast = (
+        {name: cell.split()[0] for name, cell in cells[n, "fuzzy to it"].items()} for n in ("20", "1")
+    )
+    assert cells["20", "best rival"]["gain"] == "IMM, seven modes"
+    told = re.findall(r"(\d\.\d+) times", (ROOT / "docs" / "paper" / "paper.md").read_text(encoding="utf-8"))
+    assert told == [slow["gain"], slow["noise"], max(fast.values(), key=float)]
 
 
 #: Modules of one file that users import from; of the folders, all but those of the command line.
