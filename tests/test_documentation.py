@@ -27,6 +27,7 @@ PAGES = [
     ROOT / "docs" / "architecture.md",
     ROOT / "docs" / "performance.md",
     ROOT / "docs" / "reproduction.md",
+    ROOT / "docs" / "versioning.md",
     ROOT / "docs" / "paper" / "paper.md",
 ]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

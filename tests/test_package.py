@@ -70,6 +70,14 @@ def test_the_version_is_the_same_everywhere() -> None:
     assert f"\nversion: {fuzzykf.__version__}\n" in citation
 
 
+def test_the_page_on_versions_names_what_is_needed() -> None:
+    metadata = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    page = (ROOT / "docs" / "versioning.md").read_text(encoding="utf-8")
+    told = dict(re.findall(r"(Python|NumPy|SciPy) (\d+\.\d+)", page))
+    needed = [f"python{metadata['requires-python']}", *metadata["dependencies"]]
+    assert [f"{name.lower()}>={version}" for name, version in told.items()] == needed
+
+
 def test_whoever_cites_and_archives_the_package_is_told_the_same() -> None:
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     deposit = json.loads((ROOT / ".zenodo.json").read_text(encoding="utf-8"))
