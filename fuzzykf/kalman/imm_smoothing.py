@@ -257,17 +257,18 @@ def check_step(
 def _known(
     imm: Any, k: int | None, before: FloatArray, space: engine.NodeSpace, log_M: FloatArray, z: FloatArray
 ) -> Known:
-    """Return what a bank knows after an update, which somebody may have changed to leave out observations.
+    """Return what a bank knows after an update, which somebody may have changed to take another observation.
 
     Raises
     ------
     ParameterError
-        If it has neither taken the observation nor left it out.
+        If it has neither taken the one that reached its filters nor left it out.
     """
     seen = _space_of(imm.filters)  # an update may set H and R
     space = space._replace(H=seen.H, R=seen.R)
     table, kernel = _table_of(imm), engine.pack_nodes(space, log_M)
-    for taken in (z, np.full_like(z, np.nan)):
+    reached = as_observations([imm.filters[0].z], imm.dim_z)[0]  # the latest that a filter was given
+    for taken in (reached, np.full_like(z, np.nan)):
         try:
             (expected,), _ = engine.node_step(kernel, imm.method != "imm", before[None], taken[None])
         except np.linalg.LinAlgError:
