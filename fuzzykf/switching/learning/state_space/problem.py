@@ -252,11 +252,14 @@ class SpaceProblem:
         except np.linalg.LinAlgError as error:
             if len(self.data.measured):
                 raise ParameterError(
-                    f"xs: {error}: in this model some of the states that are measured follow from others and "
-                    "from the observations without an error, so that they have no density; expected noise "
-                    "in them (Q or R), or fewer measured components"
+                    "xs: got measured states of which some follow, in this model, from others and from the "
+                    "observations without an error, so that they have no density; expected noise in them (Q "
+                    "or R), or fewer measured components"
                 ) from error
-            raise ParameterError(f"R: {error}; expected a model with noise in each of them") from error
+            raise ParameterError(
+                "R: got a model in which some of what is observed follows from the rest without an error, so "
+                "that it has no density; expected noise in each observation"
+            ) from error
 
     # ------------------------------------------------------------------ what else is asked
 

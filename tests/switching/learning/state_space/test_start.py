@@ -63,7 +63,7 @@ def test_the_likelier_end_is_taken():
     [
         (X[:20], Y[:20], "x: got 19 rows in which all is measured, expected at least 25 to begin with"),
         (X, np.where(np.arange(80)[:, None] < 15, Y, np.nan), "x, y: got 15 rows .* at least 20"),
-        (X, X[:, :1], "xs: the covariance of an observation is not positive"),
+        (X, X[:, :1], "xs: got measured states of which some follow, in this model,"),
     ],
 )
 def test_what_cannot_begin_is_refused(x, y, message):
