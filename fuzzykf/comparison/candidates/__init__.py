@@ -73,7 +73,7 @@ class LearningPart:
     max_iter: int = 200
     tolerance: float = 1e-5
     progress: Callable[[str], None] = _quiet
-    _hard: dict[int, FitResult[CGOMSModel]] = field(default_factory=dict, repr=False)
+    _hard: dict[tuple[int, bool], FitResult[CGOMSModel]] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -84,27 +84,32 @@ class LearningPart:
         r = None if self.r is None else self.r[:n]
         return replace(self, x=self.x[:n], y=self.y[:n], r=r, _hard={})
 
-    def fuzzy(self, law: str) -> FitResult[CGOFMSModel]:
-        """Learn a fuzzy model with a law of this family."""
+    def fuzzy(self, law: str, *, state_feedback: bool = True) -> FitResult[CGOFMSModel]:
+        """Learn a fuzzy model with a law of this family; without `state_feedback` its Axx is zero."""
         from fuzzykf.switching import CGOFMSModel
 
-        options: Any = {"law": law, "n_nodes": self.n_nodes} | self._effort
+        options: Any = {"law": law, "n_nodes": self.n_nodes, "state_feedback": state_feedback}
+        options |= self._effort
         fit: FitResult[CGOFMSModel] = _numerical(lambda: CGOFMSModel.fit(self.x, self.y, self.r, **options))
         return fit
 
-    def hard(self, n_switches: int | None = None, *, n_regimes: int | None = None) -> FitResult[CGOMSModel]:
+    def hard(
+        self, n_switches: int | None = None, *, n_regimes: int | None = None, state_feedback: bool = True
+    ) -> FitResult[CGOMSModel]:
         """Learn a model of so many hard regimes (two names of one number); a second call returns the same.
 
-        A given switch, of two regimes, is rounded.
+        A given switch, of two regimes, is rounded.  Without `state_feedback` its Axx is zero.
         """
         from fuzzykf.switching import CGOMSModel
         from fuzzykf.switching.models.base import given_regimes
 
         K = given_regimes(n_switches, n_regimes)
-        if K not in self._hard:
+        key = K, state_feedback
+        if key not in self._hard:
             r = None if self.r is None or K != 2 else (self.r >= 0.5).astype(np.float64)
-            self._hard[K] = _numerical(lambda: CGOMSModel.fit(self.x, self.y, r, n_regimes=K, **self._effort))
-        return self._hard[K]
+            options: Any = {"n_regimes": K, "state_feedback": state_feedback} | self._effort
+            self._hard[key] = _numerical(lambda: CGOMSModel.fit(self.x, self.y, r, **options))
+        return self._hard[key]
 
     def trial_error(self, learned: Learned, cut: int) -> float:
         """Return the RMSE, in standard deviations, after ``cut`` rows, of what was learned on them."""

@@ -23,6 +23,7 @@ __all__ = ["FAMILIES", "candidate", "candidate_names", "chosen"]
 FAMILIES = (
     "switching",
     "state_space",
+    "memoryless",
     "linear",
     "regression",
 )
