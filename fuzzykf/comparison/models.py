@@ -18,7 +18,7 @@ from fuzzykf.comparison.candidates import LearningPart
 from fuzzykf.comparison.candidates.registry import chosen
 from fuzzykf.comparison.evaluation import Fold, HeldOut, restore, summarise
 from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN
-from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
+from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError, ShapeError
 from fuzzykf.gaussian import as_choice, as_count, as_flag, as_real, check_generator
 from fuzzykf.observations import check_aligned
 from fuzzykf.preprocessing import DailyProfile, as_columns, as_days, as_times, mean_and_scale
@@ -106,6 +106,8 @@ def compare_models(
         of x is constant in the part that the first fold learns on.
     FuzzykfError
         If no candidate could be learned.
+    MissingDependencyError
+        If a candidate needs a package that is not installed.
 
     Notes
     -----
@@ -173,6 +175,8 @@ def _hold_out(part: LearningPart, truth: FloatArray, zs: FloatArray, methods: Se
         part.progress(method.name)
         try:
             result.found[method.name] = restore(method, part, zs)
+        except MissingDependencyError:
+            raise  # says nothing of the data, and what to do
         except FuzzykfError as error:
             result.failures[method.name] = str(error)
     return result

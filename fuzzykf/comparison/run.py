@@ -146,7 +146,7 @@ def compare(
     Raises
     ------
     MissingDependencyError
-        If filterpy is not installed.
+        If filterpy, or a package that a method needs, is not installed.
     FuzzykfError
         If a method cannot be learned, or finds numbers that are not finite.
 
@@ -165,6 +165,8 @@ def compare(
         progress(method.title)
         try:
             found = restore(method, part, y[n:], step="step", timed=True)
+        except MissingDependencyError:
+            raise  # says nothing of the data, and what to do
         except FuzzykfError as error:
             raise FuzzykfError(f"{method.title}: {error}") from error
         restorations.append(replace(found, mean=found.mean[:, 0], std=found.std[:, 0]))

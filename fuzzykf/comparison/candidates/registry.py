@@ -26,6 +26,7 @@ FAMILIES = (
     "memoryless",
     "linear",
     "regression",
+    "boosting",
 )
 
 

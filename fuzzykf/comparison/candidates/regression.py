@@ -17,7 +17,15 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import LearningPart
 
-__all__ = ["CANDIDATES", "LAGS", "LagRegression", "learn_regression"]
+__all__ = [
+    "CANDIDATES",
+    "LAGS",
+    "LagRegression",
+    "chosen_lags",
+    "lagged",
+    "learn_regression",
+    "trial_rows",
+]
 
 #: Numbers of earlier observations between which a regression with lags chooses.
 LAGS = (0, 1, 2, 4, 8, 16, 32, 64)
@@ -27,6 +35,29 @@ KNOTS = 3
 
 #: A regression has at least this many rows per coefficient.
 ROWS_PER_COEFFICIENT = 10
+
+
+def lagged(values: FloatArray, lags: int) -> FloatArray:
+    """Return each row that has ``lags`` others before it, followed by these, the latest first.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, k)
+    lags : int
+
+    Returns
+    -------
+    ndarray of shape (max(n - lags, 0), k (1 + lags))
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> lagged(np.arange(4.0)[:, None], 2)
+    array([[2., 1., 0.],
+           [3., 2., 1.]])
+    """
+    n = max(len(values) - lags, 0)
+    return np.concatenate([values[lags - lag : lags - lag + n] for lag in range(lags + 1)], axis=1)
 
 
 class LagRegression(Learned):
@@ -95,10 +126,8 @@ class LagRegression(Learned):
 
     def _design(self, standard: FloatArray) -> FloatArray:
         """One row for each observation that has ``lags`` others before it."""
-        basis = self._basis(standard)
-        n = len(basis) - self.lags
-        columns = [basis[self.lags - lag : self.lags - lag + n] for lag in range(self.lags + 1)]
-        return np.concatenate([np.ones((max(n, 0), 1)), *columns], axis=1)
+        columns = lagged(self._basis(standard), self.lags)
+        return np.concatenate([np.ones((len(columns), 1)), columns], axis=1)
 
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
         """Apply the regression; the observations before serve as lags."""
@@ -138,19 +167,56 @@ def learn_regression(part: LearningPart, lags: Sequence[int] = LAGS, n_knots: in
     n_knots : int
         See `LagRegression`.
     """
-    cut = round(TRIAL_SHARE * len(part))
-    per_lag = part.y.shape[1] * (1 + n_knots)
+    cut = trial_rows(part)
+    best, description = chosen_lags(
+        part,
+        lags,
+        part.y.shape[1] * (1 + n_knots),
+        lambda k: LagRegression(part.x[:cut], part.y[:cut], k, n_knots),
+    )
+    found = LagRegression(part.x, part.y, best, n_knots)
+    found.description = description
+    return found
+
+
+def trial_rows(part: LearningPart) -> int:
+    """Return how many of the first rows a trial learns on."""
+    return round(TRIAL_SHARE * len(part))
+
+
+def chosen_lags(
+    part: LearningPart, lags: Sequence[int], per_lag: int, trial: Callable[[int], Learned]
+) -> tuple[int, str]:
+    """Choose the number of earlier observations of least error on the end of the learning part.
+
+    Parameters
+    ----------
+    part : LearningPart
+    lags : sequence of int
+        Numbers to choose from.
+    per_lag : int
+        Columns that an observation takes; numbers that leave fewer than ten rows per column are
+        left out.
+    trial : callable
+        From a number to what is learned with it on the first `trial_rows`.
+
+    Returns
+    -------
+    int
+    str
+        The choice in words; empty where there was none to make.
+    """
+    cut = trial_rows(part)
     possible = [k for k in lags if ROWS_PER_COEFFICIENT * (1 + per_lag * (k + 1)) <= cut - k] or [min(lags)]
     trials = possible if len(possible) > 1 else ()
-    errors = [part.trial_error(LagRegression(part.x[:cut], part.y[:cut], k, n_knots), cut) for k in trials]
+    errors = [part.trial_error(trial(k), cut) for k in trials]
     best = possible[int(np.argmin(errors))] if errors else possible[0]
-    found = LagRegression(part.x, part.y, best, n_knots)
-    if len(lags) > 1:
-        found.description = (
-            f"{best} earlier observations, of {', '.join(map(str, possible))} those of least error on the "
-            "last quarter of the learning part"
-        )
-    return found
+    if len(lags) == 1:
+        return best, ""
+    return best, (
+        f"{best} earlier observations, of {', '.join(map(str, possible))} those of least error on the "
+        "last quarter of the learning part"
+    )
 
 
 CANDIDATES = (

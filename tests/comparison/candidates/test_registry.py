@@ -28,7 +28,7 @@ from fuzzykf.comparison.models import CANDIDATES
 from fuzzykf.errors import ParameterError
 
 #: Candidates that the page on comparing tells of beside those that are compared anyway.
-TO_NAME = ("hard2-memoryless", "fmc1-memoryless")
+TO_NAME = ("hard2-memoryless", "fmc1-memoryless", "boosting")
 
 HOWTO = Path(__file__).parents[3] / "docs" / "howto"
 
