@@ -41,7 +41,10 @@ __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = "Example: fuzzykf compare meters.csv --state demand --obs temperature --train 0.7 --out result"
 
-CSV_HEADER = "method,rmse,rmse_low,rmse_high,coverage_90,log_likelihood_per_step,microseconds_per_step\n"
+CSV_HEADER = (
+    "method,rmse,rmse_low,rmse_high,coverage_90,log_likelihood_per_step,microseconds_per_step,"
+    "log_score,log_score_standard_error\n"
+)
 
 
 class SwitchSource(StrEnum):
@@ -331,20 +334,20 @@ def _as_csv(result: Comparison) -> str:
     for s in result.scores:
         likelihood = "" if s.log_likelihood is None else repr(s.log_likelihood)
         row = [s.rmse, s.rmse_low, s.rmse_high, s.coverage]
-        writer.writerow([s.title, *map(repr, row), likelihood, f"{s.microseconds:.3g}"])
+        state = [repr(s.log_score), repr(s.log_score_standard_error)]
+        writer.writerow([s.title, *map(repr, row), likelihood, f"{s.microseconds:.3g}", *state])
     return text.getvalue()
 
 
 def _print(result: Comparison, source: Source, label: str, files: list[Path]) -> None:
-    from fuzzykf.comparison.wording import about_choices, about_intervals, about_task, cells
+    from fuzzykf.comparison.wording import about_choices, about_intervals, about_task, cells, labels
 
     console = Console()
     say(console, f"{source.title}: {label}", "bold")
     say(console, about_task(result, source.unit))
     grid = Grid()
     grid.add_column("method")
-    rmse_title = f"RMSE\n({source.unit})" if source.unit else "RMSE\n"
-    for title in (rmse_title, "95 %\ninterval", "90 %\ncovers", "log-lik.\nper step", "µs per\nstep"):
+    for title in labels(source.unit):
         grid.add_column(title, justify="right")
     for s in result.scores:
         grid.add_row(Text(s.title, "bold" if s.name == result.best else ""), *cells(s))

@@ -14,7 +14,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from fuzzykf.comparison.candidates import Estimates, Restoration
-from fuzzykf.comparison.scores import INTERVAL_FACTOR, LIMITS, Score, behind, bootstrap_rmse, cells
+from fuzzykf.comparison.scores import (
+    INTERVAL_FACTOR,
+    LIMITS,
+    Score,
+    behind,
+    bootstrap_rmse,
+    cells,
+    normal_log_score,
+)
 from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError
 from fuzzykf.gaussian import as_flag, brief
 from fuzzykf.reprs import WIDTH, cut, html_table, reprs, shown, shown_html, text_table
@@ -33,13 +41,13 @@ __all__ = ["Fold", "HeldOut", "ModelComparison", "ModelScore", "microseconds", "
 TIMED_PASSES, TIMED_STEPS = 5, 500
 
 #: Columns of the table that a comparison is shown as.
-HEADER = ("candidate", "RMSE", "95 % interval", "90 % covers", "log-lik.", "behind the best by")
+HEADER = ("candidate", "RMSE", "95 % interval", "90 % covers", "log score", "log-lik.", "behind the best")
 
 #: Rows of it, candidates that failed, and lines of the verdict: no more are shown than these.
 MOST_ROWS, MOST_FAILURES, MOST_VERDICT = 18, 4, 4
 
 #: Longest name of a candidate in it.
-MOST_NAME = 24
+MOST_NAME = 18
 
 #: Rows of it in a notebook.
 MOST_HTML = 50
@@ -196,7 +204,7 @@ class ModelComparison:
 
     def _rows(self) -> list[tuple[str, ...]]:
         """Return a row of `HEADER` for each candidate, best first."""
-        return [(cut(one.name, MOST_NAME), *cells(one)[:4], behind(one)) for one in self.ranked]
+        return [(cut(one.name, MOST_NAME), *cells(one)[:5], behind(one)) for one in self.ranked]
 
 
 @reprs()
@@ -235,10 +243,14 @@ class HeldOut:
 
     def inside(self, found: Restoration) -> FloatArray:
         """Return the share of the components inside their intervals, at each known row."""
-        error, std = self._error(found.mean), found.std.reshape(self.truth.shape)[self.known]
+        error, std = self._error(found.mean), self._std(found)
         within = np.where(np.isnan(error), np.nan, np.abs(error) <= INTERVAL_FACTOR * std)
         share: FloatArray = np.nanmean(within, axis=1)
         return share
+
+    def log_score(self, found: Restoration, scale: FloatArray) -> FloatArray:
+        """Return the log-density of the state under the normal law that is claimed, at each known row."""
+        return normal_log_score(self._error(found.mean) / scale, self._std(found) / scale)
 
     def log_likelihood(self, found: Restoration) -> FloatArray:
         """Return the log-density of each observation that there is; empty without a law of them."""
@@ -248,6 +260,9 @@ class HeldOut:
 
     def _error(self, mean: FloatArray) -> FloatArray:
         return (mean.reshape(self.truth.shape) - self.truth)[self.known]
+
+    def _std(self, found: Restoration) -> FloatArray:
+        return found.std.reshape(self.truth.shape)[self.known]
 
 
 def restore(
@@ -274,7 +289,7 @@ def restore(
     Raises
     ------
     FuzzykfError
-        If it cannot learn, or finds numbers that are not finite.
+        If it cannot learn, or finds numbers that are not finite or standard deviations below 0.
     """
     begun = time.perf_counter()
     learned = candidate.learn(part)
@@ -282,8 +297,11 @@ def restore(
     found = learned.restore(part.y, zs)
     for quantity in ("mean", "std", "log_likelihood"):
         values = getattr(found, quantity)
-        if values is not None and not np.isfinite(values).all():
-            k = int(np.argwhere(~np.isfinite(values))[0, 0])
+        if values is None:
+            continue
+        wrong = ~np.isfinite(values) | ((values < 0.0) & (quantity == "std"))
+        if wrong.any():
+            k = int(np.argwhere(wrong)[0, 0])
             raise FuzzykfError(f"its {quantity} at {step} {k} is {np.squeeze(values[k])}")
     return Restoration(
         name=candidate.name,
@@ -352,7 +370,14 @@ def summarise(
     squared = [
         np.column_stack([part.squared(part.found[one.name].mean, scale) for one in left]) for part in parts
     ]
-    bootstrap = bootstrap_rmse(np.concatenate(squared), n_resamples, rng)
+    scored = np.concatenate(
+        [np.column_stack([part.log_score(part.found[one.name], scale) for one in left]) for part in parts]
+    )
+    has_error = np.isfinite(scored).all(axis=0)  # else it is infinite, and nothing is to be resampled
+    bootstrap = bootstrap_rmse(
+        np.concatenate(squared), n_resamples, rng, beside=np.where(has_error, scored, 0.0)
+    )
+    spread = np.std(bootstrap.beside, axis=0, ddof=1)
     best = int(np.argmin(bootstrap.rmse))
     low, high = np.quantile(bootstrap.resampled, LIMITS, axis=0)
     scores = []
@@ -371,6 +396,8 @@ def summarise(
                 difference_low=difference_low,
                 difference_high=difference_high,
                 coverage=float(np.concatenate([part.inside(said) for part, said in found]).mean()),
+                log_score=float(-np.inf if np.isneginf(scored[:, k]).any() else scored[:, k].mean()),
+                log_score_standard_error=float(spread[k]) if has_error[k] else float("nan"),
                 log_likelihood=float(steps.mean()) if steps.size else no_law,
                 seconds=sum(said.seconds for _, said in found),
                 microseconds=found[-1][1].microseconds,

@@ -6,7 +6,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from fuzzykf.comparison.report_picture import draw, plotly_script
-from fuzzykf.comparison.wording import about_choices, about_intervals, about_task, cells
+from fuzzykf.comparison.wording import about_choices, about_intervals, about_task, cells, labels
 from fuzzykf.errors import MissingDependencyError
 
 if TYPE_CHECKING:
@@ -73,6 +73,7 @@ def report_page(
         is_certain=comparison.is_certain,
         about_task=about_task(comparison, unit),
         about_intervals=about_intervals(comparison),
+        labels=[label.replace("\n", " ") for label in labels(unit)],
         choices=about_choices(comparison),
         best=comparison.ranked[0].title,
         rows=[{"name": s.title, "cells": cells(s), "bar": bar} for s, bar in _bars(comparison)],

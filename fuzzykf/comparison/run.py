@@ -196,13 +196,21 @@ def score(
     Raises
     ------
     ParameterError
-        If there is one restoration alone, or two have one name, or ``n_resamples`` is less
-        than 100: quantiles of 2.5 % would mean nothing.
+        If there is one restoration alone, or two have one name, or a standard deviation is
+        NaN, infinite or below 0, or ``n_resamples`` is less than 100: quantiles of 2.5 % would
+        mean nothing.
     """
     check_generator(rng)
     names = [one.name for one in restorations]
     if len(names) < 2 or len(set(names)) < len(names):
         raise ParameterError(f"restorations: got {names}, expected two at least and each name once")
+    for one in restorations:
+        wrong = one.std[~(np.isfinite(one.std) & (one.std >= 0.0))]
+        if wrong.size:
+            raise ParameterError(
+                f"restorations: got a std of {wrong[0]:g} from {one.name}, expected finite numbers "
+                "of at least 0"
+            )
     n = task.n_train
     part = HeldOut(
         truth=task.state[n:, None],

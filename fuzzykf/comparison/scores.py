@@ -10,7 +10,7 @@ import numpy as np
 
 from fuzzykf.comparison.candidates import Named
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_count, as_numbers, brief, check_generator, is_whole
+from fuzzykf.gaussian import LOG_2PI, as_count, as_numbers, brief, check_generator, is_whole
 from fuzzykf.preprocessing import is_constant
 from fuzzykf.reprs import reprs
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
 
 __all__ = [
+    "COLUMNS",
     "INTERVAL_FACTOR",
     "LIMITS",
     "Bootstrap",
@@ -29,6 +30,7 @@ __all__ = [
     "bootstrap_rmse",
     "cells",
     "circular_block_means",
+    "normal_log_score",
 ]
 
 #: Half the width of a central interval of 90 % of a normal law, in standard deviations.
@@ -36,6 +38,9 @@ INTERVAL_FACTOR = 1.6448536269514722
 
 #: Shares of the resamples below the ends of an interval of 95 %.
 LIMITS = (0.025, 0.975)
+
+#: Columns of numbers of the table, those of `cells`, with a break of the line where it may be narrow.
+COLUMNS = ("RMSE", "95 %\ninterval", "90 %\ncovers", "log\nscore", "log-lik.\nper step", "µs per\nstep")
 
 
 @reprs()
@@ -58,6 +63,12 @@ class Score(Named):
         Its interval of 95 % by the paired block bootstrap.
     coverage : float
         Share of the states inside the candidate's own interval of nominal 90 %.
+    log_score : float
+        Mean over the known states of their log-density under the normal law of the candidate's
+        mean and standard deviation, in the unit of `rmse`; of several components the sum, as
+        if they were independent.  Larger is better.
+    log_score_standard_error : float
+        Of it, by the block bootstrap, with the blocks of `rmse`; NaN if it is infinite.
     log_likelihood : float or None
         Mean over the steps of the log-density of each held-out observation given the earlier
         ones; from a candidate that has no law of the observation None in a `Comparison`, and
@@ -75,18 +86,21 @@ class Score(Named):
     difference_low: float = float("nan")
     difference_high: float = float("nan")
     coverage: float
+    log_score: float = float("nan")
+    log_score_standard_error: float = float("nan")
     log_likelihood: float | None
     seconds: float = field(default=float("nan"), compare=False)
     microseconds: float = field(default=float("nan"), compare=False)
 
 
-def cells(score: Score) -> tuple[str, str, str, str, str]:
-    """Return the numbers of a row of the table, as they are shown: RMSE, its interval, ..."""
-    value = score.log_likelihood
+def cells(score: Score) -> tuple[str, str, str, str, str, str]:
+    """Return the numbers of a row of the table, as they are shown, in the order of `COLUMNS`."""
+    value, error = score.log_likelihood, score.log_score_standard_error
     return (
         f"{score.rmse:.4g}",
         f"{score.rmse_low:#.3g}–{score.rmse_high:#.3g}",
         f"{100 * score.coverage:.1f} %",
+        f"{score.log_score:.3f}" + ("" if isnan(error) else f" ± {error:.2g}"),
         "none" if value is None or isnan(value) else f"{value:.3f}",
         f"{score.microseconds:.2g}" if score.microseconds < 10 else f"{score.microseconds:.0f}",
     )
@@ -104,6 +118,39 @@ def behind(score: Score) -> str:
     if not score.difference > 0.0:
         return ""
     return f"{score.difference_low:#.2g} to {score.difference_high:#.2g}"
+
+
+def normal_log_score(error: FloatArray, std: FloatArray) -> FloatArray:
+    """Log-density of errors under independent normal laws of mean zero, summed over the components.
+
+    log p = -sum over k of (e_k^2 / s_k^2 + log s_k^2 + log 2 pi) / 2
+
+    Parameters
+    ----------
+    error : ndarray, shape (n, m)
+        NaN where unknown: such components do not count.
+    std : ndarray, shape (n, m)
+        Numbers of at least 0.  Who claims certainty (0) has a density of infinity where
+        right, and of zero where wrong, whatever the other components are.
+
+    Returns
+    -------
+    ndarray of shape (n,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> normal_log_score(np.array([[0.0], [2.0], [2.0]]), np.array([[1.0], [1.0], [0.0]])).round(3)
+    array([-0.919, -2.919,   -inf])
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        ratio = np.where(error == 0.0, 0.0, error / std)
+        each = -0.5 * (ratio**2 + LOG_2PI) - np.log(std)
+    each = np.where(np.isinf(ratio), -np.inf, each)  # at a std of zero the two infinities have no sum
+    wrong = np.isneginf(each).any(axis=1, keepdims=True)
+    rest = np.nansum(np.where(wrong, 0.0, each), axis=1)
+    total: FloatArray = np.where(np.squeeze(wrong, axis=1), -np.inf, rest)
+    return total
 
 
 def block_length(series: FloatArray) -> int:
@@ -228,11 +275,14 @@ class Bootstrap:
         All methods share their blocks, so that differences are paired.
     block_length : int
         Steps in a block.
+    beside : ndarray, shape (n_resamples, j)
+        Resampled means of other figures of the same steps, from the same blocks; none unless given.
     """
 
     rmse: FloatArray
     resampled: FloatArray
     block_length: int
+    beside: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
     def difference(self, a: int, b: int) -> tuple[float, float]:
         """Return the interval of 95 % of the RMSE of method ``a`` less that of ``b``."""
@@ -240,7 +290,13 @@ class Bootstrap:
         return float(low), float(high)
 
 
-def bootstrap_rmse(squared: FloatArray, n_resamples: int, rng: np.random.Generator) -> Bootstrap:
+def bootstrap_rmse(
+    squared: FloatArray,
+    n_resamples: int,
+    rng: np.random.Generator,
+    *,
+    beside: FloatArray | None = None,
+) -> Bootstrap:
     """Resample root mean squared errors by the circular block bootstrap.
 
     Parameters
@@ -249,6 +305,9 @@ def bootstrap_rmse(squared: FloatArray, n_resamples: int, rng: np.random.Generat
         Squared errors of k methods at n steps.
     n_resamples : int
     rng : numpy.random.Generator
+    beside : ndarray, shape (n, j), optional
+        Other figures of the same steps, whose means are resampled with the same blocks; they have
+        no say in how long these are.
 
     Returns
     -------
@@ -259,12 +318,22 @@ def bootstrap_rmse(squared: FloatArray, n_resamples: int, rng: np.random.Generat
     ------
     ParameterError
         If ``n_resamples`` is less than 100: quantiles of 2.5 % would mean nothing.
+    ShapeError
+        If ``beside`` has another number of rows.
     """
     n_resamples = as_count("n_resamples", n_resamples, 100)
     squared = _finite("squared", squared, 2)
     if squared.shape[1] == 0 or (squared < 0.0).any():
         raise ParameterError(f"squared: got shape {squared.shape}, expected columns of numbers of at least 0")
     length = max(block_length(column) for column in squared.T)
-    means = circular_block_means(squared, length, n_resamples, rng)
-    resampled = np.sqrt(np.maximum(means, 0.0))  # rounding
-    return Bootstrap(np.sqrt(squared.mean(axis=0)), resampled, length)
+    k, columns = squared.shape[1], squared
+    if beside is not None:
+        beside = _finite("beside", beside, 2)
+        if len(beside) != len(squared):
+            raise ShapeError(
+                f"beside: got {len(beside)} rows, expected {len(squared)}, as many as squared has"
+            )
+        columns = np.concatenate([squared, beside], axis=1)
+    means = circular_block_means(columns, length, n_resamples, rng)
+    resampled = np.sqrt(np.maximum(means[:, :k], 0.0))  # rounding
+    return Bootstrap(np.sqrt(squared.mean(axis=0)), resampled, length, means[:, k:])

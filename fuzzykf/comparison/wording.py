@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fuzzykf.comparison.scores import cells
+from fuzzykf.comparison.scores import COLUMNS, cells
 
 if TYPE_CHECKING:
     from fuzzykf.comparison.run import Comparison
 
-__all__ = ["about_choices", "about_intervals", "about_task", "cells"]
+__all__ = ["about_choices", "about_intervals", "about_task", "cells", "labels"]
+
+
+def labels(unit: str) -> tuple[str, ...]:
+    """Return what stands above the `cells`; the RMSE has a unit, if there is one."""
+    rmse, *others = COLUMNS
+    return (f"{rmse}\n({unit})" if unit else rmse, *others)
 
 
 def about_task(comparison: Comparison, unit: str) -> str:
@@ -26,10 +32,11 @@ def about_task(comparison: Comparison, unit: str) -> str:
 
 
 def about_intervals(comparison: Comparison) -> str:
-    """Say where the intervals and the log-likelihoods come from."""
+    """Say where intervals, log scores and log-likelihoods come from."""
     return (
-        f"Intervals: block bootstrap, blocks of {comparison.block_length} steps. Log-likelihood: of the "
-        "observations, each given the earlier ones; regressions have no law of them."
+        f"Intervals: block bootstrap, blocks of {comparison.block_length} steps. Log score: log-density of "
+        "the state under the method's mean and standard deviation, ± its standard error by the same blocks. "
+        "Log-likelihood: of the observations, each given the earlier ones; regressions have no law of them."
     )
 
 

@@ -101,6 +101,9 @@ def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(compared) ->
         assert 0 < low <= rmse <= high
         assert 0 <= float(row["coverage_90"]) <= 1
         assert float(row["microseconds_per_step"]) > 0
+        assert np.isfinite(float(row["log_score"]))
+        assert float(row["log_score_standard_error"]) > 0
+        assert f"{float(row['log_score']):.3f}" in result.output
         assert (row["log_likelihood_per_step"] == "") == (row["method"] in REGRESSIONS)
         assert f"{rmse:.4g}" in result.output
     best = min(table, key=lambda row: float(row["rmse"]))["method"]

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm
 
 from fuzzykf import DailyProfile, compare_models
 from fuzzykf.comparison import Candidate, Estimates, Learned, LearningPart
@@ -186,6 +187,45 @@ def test_rows_without_a_state_are_not_judged_and_rows_without_observation_have_n
     assert score.log_likelihood == pytest.approx(-np.nanmean(np.abs(y[200:, 0])))
 
 
+@pytest.mark.parametrize("m", [1, 2])
+def test_the_log_score_is_that_of_the_claimed_normal_law_with_the_spread_of_its_mean(m) -> None:
+    # Oracle: scipy's density in the units of the errors, summed over what is known of each row.
+    x, y = noise(600, m=m)
+    x, y = x * 10.0 ** np.arange(m), y * 10.0 ** np.arange(m)
+    x[[310, 590], 0] = np.nan
+    found = compare_models(
+        x, y, RNG(0), candidates=[remembering("half", 0.5, std=2.0), remembering("zero", 0.0)], n_folds=2
+    )
+    scale = np.ones(1) if m == 1 else np.nanstd(x[:300], axis=0)
+    truth, zs = x[300:], y[300:]
+    for score, factor, std in zip(found.scores, (0.5, 0.0), (2.0, 1.0), strict=True):
+        rows = np.nansum(norm.logpdf(truth / scale, factor * zs / scale, std / scale), axis=1)
+        rows = rows[np.isfinite(truth).any(axis=1)]
+        assert score.log_score == pytest.approx(rows.mean())
+        # Rows are independent here, so that any blocks have the spread of a mean, but for chance.
+        assert score.log_score_standard_error == pytest.approx(rows.std() / np.sqrt(len(rows)), rel=0.35)
+    assert found.to_dataframe().loc["half", "log_score"] == found.scores[0].log_score
+    assert " ± " in repr(found)
+    assert max(map(len, repr(found).splitlines())) <= 100
+
+
+def test_who_is_certain_and_wrong_has_the_worst_log_score_and_a_negative_std_is_a_failure() -> None:
+    x, y = noise(300)
+    x[:] = np.round(x)  # zero is right in some rows
+    found = compare_models(
+        x,
+        y,
+        RNG(0),
+        candidates=[remembering("sure", 0.0, std=0.0), remembering("odd", std=-1.0), remembering("a")],
+        n_resamples=100,
+    )
+    sure, a = found.scores
+    assert sure.log_score == -np.inf
+    assert np.isnan(sure.log_score_standard_error)
+    assert np.isfinite([a.log_score, a.log_score_standard_error]).all()
+    assert found.failures == {"odd": "fold 1: its std at held-out step 0 is -1.0"}
+
+
 def test_several_components_count_in_their_standard_deviations() -> None:
     x, y = noise(400, m=2)
     units = np.array([1.0, 1e4])
@@ -210,6 +250,7 @@ def test_units_of_state_and_observation_do_not_matter(scale, shift, seed) -> Non
     for a, b in zip(one.scores, two.scores, strict=True):
         assert b.rmse == pytest.approx(scale * a.rmse, rel=1e-6)
         assert b.coverage == pytest.approx(a.coverage, abs=0.01)
+        assert b.log_score == pytest.approx(a.log_score - np.log(scale), abs=1e-5)
     assert two.scores[0].log_likelihood == pytest.approx(
         one.scores[0].log_likelihood - np.log(scale), abs=1e-6
     )

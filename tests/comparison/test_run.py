@@ -95,6 +95,16 @@ def test_one_method_or_two_of_one_name_make_no_comparison(task) -> None:
             score(task, pair, np.random.default_rng(0))
 
 
+@pytest.mark.parametrize("std", [-1.0, np.nan, np.inf])
+def test_a_standard_deviation_that_is_none_is_refused(task, std) -> None:
+    pair = (
+        restoration(task, "a", np.ones(N_TEST), std=np.full(N_TEST, std)),
+        restoration(task, "b", np.ones(N_TEST)),
+    )
+    with pytest.raises(ParameterError, match=r"restorations: got a std of .* from a, expected finite"):
+        score(task, pair, np.random.default_rng(0))
+
+
 def test_a_clear_winner_is_called_certain_and_a_draw_is_not(task) -> None:
     rng = np.random.default_rng(1)
     noise = rng.normal(size=N_TEST)

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm
 
-from fuzzykf.comparison import block_length, circular_block_means
-from fuzzykf.errors import ParameterError
+from fuzzykf.comparison import block_length, bootstrap_rmse, circular_block_means
+from fuzzykf.comparison.scores import COLUMNS, Score, cells, normal_log_score
+from fuzzykf.errors import ParameterError, ShapeError
 
 
 def autoregression(n: int, coefficient: float, rng: np.random.Generator) -> np.ndarray:
@@ -83,3 +85,57 @@ def test_short_and_constant_series_have_a_length(n) -> None:
 def test_a_block_longer_than_the_series_or_empty_is_refused(length) -> None:
     with pytest.raises(ParameterError, match=f"length: got {length}, expected 1 to 10"):
         circular_block_means(np.zeros((10, 1)), length, 5, np.random.default_rng(0))
+
+
+# ------------------------------------------------------------------ the log score
+
+
+def test_the_log_score_is_the_density_of_the_normal_law_of_what_is_known() -> None:
+    # Oracle: scipy's density, component by component.
+    rng = np.random.default_rng(8)
+    error, std = rng.normal(size=(40, 3)), rng.uniform(0.1, 3.0, size=(40, 3))
+    error[5, 1] = error[6, :2] = np.nan
+    expected = np.nansum(norm.logpdf(error, scale=std), axis=1)
+    np.testing.assert_allclose(normal_log_score(error, std), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("error", "std", "expected"),
+    [
+        ([0.0], [0.0], np.inf),
+        ([1.0], [0.0], -np.inf),
+        ([0.0, 1.0], [0.0, 0.0], -np.inf),  # right of one and wrong of another
+        ([1.0, 1.0], [0.0, 1.0], -np.inf),
+        ([1e200], [1e-200], -np.inf),
+        ([np.nan, 0.0], [0.0, 1.0], norm.logpdf(0.0)),
+    ],
+)
+def test_certainty_has_a_score_too(error, std, expected) -> None:
+    assert normal_log_score(np.array([error]), np.array([std]))[0] == pytest.approx(expected)
+
+
+def test_other_figures_are_resampled_with_the_blocks_of_the_errors_and_change_none_of_them() -> None:
+    rng = np.random.default_rng(9)
+    squared = np.stack([autoregression(300, a, rng) ** 2 for a in (0.2, 0.8)], axis=1)
+    trend = np.arange(300.0)[:, None]  # which would need longer blocks
+    alone, both = (
+        bootstrap_rmse(squared, 200, np.random.default_rng(1), beside=beside)
+        for beside in (None, np.hstack([squared[:, :1], trend]))
+    )
+    assert alone.block_length == both.block_length
+    np.testing.assert_array_equal(alone.resampled, both.resampled)
+    np.testing.assert_allclose(both.beside[:, 0], both.resampled[:, 0] ** 2)
+    assert alone.beside.shape == (200, 0)
+    with pytest.raises(ShapeError, match="beside: got 299 rows, expected 300"):
+        bootstrap_rmse(squared, 200, rng, beside=trend[1:])
+
+
+@pytest.mark.parametrize(
+    ("log_score", "error", "shown"),
+    [(-0.4834, 0.02149, "-0.483 ± 0.021"), (-np.inf, np.nan, "-inf"), (np.nan, np.nan, "nan")],
+)
+def test_the_table_shows_the_log_score_beside_coverage(log_score, error, shown) -> None:
+    common = {"rmse": 1.2, "rmse_low": 1.1, "rmse_high": 1.3, "coverage": 0.9, "log_likelihood": None}
+    row = cells(Score("kalman", log_score=log_score, log_score_standard_error=error, **common))
+    assert len(row) == len(COLUMNS)
+    assert row[COLUMNS.index("log\nscore")] == shown
