@@ -41,6 +41,9 @@ __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = "Example: fuzzykf compare meters.csv --state demand --obs temperature --train 0.7 --out result"
 
+#: Width of a terminal on which a figure and its standard error stand on one line of the table.
+WIDE = 100
+
 CSV_HEADER = (
     "method,rmse,rmse_low,rmse_high,coverage_90,log_likelihood_per_step,microseconds_per_step,"
     "log_score,log_score_standard_error\n"
@@ -350,7 +353,10 @@ def _print(result: Comparison, source: Source, label: str, files: list[Path]) ->
     for title in labels(source.unit):
         grid.add_column(title, justify="right")
     for s in result.scores:
-        grid.add_row(Text(s.title, "bold" if s.name == result.best else ""), *cells(s))
+        row: tuple[str, ...] = cells(s)
+        if console.width < WIDE:  # else names of methods would be cut
+            row = tuple(cell.replace(" ± ", "\n±") for cell in row)
+        grid.add_row(Text(s.title, "bold" if s.name == result.best else ""), *row)
     console.print(grid)
     say(console, about_intervals(result), "dim")
     for sentence in about_choices(result):

@@ -106,6 +106,7 @@ def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(compared) ->
         assert f"{float(row['log_score']):.3f}" in result.output
         assert (row["log_likelihood_per_step"] == "") == (row["method"] in REGRESSIONS)
         assert f"{rmse:.4g}" in result.output
+    assert "…" not in result.output  # no name is cut at the 80 columns of a plain terminal
     best = min(table, key=lambda row: float(row["rmse"]))["method"]
     printed = " ".join(result.output.split())
     assert f"{best} has the lowest RMSE" in printed
