@@ -13,6 +13,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from math import prod
 from threading import RLock
@@ -309,12 +310,15 @@ class Filter(ABC):
         if sequel is not None:
             self._sequel: tuple[Sequel, Any] = sequel, self._position()
 
-    def _check_next(self, index: Any) -> None:
-        """Raise unless a dated series goes on where the latest one ended, as far as the filter knows."""
+    def _check_next(self, index: Any, uneven: bool = False) -> None:
+        """Raise unless a dated series goes on where the latest one ended, as far as the filter knows.
+
+        ``uneven`` says that it is told how long the steps are: then any later time will do.
+        """
         sequel, position = self.__dict__.get("_sequel", (None, None))
         passed = None if sequel is None else self._passed_since(position)
         if passed is not None:
-            sequel.check_next(index, passed)
+            (replace(sequel, step=None) if uneven else sequel).check_next(index, passed)
 
     def _index_ahead(self, steps: int) -> Any:
         """Return the index of the steps to come; None if nobody knows it."""

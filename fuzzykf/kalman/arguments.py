@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SINGULAR",
+    "TIMED",
     "DimensionError",
     "SingularInnovationError",
     "as_covariance",
@@ -34,6 +35,9 @@ __all__ = [
     "given_matrix",
     "observation_matrix",
 ]
+
+#: Attributes of the Kalman filter that may be functions of the time that passes.
+TIMED = ("F", "Q")
 
 _FLOAT64 = np.dtype(np.float64)
 _ARRAY = np.ndarray
@@ -91,7 +95,17 @@ def as_matrix(name: str, value: Any, shape: tuple[int, int]) -> FloatArray:
     """Return ``value`` as a float array of the given shape; a number is a matrix of one row and column."""
     if type(value) is np.ndarray and value.shape == shape and value.dtype == _FLOAT64:
         return value
+    _check_no_function(name, value)
     return given_matrix(name, value, shape)
+
+
+def _check_no_function(name: str, value: Any) -> None:
+    """Raise if a matrix is needed, and there is a function of dt."""
+    if name in TIMED and callable(value):
+        raise ParameterError(
+            f"{name}: got a function of dt, but no dt to go with it; expected a matrix, or dt in a call that "
+            "takes it (predict, filter, filter_many, smooth, smooth_lag, forecast)"
+        )
 
 
 def given_matrix(
@@ -126,6 +140,7 @@ def as_square(name: str, value: Any, n: int) -> FloatArray:
     """Return a covariance as an (n, n) array; a scalar means that multiple of the identity."""
     if type(value) is np.ndarray and value.shape == (n, n) and value.dtype == _FLOAT64:
         return value
+    _check_no_function(name, value)
     try:
         given = as_numbers(name, value)
     except ShapeError as error:

@@ -330,7 +330,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `predict` and `update`; the filter is then as it was before.
         """
-        begin(self, zs, resume)
+        begin(self, zs, resume, fx_args is not None)
         return as_result(self, self._collect(zs, us, fx_args, hx_args), zs, fx_args is not None)
 
     def _collect(

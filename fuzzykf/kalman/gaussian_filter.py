@@ -146,7 +146,10 @@ class GaussianFilter(Filter):
             check_in_range(x=x, P=P)
         except NumericalRangeError:
             for name in ("x", "P", "F", "Q", "H", "R"):  # nobody checks what is assigned
-                held = as_numbers(name, getattr(self, name, 0.0))
+                held = getattr(self, name, 0.0)
+                if callable(held):  # a function of dt, whose matrices are checked
+                    continue
+                held = as_numbers(name, held)
                 if not np.isfinite(held).all():
                     raise ParameterError(
                         f"{name}: got {brief(held.tolist())}, expected finite numbers"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from fuzzykf.base import FilterResult, as_observations, check_keep
+from fuzzykf.base import FilterResult, as_observations
 from fuzzykf.engine.selected import predict_linear
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_flag, as_numbers, as_real
@@ -17,32 +17,19 @@ from fuzzykf.kalman.arguments import (
     as_square,
     as_state,
     check_dimensions,
-    check_in_range,
     control_term,
     fits,
     given_matrix,
     observation_matrix,
 )
-from fuzzykf.kalman.controls import linear_controls
 from fuzzykf.kalman.forecast import expected_linear, forecast
 from fuzzykf.kalman.gaussian_filter import HOOKS, LEAST_LOG_LIKELIHOOD, GaussianFilter
 from fuzzykf.kalman.looking_back import LinearWayBack, smooth_lag
-from fuzzykf.kalman.series import (
-    FIELDS,
-    as_batch,
-    as_result,
-    begin,
-    collect,
-    field_shapes,
-    given_per_step,
-    one_by_one,
-    run_verbs,
-    whole_verb,
-)
-from fuzzykf.kalman.smoothing import LinearMotions, rts_smoother, smooth_result, smooth_steady
+from fuzzykf.kalman.series import as_batch, as_result, given_per_step, one_by_one, run_verbs, whole_verb
+from fuzzykf.kalman.smoothing import rts_smoother, smooth_result
+from fuzzykf.kalman.step_arguments import given_motion, motion_over, read_series, read_steps
 from fuzzykf.kalman.stepper import LinearStepper
 from fuzzykf.kalman.updates import condition, condition_linear, log_density, observed, zero_where_missing
-from fuzzykf.many import stacked
 from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
 
@@ -76,7 +63,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         Number of components of the control; informative, as in filterpy.
     x, P, F, H, Q, R, B : array_like, optional
         Initial values of the attributes of the same names; unlike a later
-        assignment they are checked.
+        assignment they are checked.  ``F`` and ``Q`` may be functions.
 
     Attributes
     ----------
@@ -85,7 +72,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     P : ndarray, shape (dim_x, dim_x)
         Its covariance; the identity at first.
     F, Q : ndarray, shape (dim_x, dim_x)
-        Transition and covariance of the process noise; identities at first.
+        Transition and covariance of the process noise; identities at first.  Each may be a function of the
+        time that passes instead, which returns the matrix; every prediction then has to be told ``dt``.
     H : ndarray, shape (dim_z, dim_x)
         Observation matrix; zero at first.
     R : ndarray, shape (dim_z, dim_z)
@@ -157,13 +145,14 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         *,
         x: Numbers = None,
         P: Numbers = None,
-        F: Numbers = None,
+        F: Numbers | Callable[[float], Any] = None,
         H: Numbers = None,
-        Q: Numbers = None,
+        Q: Numbers | Callable[[float], Any] = None,
         R: Numbers = None,
         B: Numbers = None,
     ) -> None:
-        super().__init__(dim_x, dim_z, dim_u, x=x, P=P, F=F, Q=Q, R=R)
+        super().__init__(dim_x, dim_z, dim_u, x=x, P=P, R=R)
+        self.F, self.Q = given_motion(F, Q, dim_x)
         self.H = np.zeros((dim_z, dim_x)) if H is None else given_matrix("H", H, (dim_z, dim_x))
         self.M = np.zeros((dim_x, dim_z))
         self.B = None if B is None else given_matrix("B", B, (dim_x, None), may_be_one=dim_u <= 1)
@@ -193,6 +182,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         B: Numbers = None,
         F: Numbers = None,
         Q: Numbers = None,
+        *,
+        dt: float | None = None,
     ) -> None:
         """Move the estimate to the time of the next observation.
 
@@ -203,11 +194,14 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         B, F, Q : array_like, optional
             Used instead of the attributes of these names; a scalar ``Q`` means that
             multiple of the identity.
+        dt : float, optional
+            The time that passes, at least 0, for `F` and `Q` that are functions of it.
 
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            If shapes do not agree, or ``Q`` is no covariance.
+            If shapes do not agree, or ``Q`` is no covariance; a function without ``dt``, or ``dt`` without a
+            function.
 
         Examples
         --------
@@ -216,7 +210,9 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> kf.x, kf.P
         (array([[6.]]), array([[2.]]))
         """
-        if u is None and B is None and F is None and Q is None and self._predict_at_once():
+        if dt is not None:
+            F, Q = motion_over(self, dt, F, Q)
+        elif u is None and B is None and F is None and Q is None and self._predict_at_once():
             return
         with whole_verb(self):
             self._set_prior(*self.get_prediction(u, B, F, Q))
@@ -448,6 +444,11 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         zs: ManyNumbers,
         us: PerStep | None = None,
         *,
+        Rs: PerStep | None = None,
+        Qs: PerStep | None = None,
+        Fs: PerStep | None = None,
+        Hs: PerStep | None = None,
+        dt: PerStep | float | None = None,
         resume: bool = False,
     ) -> FilterResult:
         """Run predict and update along a series, from the current x and P on.
@@ -460,6 +461,14 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
         us : sequence of n controls, optional
             Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
+        Rs, Hs : sequence of n, optional
+            Matrices of the single observations, (n, ...) or a list; None in a list means the attribute, and a
+            scalar in ``Rs`` (or ``Qs``) that multiple of the identity.  An index of pandas is that of ``zs``.
+        Fs, Qs : sequence of n, optional
+            Matrices of the single predictions, likewise: those of index k lead to observation k.
+        dt : float or sequence of n floats, optional
+            The time that passes before each observation, for `F` and `Q` that are functions of it; ``dt[0]``
+            passes before the first.  ``Fs`` and ``Qs`` go before the functions.
         resume : bool
             Go on from where the filter stands.  That is its x and P, from which it starts in any case.
 
@@ -478,36 +487,31 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> result = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]]).filter([1.0, None, 2.0])
         >>> result.x.ravel().round(3)
         array([0.667, 0.667, 1.636])
+        >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], Q=lambda dt: 0.5 * dt)
+        >>> kf.filter([1.0, 2.0], dt=[1.0, 0.25], Rs=[None, 4.0]).x.ravel().round(3)
+        array([0.6  , 0.814])
         """
-        begin(self, zs, resume)
-        check_aligned(zs=zs, us=us)
-        series = as_observations(zs, self.dim_z)
+        told = {"us": us, "Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "dt": dt}
+        series, steps = read_series(self, zs, told, resume)
         with whole_verb(self):
-            if us is None and len(series) and self._is_plain():
-                return as_result(self, self._filter_at_once(series), zs)
-            stored = collect(self, series, field_shapes(self.dim_x), given_per_step(len(series), us=us))
-            return as_result(self, stored, zs)
+            return as_result(self, linear_series.forward(self, series, steps), zs, steps.uneven)
 
-    def _filter_at_once(self, series: FloatArray, names: tuple[str, ...] = FIELDS) -> dict[str, FloatArray]:
-        """Do predict and update for a whole series, and stay at its last observation."""
-        stored, innovation = linear_series.filter_one(self._model(), series, names)
-        x, P, x_prior, P_prior = (stored[name][-1] for name in FIELDS[:4])
-        check_in_range(x=x, P=P)  # what is no number stays none
-        self._end_series((x_prior, P_prior), (x, P), series[-1], innovation)
-        return stored
-
-    def _model(self) -> linear_series.LinearModel:
-        n, m = self.dim_x, self.dim_z
-        (x, P), Q, F = self._state(), as_square("Q", self.Q, n), as_matrix("F", self.F, (n, n))
-        H, R = as_matrix("H", self.H, (m, n)), as_square("R", self.R, m)
-        return linear_series.LinearModel(x, P, F, Q, H, R, self._alpha_sq)
-
-    def smooth(self, zs: ManyNumbers, us: PerStep | None = None) -> FilterResult:
+    def smooth(
+        self,
+        zs: ManyNumbers,
+        us: PerStep | None = None,
+        *,
+        Rs: PerStep | None = None,
+        Qs: PerStep | None = None,
+        Fs: PerStep | None = None,
+        Hs: PerStep | None = None,
+        dt: PerStep | float | None = None,
+    ) -> FilterResult:
         """Run `filter`, then the smoother of Rauch, Tung and Striebel backwards.
 
         Parameters
         ----------
-        zs, us
+        zs, us, Rs, Qs, Fs, Hs, dt
             As in `filter`; the filter ends at the last observation.
 
         Returns
@@ -527,21 +531,29 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> result.x.ravel().round(3)
         array([0.909, 1.273, 1.636])
         """
-        check_aligned(zs=zs, us=us)
-        if us is None and self._is_plain():
-            return smooth_steady(self, self.filter(zs))
-        series = as_observations(zs, self.dim_z)
-        motions = LinearMotions(self, given_per_step(len(series), us=us))
+        told = {"us": us, "Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "dt": dt}
+        series, steps = read_series(self, zs, told)
         with whole_verb(self):
-            stored = collect(self, series, field_shapes(self.dim_x), motions.moves, moved=motions)
-            return smooth_result(as_result(self, stored, zs), motions.F, motions.noise)
+            stored, F, noise = linear_series.forward_and_motions(self, series, steps)
+            return smooth_result(as_result(self, stored, zs, steps.uneven), F, noise)
 
-    def smooth_lag(self, zs: ManyNumbers, lag: int, us: PerStep | None = None) -> FilterResult:
+    def smooth_lag(
+        self,
+        zs: ManyNumbers,
+        lag: int,
+        us: PerStep | None = None,
+        *,
+        Rs: PerStep | None = None,
+        Qs: PerStep | None = None,
+        Fs: PerStep | None = None,
+        Hs: PerStep | None = None,
+        dt: PerStep | float | None = None,
+    ) -> FilterResult:
         """Estimate every state from what was observed up to a few steps later.
 
         Parameters
         ----------
-        zs, us
+        zs, us, Rs, Qs, Fs, Hs, dt
             As in `filter`; the filter ends at the last observation.
         lag : int
             How many steps later, at least 0: row n is the estimate given the observations up to n + lag, or
@@ -567,11 +579,13 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> result.x.ravel().round(3)
         array([0.667, 1.273, 1.636])
         """
-        return smooth_lag(self, zs, lag, us)
+        return smooth_lag(self, zs, lag, {"us": us, "Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "dt": dt})
 
     _way_back = LinearWayBack  # of `fuzzykf.FixedLag`
 
-    def forecast(self, steps: int, us: PerStep | None = None) -> FilterResult:
+    def forecast(
+        self, steps: int, us: PerStep | None = None, *, dt: PerStep | float | None = None
+    ) -> FilterResult:
         """Predict states and observations ahead; the filter stays where it is.
 
         Parameters
@@ -581,6 +595,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             latest observation is not counted.
         us : sequence of controls, optional
             One for each step; if it has an index of pandas, that of the rows ahead, where these are known.
+        dt : float or sequence of floats, optional
+            The time that passes in each step, as in `filter`.
 
         Returns
         -------
@@ -600,7 +616,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         >>> kf.forecast(2).S.ravel().round(3)
         array([2.625, 3.625])
         """
-        return forecast(self, steps, {"us": us}, lambda n: given_per_step(n, us=us), expected_linear)
+        told: dict[str, Any] = {"us": us, "dt": dt}
+        return forecast(self, steps, told, lambda n: read_steps(self, n, **told).moves(), expected_linear)
 
     def filter_many(
         self,
@@ -608,6 +625,11 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         keep: Iterable[str] = ("x", "P", "log_likelihood"),
         us: ManySeriesLike | PerStep = None,
         *,
+        Rs: PerStep | None = None,
+        Qs: PerStep | None = None,
+        Fs: PerStep | None = None,
+        Hs: PerStep | None = None,
+        dt: ManySeriesLike | PerStep | float | None = None,
         by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
@@ -628,6 +650,11 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             series, up to the end of each.  Each has its own in an array (series, n, dim_u), or (series, n) if
             ``dim_u`` is 1, or in the forms of ``zs``: a frame with a column for each series (if ``dim_u`` is
             not 1, pairs of columns), a list or a mapping.  An index of pandas is that of the rows.
+        Rs, Qs, Fs, Hs : sequence of n, optional
+            As in `filter`; the same for every series, up to the end of each.
+        dt : float, sequence of n floats, array_like, DataFrame, list or mapping, optional
+            As in `filter`, the same for every series; or of each its own, (series, n) or in the forms of
+            ``zs``, and then the series are filtered one by one.
         by : hashable, optional
             The column (or level of the index) of a frame that says which series a row belongs to, if its rows
             are those of all series.
@@ -655,20 +682,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
                [0.667, 0.667, 0.667]])
         """
         as_flag("resume", resume)
-        names = check_keep(keep, FIELDS)
-        many, model = self._read_many(zs, by), self._model()
-        controls, terms = (None, None) if us is None else linear_controls(us, many, self.B, self.dim_x)
-
-        def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
-            if not self._is_plain():
-                is_column = model.x.ndim == 2
-                each = None if controls is None else controls.of(rows, series.shape[:2], is_column)
-                return stacked(self._filter_each(series, each), names)
-            stored = linear_series.filter_many(model, series, names, terms, rows)
-            check_in_range(**{name: stored[name][:, -1:] for name in FIELDS[:4] if name in stored})
-            return stored
-
-        return many.filtered(several)
+        told = {"Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "dt": dt}
+        return linear_series.filter_many(self, self._read_many(zs, by), keep, us, told)
 
     def batch_filter(
         self,
@@ -728,7 +743,9 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             given = (Fs, Qs, Hs, Rs, Bs, us, saver)
             if n and not update_first and all(one is None for one in given) and self._is_plain():
                 series = as_observations(observations, self.dim_z)
-                stored = self._filter_at_once(series, FIELDS[:4])  # no log-likelihood
+                stored = linear_series.filter_at_once(
+                    self, series, read_steps(self, n), linear_series.MOMENTS
+                )
                 return as_batch(self, stored, zs, x.ndim == 1)
             moves, looks = given_per_step(n, us=us, Bs=Bs, Fs=Fs, Qs=Qs), given_per_step(n, Rs=Rs, Hs=Hs)
             return run_verbs(self, zs, observations, moves, looks, update_first, saver)

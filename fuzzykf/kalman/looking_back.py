@@ -9,20 +9,14 @@ import numpy as np
 from fuzzykf.base import FilterResult
 from fuzzykf.engine.selected import predict_linear
 from fuzzykf.fixed_lag import Nodes, as_lag, over_windows
+from fuzzykf.kalman import linear_series
 from fuzzykf.kalman.arguments import as_matrix, as_square, check_in_range, control_term
-from fuzzykf.kalman.series import (
-    as_result,
-    collect,
-    field_shapes,
-    given_per_step,
-    unchanged_on_error,
-    whole_verb,
-)
-from fuzzykf.kalman.smoothing import LinearMotions, check_motion, smooth_moments
-from fuzzykf.observations import as_observations, check_aligned
+from fuzzykf.kalman.series import as_result, unchanged_on_error, whole_verb
+from fuzzykf.kalman.smoothing import check_motion, smooth_moments
+from fuzzykf.kalman.step_arguments import read_series
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from fuzzykf.arrays import FloatArray
 
@@ -90,29 +84,18 @@ def look_back(states: Sequence[Known]) -> Nodes:
     return Nodes(np.ones((len(x), 1)), x[:, None], P[:, None])
 
 
-def smooth_lag(f: Any, zs: Any, lag: Any, us: Any) -> FilterResult:
-    """Do `KalmanFilter.smooth_lag`, whose parameters these are."""
-    lag, d = as_lag(lag), f.dim_x
-    check_aligned(zs=zs, us=us)
-    series = as_observations(zs, f.dim_z)
+def smooth_lag(f: Any, zs: Any, lag: Any, told: Mapping[str, Any]) -> FilterResult:
+    """Do `KalmanFilter.smooth_lag`; ``told`` are its arguments for the steps."""
+    lag = as_lag(lag)
+    series, steps = read_series(f, zs, told)
     with whole_verb(f):
-        if us is None and len(series) and f._is_plain():
-            F, Q = as_matrix("F", f.F, (d, d)), as_square("Q", f.Q, d)
-            begin = f._state()[1]
-            stored = f._filter_at_once(series)
-            before = np.concatenate([begin[None], stored["P"][:-1]])
-            Fs = np.broadcast_to(F, before.shape)
-            noise = np.broadcast_to(Q, before.shape) + (f._alpha_sq - 1.0) * (F @ before @ F.T)
-        else:
-            motions = LinearMotions(f, given_per_step(len(series), us=us))
-            stored = collect(f, series, field_shapes(d), motions.moves, moved=motions)
-            Fs, noise = motions.F, motions.noise
+        stored, Fs, noise = linear_series.forward_and_motions(f, series, steps)
         x, P = stored["x"], stored["P"]
         if len(series):
             fields = *(stored[name] for name in ("x", "P", "x_prior", "P_prior")), Fs, noise
             states = [Known(*row) for row in zip(*fields, strict=True)]
             x, P = (one[:, 0] for one in over_windows(look_back, states, lag)[1:])
-        forward = as_result(f, stored, zs)
+        forward = as_result(f, stored, zs, steps.uneven)
     return FilterResult(
         x=x, P=P, log_likelihood=forward.log_likelihood, index=forward.index, coords=forward.coords
     )

@@ -178,10 +178,13 @@ def collect(
     return stored
 
 
-def begin(f: Any, zs: Any, resume: bool) -> None:
-    """Raise if a series is to go on where a filter stands, and its times do not."""
+def begin(f: Any, zs: Any, resume: bool, uneven: bool = False) -> None:
+    """Raise if a series is to go on where a filter stands, and its times do not.
+
+    ``uneven`` is that of `as_result`.
+    """
     if as_flag("resume", resume):
-        f._check_next(index_of(zs))
+        f._check_next(index_of(zs), uneven)
 
 
 def come_to_the_end(f: Any, zs: Any) -> Any:

@@ -28,7 +28,6 @@ __all__ = [
     "rts_smoother",
     "smooth_moments",
     "smooth_result",
-    "smooth_steady",
 ]
 
 #: How far, in parts of the largest number, what was predicted may be off what the attributes say.
@@ -165,13 +164,6 @@ def smooth_result(forward: FilterResult, F: FloatArray, Q: FloatArray, alpha_sq:
     )
 
 
-def smooth_steady(filter_: Any, forward: FilterResult) -> FilterResult:
-    """Smooth what a Kalman filter found on its way forward by F, Q and alpha that are those of every step."""
-    d = filter_.dim_x
-    F = np.broadcast_to(as_matrix("F", filter_.F, (d, d)), (len(forward), d, d))
-    return smooth_result(forward, F, as_square("Q", filter_.Q, d), filter_._alpha_sq)
-
-
 def check_motion(
     filter_: Any, k: int | None, expected: FloatArray | None, covariance: FloatArray, motion: str
 ) -> None:
@@ -231,9 +223,10 @@ class LinearMotions:
     def __call__(self, k: int, x: FloatArray, P: FloatArray) -> None:
         """Keep the motion of step k, between its verbs; x and P are those before it."""
         f, d = self.filter, self.filter.dim_x
-        F, Q, alpha_sq = as_matrix("F", f.F, (d, d)), as_square("Q", f.Q, d), f._alpha_sq
+        told, alpha_sq = self.moves[k], f._alpha_sq
+        F, Q = as_matrix("F", told.get("F", f.F), (d, d)), as_square("Q", told.get("Q", f.Q), d)
         expected, covariance = predict_linear(x, P, F, Q, alpha_sq)
-        if self.moves[k].get("u") is not None:
-            expected = expected + control_term(f.B, self.moves[k]["u"], x)
+        if told.get("u") is not None:
+            expected = expected + control_term(f.B, told["u"], x)
         check_motion(f, k, expected, covariance, "F, Q, B, alpha and us")
         self.F[k], self.noise[k] = F, Q + (alpha_sq - 1.0) * F.dot(P).dot(F.T)

@@ -43,6 +43,8 @@ def filter_linear_many(
         Where every series starts.
     zs : ndarray, shape (series, steps, m)
         NaN where missing.
+    F, Q, H, R : ndarray, shapes (n, n), (n, n), (m, n), (m, m)
+        Or with a leading axis for the steps, which all series share.
     controls : ndarray, shape (series or 1, steps, n), or None
         The terms B u.
     out : dict of ndarray
@@ -54,7 +56,9 @@ def filter_linear_many(
     group = np.zeros(n_series, dtype=np.intp)
     all_seen: NDArray[np.bool_] = np.asarray(~np.isnan(zs), dtype=np.bool_)
     zs = np.where(all_seen, zs, 0.0)
+    every = F, Q, H, R
     for t in range(n_steps):
+        F, Q, H, R = (one if one.ndim == 2 else one[t] for one in every)
         x = x @ F.T
         if controls is not None:
             x = x + controls[:, t]

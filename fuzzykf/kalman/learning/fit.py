@@ -23,6 +23,7 @@ from fuzzykf.kalman.controls import (
     takes_columns,
 )
 from fuzzykf.kalman.learning.problem import LinearProblem, VerbProblem, place
+from fuzzykf.kalman.linear_series import model_of
 from fuzzykf.many import ManySeries, read_many
 from fuzzykf.observations import as_observations, check_aligned, index_of
 from fuzzykf.progress import progress_bar
@@ -176,7 +177,7 @@ def _problem(f: Any, many: ManySeries, us: Any, given: Mapping[str, Any], free: 
         controls = np.nan_to_num(found.values[None] if found.is_shared else found.values)  # beyond an end
     numbers = _free_numbers(f, free, B, controls)
     if is_linear and f._is_plain():
-        return LinearProblem(f._model(), B, many.values, _lengths(many), controls, numbers)
+        return LinearProblem(model_of(f), B, many.values, _lengths(many), controls, numbers)
     arguments = [{name: value for name, value in given.items() if value is not None} for _ in many.values]
     if us is not None:
         controls = read_controls(us, many, control_width([f]))
