@@ -154,7 +154,8 @@ class FixedLag:
         z : array_like or None
             The observation; None or NaN where missing.
         **told
-            What else the filter is told, by the names of its verbs: ``u``, ``R``, ``H``, ``r``.
+            What else the filter is told, by the names of its verbs: ``u``, ``R``, ``H``, ``r``; a Kalman
+            filter also ``F``, ``Q`` and ``dt``.
 
         Returns
         -------

@@ -91,7 +91,7 @@ class ManySeries:
             coords=self.coords,
         )
 
-    def beside(self, name: str, values: Any, size: int = 1) -> FloatArray:
+    def beside(self, name: str, values: Any, size: int = 1, *, uneven: bool = False) -> FloatArray:
         """Read what goes with each observation, in any of the forms that series come in.
 
         Parameters
@@ -101,6 +101,8 @@ class ManySeries:
         values : array_like, DataFrame, list, tuple or mapping
         size : int
             How many numbers go with each.
+        uneven : bool
+            As in `read_many`.
 
         Returns
         -------
@@ -113,7 +115,7 @@ class ManySeries:
             If it is of other series, or of other rows.
         """
         try:
-            other = read_many(values, size)
+            other = read_many(values, size, uneven=uneven)
         except (ShapeError, ParameterError) as error:
             raise type(error)(str(error).replace("zs:", f"{name}:", 1)) from error
         if other.values.shape[:2] != self.values.shape[:2] or not _equal(other.lengths, self.lengths):
@@ -137,7 +139,9 @@ def stacked(results: Sequence[FilterResult], names: Iterable[str]) -> dict[str, 
     return {name: np.stack([getattr(result, name) for result in results]) for name in names}
 
 
-def read_many(zs: Any, dim_z: int, by: Any = None, chosen: Chosen | None = None) -> ManySeries:
+def read_many(
+    zs: Any, dim_z: int, by: Any = None, chosen: Chosen | None = None, *, uneven: bool = False
+) -> ManySeries:
     """Return many series, whatever they come in.
 
     Parameters
@@ -151,6 +155,8 @@ def read_many(zs: Any, dim_z: int, by: Any = None, chosen: Chosen | None = None)
         The column, or the level of the index, that says which series a row belongs to.
     chosen : callable, optional
         Of a series as it came, returns what is to be read of it.
+    uneven : bool
+        Whether the steps are told, so that nobody is warned of times that are not apart by one step.
 
     Raises
     ------
@@ -163,7 +169,21 @@ def read_many(zs: Any, dim_z: int, by: Any = None, chosen: Chosen | None = None)
     array([[ 1.,  2.],
            [ 3., nan]])
     """
-    chosen = chosen or _as_it_is
+    many = _read(zs, dim_z, by, chosen or _as_it_is)
+    if not uneven:
+        _warn_of_steps(many)
+    return many
+
+
+def _warn_of_steps(many: ManySeries) -> None:
+    if not isinstance(many.index, list):
+        warn_of_steps(many.index)
+        return
+    for k, index in enumerate(many.index):
+        warn_of_steps(index, f"series {k if many.names is None else repr(many.names[k])}")
+
+
+def _read(zs: Any, dim_z: int, by: Any, chosen: Chosen) -> ManySeries:
     if by is not None:
         return _of_rows(zs, dim_z, by, chosen)
     if isinstance(zs, Mapping):
@@ -214,10 +234,6 @@ def _of_list(series: list[Any], dim_z: int, names: Sequence[Any] | None, chosen:
         names = own if None not in own and len(set(own)) == len(own) else None
     indexes = [index_of(one) for one in series]
     shared = _shared(indexes)
-    for k, index in enumerate(indexes if isinstance(shared, list) else [shared]):
-        warn_of_steps(
-            index, f"series {k if names is None else repr(names[k])}" if isinstance(shared, list) else "zs"
-        )
     lengths = np.array([len(one) for one in found])
     values = np.full((len(found), lengths.max(), dim_z), np.nan)
     for k, one in enumerate(found):
@@ -256,7 +272,6 @@ def _of_columns(frame: Any, dim_z: int, chosen: Chosen) -> ManySeries:
     if dim_z == 1:
         values = _numbers(frame)
         check_aligned(zs=frame)
-        warn_of_steps(index)
         return ManySeries(values.T[..., None], columns, index)
     if getattr(columns, "nlevels", 1) < 2:
         raise ShapeError(
@@ -308,7 +323,6 @@ def _of_dimensions(array: Any, dim_z: int, chosen: Chosen) -> ManySeries:
         )
     if chosen is _as_it_is:
         check_aligned(zs=array[0] if len(array) else None)
-        warn_of_steps(index)
         return ManySeries(as_many(array.to_numpy(), dim_z), names, index, coords=coords_of(array, 2))
     many = _of_list([array[k] for k in range(len(array))], dim_z, None, chosen)
     return ManySeries(many.values, names, index, coords=coords_of(array, 2))

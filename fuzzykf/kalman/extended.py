@@ -34,7 +34,7 @@ from fuzzykf.kalman.series import (
 )
 from fuzzykf.kalman.smoothing import check_motion, smooth_result
 from fuzzykf.kalman.updates import condition, observed
-from fuzzykf.many import stacked
+from fuzzykf.many import read_many, stacked
 from fuzzykf.observations import check_aligned
 
 if TYPE_CHECKING:
@@ -558,7 +558,8 @@ class ExtendedKalmanFilter(GaussianFilter):
         """
         as_flag("resume", resume)
         names = check_keep(keep, FIELDS)
-        many, given = self._read_many(zs, by), {"fx_args": fx_args, "hx_args": hx_args}
+        given = {"fx_args": fx_args, "hx_args": hx_args}
+        many = read_many(zs, self.dim_z, by, uneven=fx_args is not None)
         check_rows(many, **given)
         controls = None if us is None else read_controls(us, many, control_width([self]))
 

@@ -683,7 +683,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         as_flag("resume", resume)
         told = {"Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "dt": dt}
-        return linear_series.filter_many(self, self._read_many(zs, by), keep, us, told)
+        return linear_series.filter_many(self, zs, by, keep, us, told)
 
     def batch_filter(
         self,

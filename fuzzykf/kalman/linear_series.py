@@ -14,14 +14,13 @@ from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError, check_in
 from fuzzykf.kalman.controls import check_rows, linear_controls
 from fuzzykf.kalman.series import FIELDS, as_listed, collect, empty_fields, field_shapes
 from fuzzykf.kalman.smoothing import LinearMotions
-from fuzzykf.kalman.step_arguments import StepArguments, own_matrix, read_spans, read_steps
-from fuzzykf.many import stacked
+from fuzzykf.kalman.step_arguments import StepArguments, is_uneven, own_matrix, read_spans, read_steps
+from fuzzykf.many import read_many, stacked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.many import ManySeries
     from fuzzykf.results import FilterResult
 
 __all__ = [
@@ -160,12 +159,15 @@ def _changes(matrices: Iterable[FloatArray], n: int) -> list[int]:
 
 
 def filter_many(
-    f: Any, many: ManySeries, keep: Iterable[str], us: Any, told: Mapping[str, Any]
+    f: Any, zs: Any, by: Any, keep: Iterable[str], us: Any, told: Mapping[str, Any]
 ) -> FilterResult:
-    """Do `KalmanFilter.filter_many` for series that were read; ``told`` are its arguments for the steps."""
+    """Do `KalmanFilter.filter_many`, whose parameters these are; ``told`` are those for the steps."""
     names = check_keep(keep, FIELDS)
+    many = read_many(zs, f.dim_z, by, uneven=is_uneven(told))
     n, shared = many.values.shape[1], {name: one for name, one in told.items() if one is not None}
-    spans = many.beside("dt", shared.pop("dt"))[..., 0] if _is_of_each(shared.get("dt")) else None
+    spans = None
+    if _is_of_each(shared.get("dt")):
+        spans = many.beside("dt", shared.pop("dt"), uneven=True)[..., 0]
     check_rows(many, **shared)
     if "dt" in shared:
         shared["dt"] = read_spans(shared["dt"], n)

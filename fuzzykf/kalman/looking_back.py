@@ -13,7 +13,7 @@ from fuzzykf.kalman import linear_series
 from fuzzykf.kalman.arguments import as_matrix, as_square, check_in_range, control_term
 from fuzzykf.kalman.series import as_result, unchanged_on_error, whole_verb
 from fuzzykf.kalman.smoothing import check_motion, smooth_moments
-from fuzzykf.kalman.step_arguments import read_series
+from fuzzykf.kalman.step_arguments import motion_over, own_matrix, read_series
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -54,16 +54,20 @@ class LinearWayBack:
         return unchanged_on_error(self.filter)
 
     def step(self, z: Any, told: dict[str, Any]) -> Known:
-        """Do a step; ``told`` are u of `predict`, R and H of `update`."""
+        """Do a step; ``told`` are u, F, Q and dt of `predict`, R and H of `update`."""
         f = self.filter
         d, u = f.dim_x, told.pop("u", None)
         x, P = f._state()
-        F, Q = as_matrix("F", f.F, (d, d)), as_square("Q", f.Q, d)
-        if u is None and not told and f._is_plain():
+        F, Q, dt = (told.pop(name, None) for name in ("F", "Q", "dt"))
+        if dt is not None:
+            F, Q = motion_over(f, dt, F, Q)
+        if u is F is Q is None and not told and f._is_plain():
+            F, Q = own_matrix(f, "F"), own_matrix(f, "Q")
             f.step(z)
         else:
-            f.predict(**({} if u is None else {"u": u}))
-            F, Q = as_matrix("F", f.F, (d, d)), as_square("Q", f.Q, d)
+            f.predict(**{name: one for name, one in (("u", u), ("F", F), ("Q", Q)) if one is not None})
+            F = as_matrix("F", f.F if F is None else F, (d, d))
+            Q = as_square("Q", f.Q if Q is None else Q, d)
             expected, covariance = predict_linear(x, P, F, Q, f._alpha_sq)
             expected = expected + control_term(f.B, u, x)
             check_motion(f, None, expected, covariance, "F, Q, B, alpha and u")

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "StepArguments",
     "given_motion",
+    "is_uneven",
     "motion_over",
     "own_matrix",
     "read_series",
@@ -93,7 +94,7 @@ def read_series(
     f: Any, zs: Any, told: Mapping[str, Any], resume: bool = False
 ) -> tuple[FloatArray, StepArguments]:
     """Return a series (n, dim_z), and what is told of its steps, by the names of the arguments."""
-    begin(f, zs, resume, _is_uneven(told))
+    begin(f, zs, resume, is_uneven(told))
     check_aligned(zs=zs, **told)
     series = as_observations(zs, f.dim_z)
     return series, read_steps(f, len(series), **told)
@@ -130,11 +131,11 @@ def read_steps(
         spans, which = np.unique(read_spans(dt, n, spans_name), return_inverse=True)
         for name, function in functions.items():
             rows[name] = _over_spans(name, function, spans, which, rows.get(name), f.dim_x)
-    uneven = _is_uneven({"Fs": Fs, "Qs": Qs, "dt": dt})
+    uneven = is_uneven({"Fs": Fs, "Qs": Qs, "dt": dt})
     return StepArguments(n, None if us is None else per_step("us", us, n), rows, uneven)
 
 
-def _is_uneven(told: Mapping[str, Any]) -> bool:
+def is_uneven(told: Mapping[str, Any]) -> bool:
     """Whether what is told of the steps, by the names of the arguments, says how each moves the state."""
     return any(told.get(name) is not None for name in ("Fs", "Qs", "dt"))
 

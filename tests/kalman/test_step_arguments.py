@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from fuzzykf import FixedLag
 from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError, StepsWarning
 from fuzzykf.kalman import ExtendedKalmanFilter, KalmanFilter
 
@@ -51,6 +52,7 @@ def some(rows: np.ndarray) -> list:
     return [None if k % 2 else row for k, row in enumerate(rows)]
 
 
+MIXED = {"Fs": FS, "Rs": RS}
 TIMED = {"F": F_over, "Q": Q_over}
 
 #: What is told, attributes that are functions of dt, and the same in lists of filterpy's.
@@ -238,6 +240,19 @@ def test_verbs_and_forecast_take_dt(kind) -> None:
     np.testing.assert_allclose(given.P, FS[0] @ f.P @ FS[0].T + Q_over(1.0), rtol=1e-14)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_fixed_lag_is_told_of_each_step(kind) -> None:
+    f = made(KINDS[kind], TIMED)
+    f.alpha = 1.02
+    lagged, found = FixedLag(f.copy(), 3), []
+    for k in range(N):
+        matrices = {"F": FS[k], "R": RS[k]} if k % 2 else {}
+        found.append(lagged.step(GAPS[k], u=US[k], dt=SPANS[k], **matrices))
+    rows = {name: [row if k % 2 else None for k, row in enumerate(all_)] for name, all_ in MIXED.items()}
+    expected = f.copy().smooth_lag(GAPS, 3, us=US, dt=SPANS, **rows)
+    np.testing.assert_allclose(np.squeeze(found[3:]), expected.x[:-3], rtol=1e-10, atol=1e-10)
+
+
 def test_a_function_is_asked_once_for_each_span_and_may_use_its_array_again() -> None:
     asked, room = [], np.empty((3, 3))
 
@@ -262,7 +277,6 @@ DAYS = pd.date_range("2024-01-01", periods=N, freq="D")
 UNEVEN = DAYS[0] + pd.to_timedelta([0, 1, 2, 3, 4, 5, 6, 8, 9, 14, 15, 16], unit="D")
 
 
-@pytest.mark.filterwarnings("ignore::fuzzykf.errors.StepsWarning")  # as many series are read
 @pytest.mark.parametrize("call", ["filter", "smooth", "smooth_lag", "filter_many"])
 def test_spans_have_the_index_of_the_observations(call) -> None:
     f, zs = made(functions=TIMED), pd.DataFrame(GAPS, UNEVEN)
@@ -272,11 +286,13 @@ def test_spans_have_the_index_of_the_observations(call) -> None:
     def run(**told):
         return getattr(f.copy(), call)(series, *more, **told)
 
-    with warnings.catch_warnings():
-        if call != "filter_many":  # the steps are told, so that they need not be even
-            warnings.simplefilter("error", StepsWarning)
+    with warnings.catch_warnings():  # the steps are told, so that they need not be even
+        warnings.simplefilter("error", StepsWarning)
         found = run(dt=pd.Series(SPANS, UNEVEN), Rs=pd.Series(list(RS), UNEVEN))
     assert found.index.equals(UNEVEN)
+    with pytest.warns(StepsWarning, match="rows are missing"):
+        steady = getattr(made(), call)(series, *more)
+    assert steady.index.equals(UNEVEN)
     with pytest.raises(ParameterError, match="rows of different indexes"):
         run(dt=pd.Series(SPANS, DAYS + pd.Timedelta("1h")))
     with pytest.raises(ParameterError, match="rows of different indexes"):
