@@ -44,6 +44,8 @@ class Block(Protocol):
         Numbers that are logarithms of variances, so that minus infinity is the bound of zero.
     is_positive : ndarray of bool, shape (p,)
         Estimates that are variances, whose intervals are those of their logarithms.
+    is_share : ndarray of bool, shape (p,)
+        Those that cannot be above one either: of these they are those of their logits.
     """
 
     names: tuple[str, ...]
@@ -51,6 +53,7 @@ class Block(Protocol):
     spread: FloatArray
     is_variance: BoolArray
     is_positive: BoolArray
+    is_share: BoolArray
 
     def value(self, numbers: FloatArray) -> Any:
         """Return the parameter."""
@@ -111,7 +114,7 @@ class EntriesBlock:
         largest = float(np.abs(held).max(initial=0.0)) or 1.0
         spread = FAR_ENTRY * np.where(self.start != 0.0, np.abs(self.start), largest)
         self.spread = spread if size is None else np.where(size[mask] > 0.0, size[mask], spread)
-        self.is_variance = self.is_positive = np.zeros(len(where), dtype=np.bool_)
+        self.is_variance = self.is_positive = self.is_share = np.zeros(len(where), dtype=np.bool_)
 
     def value(self, numbers: FloatArray) -> FloatArray:
         """Return the array."""
@@ -175,6 +178,7 @@ class CovarianceBlock:
             self._places.append(((*group, *np.ix_(rows, rows)), slice(first, len(names))))
         self.names = tuple(names)
         self.is_variance = self.is_positive = np.array(is_variance, dtype=np.bool_)
+        self.is_share = np.zeros(len(is_variance), dtype=np.bool_)
         self.spread = np.where(self.is_variance, FAR_VARIANCE, FAR_FACTOR)
         self._unit = [np.sqrt(np.diagonal(held[place])) for place, _ in self._places]
         self.start = self.of_moment(held)
@@ -272,6 +276,7 @@ class ScaleBlock:
         groups = [tuple(map(int, one)) for one in np.ndindex(pattern.shape[:-2])]
         self.names = tuple(entry_name(key, group, ()) for group in groups)
         self.is_variance = self.is_positive = np.ones(len(groups), dtype=np.bool_)
+        self.is_share = ~self.is_positive
         self.spread = np.full(len(groups), FAR_VARIANCE)
         self.start = self.of_moment(held)
 

@@ -75,6 +75,11 @@ class FreeNumbers:
         """Which estimates are variances, (p,)."""
         return self._joined("is_positive").astype(np.bool_)
 
+    @cached_property
+    def is_share(self) -> BoolArray:
+        """Which estimates are at most one, (p,)."""
+        return self._joined("is_share").astype(np.bool_)
+
     def _joined(self, name: str) -> FloatArray:
         return np.concatenate([getattr(block, name) for block in self.blocks.values()])
 

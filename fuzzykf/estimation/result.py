@@ -77,6 +77,8 @@ class LikelihoodFit(FitResult[M], Generic[M]):
         What the search moved, at the maximum: logarithms of variances, minus infinity where one is zero.
     positive : frozenset of str
         Estimates that are variances, or factors of covariances.
+    shares : frozenset of str
+        Those that are probabilities.
 
     See Also
     --------
@@ -109,13 +111,15 @@ class LikelihoodFit(FitResult[M], Generic[M]):
     n_starts: int = 1
     numbers: FloatArray | Any = field(default=None, repr=False)
     positive: frozenset[str] = field(default=frozenset(), repr=False)
+    shares: frozenset[str] = field(default=frozenset(), repr=False)
     replicate: Callable[[np.random.Generator], LikelihoodFit[M]] | None = field(default=None, repr=False)
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Return an interval for each parameter, from its standard error.
 
         Those of variances and factors are symmetric for their logarithms, so that they never reach below
-        zero; the others are symmetric.
+        zero, and those of probabilities for their logits, so that they stay below one; the others are
+        symmetric.
 
         Parameters
         ----------
@@ -138,7 +142,9 @@ class LikelihoodFit(FitResult[M], Generic[M]):
         found = {}
         for name, value in self.estimates.items():
             half = quantile * self.standard_errors[name]
-            if name in self.positive:
+            if name in self.shares:
+                found[name] = _between(value, half)
+            elif name in self.positive:
                 factor = float(np.exp(half / value)) if value > 0.0 else np.nan
                 found[name] = (value / factor, value * factor)
             else:
@@ -219,6 +225,14 @@ class LikelihoodFit(FitResult[M], Generic[M]):
         if self.replicate is None:
             raise ParameterError("bootstrap: this result was not made by a fit")
         return [self.replicate(rng) for _ in range(n_replicates)]
+
+
+def _between(value: float, half: float) -> tuple[float, float]:
+    """Return the interval of a probability, symmetric for its logit."""
+    if not 0.0 < value < 1.0:
+        return np.nan, np.nan
+    logit, off = np.log(value / (1.0 - value)), half / (value * (1.0 - value))
+    return float(1.0 / (1.0 + np.exp(off - logit))), float(1.0 / (1.0 + np.exp(-off - logit)))
 
 
 def _never(one: LocalMaximum, best: LocalMaximum) -> bool:
@@ -317,4 +331,5 @@ def maximum_likelihood(
         n_starts=found.n_starts,
         numbers=best.numbers,
         positive=frozenset(name for name, is_one in zip(free.names, free.is_positive, strict=True) if is_one),
+        shares=frozenset(name for name, is_one in zip(free.names, free.is_share, strict=True) if is_one),
     )

@@ -46,6 +46,15 @@ def test_estimates_standard_errors_and_intervals() -> None:
     np.testing.assert_array_equal(fit.model["R"], np.diag([fit.estimates["R[0, 0]"], 0.0]))
 
 
+def test_intervals_of_probabilities_stay_below_one() -> None:
+    fit = replace(fitted(), shares=frozenset({"p", "q"}), estimates={"p": 0.8, "q": 0.0})
+    fit = replace(fit, standard_errors={"p": 0.16, "q": np.nan})
+    low, high = fit.intervals()["p"]
+    logits = np.log([low / (1.0 - low), high / (1.0 - high)])
+    np.testing.assert_allclose(logits, np.log(4.0) + np.array([-1.959963984540054, 1.959963984540054]))
+    assert np.isnan(fit.intervals()["q"]).all()
+
+
 def test_criteria_count_what_was_free() -> None:
     fit = fitted()
     top = f(np.array([np.log(4.0), -np.inf, -1.0]))[0]

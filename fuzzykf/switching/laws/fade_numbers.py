@@ -67,7 +67,8 @@ class FadeNumbers(LawNumbers):
         if self._turns:
             names, start = [*names, "turn_back"], np.append(start, _logit(begun.turn_back))
         is_turning = np.array(names) == "turn_back"
-        self._name(names, start, (np.arange(len(names)) < len(self._free)) | is_turning)
+        is_share = (np.arange(len(names)) < len(self._free)) | is_turning
+        self._name(names, start, is_share, is_share=is_share)
 
     def _odds(self, numbers: FloatArray) -> _Odds:
         n, K = len(self._free), self._law.n_classes

@@ -54,6 +54,8 @@ class LawNumbers(ABC):
         Numbers that are logarithms of what may be zero, at minus infinity.
     is_positive : ndarray of bool, shape (p,)
         Estimates that cannot be negative, whose intervals are those of their logarithms.
+    is_share : ndarray of bool, shape (p,)
+        Those that cannot be above one either: of these they are those of their logits.
     """
 
     names: tuple[str, ...]
@@ -61,8 +63,11 @@ class LawNumbers(ABC):
     spread: FloatArray
     is_variance: BoolArray
     is_positive: BoolArray
+    is_share: BoolArray
 
-    def _name(self, names: list[str], start: Any, is_variance: Any, is_positive: Any = True) -> None:
+    def _name(
+        self, names: list[str], start: Any, is_variance: Any, is_positive: Any = True, is_share: Any = False
+    ) -> None:
         """Take what there is of each number; of a flag one for all will do."""
         if not names:
             raise ParameterError("free['law']: got True, but the law has nothing that could be free")
@@ -70,6 +75,7 @@ class LawNumbers(ABC):
         self.spread = np.full(len(names), FAR)
         self.is_variance = np.broadcast_to(np.asarray(is_variance, dtype=np.bool_), self.start.shape)
         self.is_positive = np.broadcast_to(np.asarray(is_positive, dtype=np.bool_), self.start.shape)
+        self.is_share = np.broadcast_to(np.asarray(is_share, dtype=np.bool_), self.start.shape)
 
     @abstractmethod
     def value(self, numbers: FloatArray) -> Any:
@@ -168,7 +174,7 @@ class ChainNumbers(LawNumbers):
         self._first_held = first
         start += [*np.log(p[self._first] / p[first])]
         names += [f"initial({k})" for k in self._first.tolist()]
-        self._name(names, start, True)
+        self._name(names, start, True, is_share=True)
 
     def _tables(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
         n, M = len(self._from), len(self._chain)
