@@ -541,7 +541,7 @@ SHOWN = [
     (SPECIMENS[FilterResult][4], "FilterResult of 5 series of 300 steps"),
     (lambda: KalmanFilter(2, 1), "\ninv = inv\n"),
     (singular, "\nlog_likelihood = -inf"),
-    (comparison, "c1            2     0.900–1.20       90.0 %      none        0.10 to 0.20"),
+    (comparison, "c1            2     0.900–1.20       90.0 %        nan      none     0.10 to 0.20"),
     (lambda: EXACT, "EXACT"),
     (lambda: Table("a.csv", {"t": ("1", "2"), "y": ("", "5")}), "Table of 2 rows from 'a.csv': t, y"),
     (SPECIMENS[Table][1], " and 4,992 more"),
