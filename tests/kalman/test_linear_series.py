@@ -172,7 +172,7 @@ def test_only_what_is_kept_is_stored(system):
             ParameterError,
             "keep: got 'mu', expected names among x",
         ),
-        ({"zs": np.zeros((2, 4, 2)), "us": np.zeros((4, 1))}, ShapeError, "B: got shape"),
+        ({"zs": np.zeros((2, 4, 2)), "us": np.zeros((4, 1))}, ShapeError, "B: got None"),
     ],
 )
 def test_many_series_of_a_wrong_kind_are_named(system, arguments, error, message):

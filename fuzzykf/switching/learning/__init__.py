@@ -149,7 +149,7 @@ def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any], n_fuzzy: int = 2)
     if options["n_starts"] > 4 and rng is None:
         raise ParameterError("rng: missing; more than 4 starts are drawn at random and need a Generator")
     as_choice("form", options["form"], ("auto", "regression", "covariance"))
-    if not as_flag("state_feedback", options["state_feedback"]):
+    if not as_flag("state_feedback", options.get("state_feedback", True)):
         if options["form"] == "covariance":
             raise ParameterError(
                 "state_feedback: got False with form='covariance', whose state always depends on the one "

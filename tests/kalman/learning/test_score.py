@@ -7,6 +7,7 @@ import pytest
 
 from fuzzykf import KalmanFilter
 from fuzzykf.kalman.learning.score import log_likelihood, score
+from fuzzykf.kalman.linear_series import model_of
 
 RNG = np.random.default_rng(3)
 F = np.array([[0.9, 0.2], [-0.1, 0.8]])
@@ -18,7 +19,7 @@ R = np.array([[0.7, 0.2, 0.0], [0.2, 0.9, -0.1], [0.0, -0.1, 0.4]])
 def model(**arrays):
     given = {"x": [0.4, -0.3], "P": [[1.0, 0.2], [0.2, 0.8]], "F": F, "H": H, "Q": Q, "R": R, **arrays}
     m = len(np.asarray(given["H"]))
-    return KalmanFilter(2, m, **given)._model()
+    return model_of(KalmanFilter(2, m, **given))
 
 
 def series(shape, *gaps):
