@@ -212,3 +212,12 @@ def test_names_say_the_class():
     free = read_free_numbers(MODEL, given, 2, read_data(MODEL, np.ones((3, MODEL.dim_z)), None, None))
     assert free.names[-4:] == ("R[0][0, 0]", "R[1][0, 0]", "d[1][0]", "Q[0, 0]")
     assert free.names[:2] == ("rate 0 to 1", "rate 1 to 0")
+
+
+def test_a_fit_ends_at_a_closed_form_on_either_engine():
+    # noise about a state that is known: its likeliest variance is the mean of the squares
+    zs = 2.0 * np.random.default_rng(5).normal(size=30)
+    known = SwitchingStateSpace([[1.0]], F=0.0, H=1.0, Q=0.0, R=1.0, x0=[0.0], P0=0.0)
+    fit = known.fit(zs, free={"R": "full"})
+    assert fit.estimates["R[0, 0]"] == pytest.approx(np.mean(zs**2), rel=1e-6)
+    assert fit.standard_errors["R[0, 0]"] == pytest.approx(np.mean(zs**2) * np.sqrt(2.0 / 30), rel=1e-4)
