@@ -29,6 +29,7 @@ from fuzzykf.engine.numpy.outliers import *
 from fuzzykf.engine.numpy.raster import *
 from fuzzykf.engine.numpy.series import *
 from fuzzykf.engine.numpy.slots import *
+from fuzzykf.engine.numpy.state_score import *
 from fuzzykf.engine.numpy.switching import *
 from fuzzykf.engine.numpy.tables import *
 
