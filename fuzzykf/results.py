@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.summaries import FitSummary
+    from fuzzykf.switching.learning.filter_training import FilterTraining
 
 __all__ = ["FIELDS", "FilterResult", "FitResult", "ResultField", "Simulation", "bic", "field_shapes"]
 
@@ -532,6 +533,10 @@ class FitResult(Generic[M]):
         model has the one of the least.
     occupancy : ndarray, shape (K,), or None
         Share of the rows that are in each regime, as far as the posterior of the switch knows.
+    training : FilterTraining or None
+        With ``objective="filter"``: whether the model was learned for its filter or the joint fit was kept,
+        with the scores of both on rows kept back; see
+        `fuzzykf.switching.learning.filter_training.FilterTraining`.
 
     Examples
     --------
@@ -559,6 +564,7 @@ class FitResult(Generic[M]):
     bic_of_forms: dict[str, float] = field(default_factory=dict)
     refit: Callable[[Simulation], FitResult[M]] | None = field(default=None, repr=False)
     occupancy: FloatArray | None = field(default=None, repr=False)
+    training: FilterTraining | None = None
 
     @property
     def aic(self) -> float:

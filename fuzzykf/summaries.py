@@ -162,6 +162,7 @@ def _about_data(fit: Any) -> list[tuple[str, str]]:
 def _about_search(fit: Any) -> list[tuple[str, str]]:
     iterations = len(fit.trace) - 1
     return [
+        *_about_training(fit),
         ("log-likelihood", f"{fit.log_likelihood:.3f}"),
         ("parameters", str(fit.n_parameters)),
         ("AIC", f"{fit.aic:.3f}"),
@@ -169,6 +170,20 @@ def _about_search(fit: Any) -> list[tuple[str, str]]:
         ("converged", "yes" if fit.converged else "no"),
         ("iterations", str(iterations) if iterations > 0 else "none, the switch was given"),
     ]
+
+
+def _about_training(fit: Any) -> list[tuple[str, str]]:
+    """Return which fit was kept of those for the filter and for the joint likelihood, and their scores."""
+    training = getattr(fit, "training", None)
+    if training is None:
+        return []
+    kept, after = f"the {training.kept} fit was kept", f" after {training.n_iterations} iterations"
+    widened = f", noise of the state widened {training.inflation:g} times" if training.inflation > 1.0 else ""
+    scores = (
+        f"{training.score_filter:.3f} for the filter{after}{widened}, {training.score_joint:.3f} jointly; "
+        f"mean of {training.n_kept_back:,} states kept back"
+    )
+    return [("objective", f"filter; {kept}"), ("log score of the state", scores)]
 
 
 def _names(model: Any, which: str, letter: str, size: int) -> list[str]:

@@ -13,6 +13,15 @@ MODULES = {
     for name in (
         *("arrays", "processor"),  # helpers, without twins
         *("backward", "convolution", "grid", "hidden_markov", "imm", "kalman", "kernels"),
-        *("nodes", "nodes_backward", "nodes_gradient", "raster", "series", "state_score", "switching", "tables"),
+        *(
+            "nodes",
+            "nodes_backward",
+            "nodes_gradient",
+            "raster",
+            "series",
+            "state_score",
+            "switching",
+            "tables",
+        ),
     )
 }

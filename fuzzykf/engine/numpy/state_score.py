@@ -5,8 +5,8 @@ covariance V_j of X given the node.  Its score is the log-density of a measured 
 
     log sum_j p_j N(x; m_j, V_j).
 
-In a step from node i to node j, a pair has the log-weight w = log P_ij + log N(y'; ...), and X' given the pair
-is A X + u with noise of covariance C.  With o_ij the share of node i in what reaches node j,
+In a step from node i to node j, a pair has the log-weight w = log P_ij + log N(y'; ...), and X' given the
+pair is A X + u with noise of covariance C.  With o_ij the share of node i in what reaches node j,
 
     log q_j = log sum_i p_i exp(w_ij),   p'_j = q_j / sum q,   o_ij = p_i exp(w_ij) / q_j,
     m'_j = sum_i o_ij (A m_i + u),   V'_j = sum_i o_ij (A V_i A' + C + d d'),   d = A m_i + u - m'_j,
@@ -16,8 +16,8 @@ follows by log p_j, m_j and V_j.  A measured state of posterior share r_j, with 
 
     g_p += r_j,   g_m += r_j h,   g_V += r_j (h h' - V_j^-1) / 2.
 
-Tables have a row for each step and a column for each pair that can be, so that weights and means may depend on
-whatever is known of the past: observations, inputs, the clock.
+Tables have a row for each step and a column for each pair that can be, so that weights and means may depend
+on whatever is known of the past: observations, inputs, the clock.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def score_gradient(
         by.C[:] += by_P
         back = np.swapaxes(moves.A, -1, -2)
         g = MixtureLaw(
-            np.bincount(source, by.log_weight[n - 1], minlength=M),
+            np.asarray(np.bincount(source, by.log_weight[n - 1], minlength=M), dtype=np.float64),
             _gathered(source, (back @ by.offset[n - 1][..., None])[..., 0], M),
             _gathered(source, back @ by_P @ moves.A, M),
         )
@@ -237,7 +237,7 @@ def _log_sums(w: FloatArray, target: IntArray, M: int) -> FloatArray:
 
 def _gathered(where: IntArray, values: FloatArray, M: int) -> FloatArray:
     """Sum what pairs have, (P, ...), into nodes, (M, ...)."""
-    total = np.zeros((M, *values.shape[1:]))
+    total: FloatArray = np.zeros((M, *values.shape[1:]))
     np.add.at(total, where, values)
     return total
 
@@ -247,7 +247,7 @@ def _residuals(state: MixtureLaw, x: FloatArray) -> tuple[FloatArray, FloatArray
 
     Others have zeros, and minus infinity.
     """
-    M, m = state.mean.shape
+    m = state.mean.shape[1]
     possible = state.log_p > -np.inf
     L = np.linalg.cholesky(np.where(possible[:, None, None], symmetrize(state.covariance), np.eye(m)))
     root = solve_lower(L, np.broadcast_to(np.eye(m), L.shape)) * possible[:, None, None]

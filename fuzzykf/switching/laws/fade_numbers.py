@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from fuzzykf.switching.laws.chain import stationary_back
-from fuzzykf.switching.laws.law_numbers import LawNumbers
+from fuzzykf.switching.laws.law_numbers import ChainTables, LawNumbers
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -91,6 +91,11 @@ class FadeNumbers(LawNumbers):
         """Return the law."""
         odds, E = self._odds(numbers), self._n_fades
         return self._law.with_numbers(odds.leave[:E], self._lengths(odds), odds.leave[E:], odds.turn_back)
+
+    def tables(self, numbers: FloatArray) -> ChainTables:
+        """See `LawNumbers`."""
+        chain = self.value(numbers).discretize(self._F)
+        return ChainTables(chain.initial, chain.transition)
 
     def gradient(self, numbers: FloatArray, by_value: ByTables) -> FloatArray:
         """See `LawNumbers`; the law begins in its stationary law, whose derivative counts."""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import BoolArray, FloatArray
 
-__all__ = ["ByTables", "ChainNumbers", "LawNumbers", "LogitNumbers"]
+__all__ = ["ByTables", "ChainNumbers", "ChainTables", "LawNumbers", "LogitNumbers"]
 
 #: A large change of a logit: how far starts are drawn from one another.
 FAR = 1.0
@@ -34,10 +34,17 @@ FAR = 1.0
 STEP = 1e-5
 
 
+class ChainTables(NamedTuple):
+    """The probabilities of a chain on nodes."""
+
+    initial: FloatArray  # (M,)
+    transition: FloatArray  # (M, M)
+
+
 class ByTables(NamedTuple):
     """Derivatives by the tables of a chain, that of the law at these numbers."""
 
-    chain: SwitchChain
+    chain: SwitchChain | ChainTables
     initial: FloatArray  # (M,)
     transition: FloatArray  # (M, M)
 
@@ -88,6 +95,16 @@ class LawNumbers(ABC):
         """
 
     @abstractmethod
+    def tables(self, numbers: FloatArray) -> ChainTables:
+        """Return the tables of the chain of the law.
+
+        Raises
+        ------
+        ParameterError
+            If there is no law with these numbers.
+        """
+
+    @abstractmethod
     def gradient(self, numbers: FloatArray, by_value: ByTables) -> FloatArray:
         """Return the gradient by the numbers (p,) of what has one by the tables of the chain."""
 
@@ -114,7 +131,7 @@ class LogitNumbers(LawNumbers):
     """
 
     def __init__(self, law: Any, n_nodes: int) -> None:
-        self._law, self._n_nodes = law, n_nodes
+        self._law, self._joint = law, law.on_cells(n_nodes)
         names = [*law.estimates_of(law)]
         # masses, densities and widths are positive; logits, where a family has nothing better, need not be
         self._name(names, law.logits(), np.arange(len(names)) < law.n_shares, law.n_shares > 0)
@@ -123,18 +140,18 @@ class LogitNumbers(LawNumbers):
         """Return the law of these logits."""
         return self._law.from_logits(numbers)
 
+    def tables(self, numbers: FloatArray) -> ChainTables:
+        """See `LawNumbers`; what follows a node without mass is nothing."""
+        masses = self._joint(numbers)
+        p: FloatArray = masses.sum(axis=1)
+        return ChainTables(
+            p, np.divide(masses, p[:, None], out=np.zeros_like(masses), where=p[:, None] > 0.0)
+        )
+
     def gradient(self, numbers: FloatArray, by_value: ByTables) -> FloatArray:
         """See `LawNumbers`."""
-        joint = self._law.on_cells(self._n_nodes)
-
-        def tables(logits: FloatArray) -> FloatArray:
-            masses = joint(logits)
-            p = masses.sum(axis=1, keepdims=True)
-            rows = np.divide(masses, p, out=np.zeros_like(masses), where=p > 0.0)
-            return np.concatenate([p, rows], axis=1)
-
         by = np.concatenate([by_value.initial[:, None], by_value.transition], axis=1)
-        slopes = _differences(tables, numbers)
+        slopes = _differences(lambda logits: np.column_stack(self.tables(logits)), numbers)
         slope: FloatArray = (slopes * by).sum(axis=(1, 2))
         return slope
 
@@ -176,22 +193,23 @@ class ChainNumbers(LawNumbers):
         names += [f"initial({k})" for k in self._first.tolist()]
         self._name(names, start, True, is_share=True)
 
-    def _tables(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def tables(self, numbers: FloatArray) -> ChainTables:
+        """See `LawNumbers`."""
         n, M = len(self._from), len(self._chain)
         logits = np.full((M, M), -np.inf)
         logits[self._from, self._to] = numbers[:n]
         logits[np.arange(M), self._held] = 0.0
         T = _softmax(logits)
         if self._is_stationary:
-            return stationary_distribution(T), T
+            return ChainTables(stationary_distribution(T), T)
         first = np.full(M, -np.inf)
         first[self._first] = numbers[n:]
         first[self._first_held] = 0.0
-        return _softmax(first), T
+        return ChainTables(_softmax(first), T)
 
     def value(self, numbers: FloatArray) -> Any:
         """Return the chain, or the law that it stands for."""
-        given, (initial, T) = self._chain, self._tables(numbers)
+        given, (initial, T) = self._chain, self.tables(numbers)
         chain = SwitchChain(given.nodes, given.weights, initial, T, given.class_weights)
         return chain if self._make is None else self._make(chain)
 
@@ -207,7 +225,7 @@ class ChainNumbers(LawNumbers):
 
     def estimates(self, numbers: FloatArray) -> FloatArray:
         """Return the probabilities but those of staying."""
-        p, T = self._tables(numbers)
+        p, T = self.tables(numbers)
         return np.concatenate([T[self._from, self._to], p[self._first]])
 
 

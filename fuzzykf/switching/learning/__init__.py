@@ -156,6 +156,18 @@ def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any], n_fuzzy: int = 2)
                 "before; expected True, or the form 'regression'"
             )
         options["form"] = "regression"
+    if as_choice("objective", options.get("objective", "joint"), ("joint", "filter")) == "filter":
+        if options["form"] == "covariance":
+            raise ParameterError(
+                "objective: got 'filter' with form='covariance', which is learned jointly; expected 'joint', "
+                "or the form 'regression'"
+            )
+        if r is not None:
+            raise ParameterError(
+                "r: got a switch with objective='filter', which learns what the filter needs to find it by "
+                "itself; expected None, or objective='joint'"
+            )
+        options["form"] = "regression"
     return gather(x, y, r, n_fuzzy)
 
 
@@ -196,4 +208,5 @@ def _present(
         bic_of_forms=bic_of_forms,
         refit=refit,
         occupancy=fitted.class_weights.mean(axis=0),
+        training=fitted.training,
     )

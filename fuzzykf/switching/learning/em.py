@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,11 +22,21 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.switching.laws.chain import SwitchChain
     from fuzzykf.switching.laws.learners import ChainFamily
     from fuzzykf.switching.learning.data import TrainingData
     from fuzzykf.switching.learning.gaussians import GaussianEstimate
 
-__all__ = ["Estimate", "Posterior", "cells_of", "expectation", "extrapolated", "pair_shares", "run_em"]
+__all__ = [
+    "Estimate",
+    "Posterior",
+    "Settled",
+    "cells_of",
+    "expectation",
+    "extrapolated",
+    "pair_shares",
+    "run_em",
+]
 
 
 @dataclass
@@ -40,6 +50,22 @@ class Estimate:
     def vector(self) -> FloatArray:
         """All parameters, those of the chain first."""
         return np.concatenate([self.chain.vector, self.gaussian.vector])
+
+
+class Settled(NamedTuple):
+    """Parameters that no maximisation moves any more.
+
+    Attributes
+    ----------
+    law : object
+        The law of the switch, or its chain where regimes are hard.
+    chain : SwitchChain
+    gaussian : GaussianEstimate
+    """
+
+    law: Any
+    chain: SwitchChain
+    gaussian: GaussianEstimate
 
 
 @dataclass(frozen=True)
@@ -81,7 +107,9 @@ def pair_shares(shares: FloatArray) -> FloatArray:
     return (shares[:, None, :, None] * shares[None, :, None, :]).reshape(M * M, K * K)
 
 
-def expectation(estimate: Estimate, shares: FloatArray, data: TrainingData, v: FloatArray) -> Posterior:
+def expectation(
+    estimate: Estimate | Settled, shares: FloatArray, data: TrainingData, v: FloatArray
+) -> Posterior:
     """Posterior of the nodes, and the statistics that the maximisation needs."""
     m = data.dim_x
     q = data.z.shape[1] - m

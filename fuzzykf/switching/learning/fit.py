@@ -9,9 +9,11 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.laws.base import NODES
-from fuzzykf.switching.laws.chain import shares_of, stationary_distribution
+from fuzzykf.switching.laws.chain import SwitchChain, shares_of, stationary_distribution
+from fuzzykf.switching.laws.law_numbers import ChainNumbers, LawNumbers
 from fuzzykf.switching.laws.learners import ChainFamily, FreeChain
-from fuzzykf.switching.learning.em import Estimate, Posterior, pair_shares, run_em
+from fuzzykf.switching.learning.em import Estimate, Posterior, Settled, expectation, pair_shares, run_em
+from fuzzykf.switching.learning.filter_training import FilterTraining, Start, train_for_filter
 from fuzzykf.switching.learning.gaussians import (
     GaussianEstimate,
     MemorylessEstimate,
@@ -88,6 +90,8 @@ class Options:
         The switch along the data from which alone to begin, where it is hidden.
     state_feedback : bool
         Whether the state depends on the one before it.
+    objective : {"joint", "filter"}
+        What is raised: the likelihood of (x, y), or what the filter says of x.
     """
 
     form: str
@@ -98,6 +102,7 @@ class Options:
     tick: Callable[[], None] | None = None
     guess: FloatArray | None = None
     state_feedback: bool = True
+    objective: str = "joint"
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,7 @@ class Fitted:
     switch_mean: FloatArray | None  # (N,): at the rows of the data, where regimes have numbers
     class_weights: FloatArray  # (N, K)
     bounded: bool = False  # whether positive definiteness bounds the parameters
+    training: FilterTraining | None = None  # how it was learned for its filter
 
 
 def _estimator(options: Options, data: TrainingData, n_fuzzy: int = 2) -> type[GaussianEstimate]:
@@ -237,18 +243,22 @@ def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Optio
         Estimate(law.learner(n_nodes), _from_shares(kind, guess, data, fuzzy=True))
         for guess in _fuzzy_guesses(kind, data, law, options)
     ]
-    estimate, posterior, trace, converged = _best(starts, shares, data, options)
-    single = single_cells(posterior.gamma, shares, data.z)
-    form = estimate.gaussian.form(single, data.scale)
-    model = CGOFMSModel._from_form(estimate.chain.law(), form)
+    found, posterior, trace, converged = _best(starts, shares, data, options)
+
+    def make(one: Estimate | Settled, seen: Posterior, rows: TrainingData) -> CGOFMSModel:
+        form = one.gaussian.form(single_cells(seen.gamma, shares, rows.z), rows.scale)
+        return CGOFMSModel._from_form(one.law if isinstance(one, Settled) else one.chain.law(), form)
+
+    estimate, posterior, training = _served(found, posterior, make, shares, n_nodes, data, options)
+    model = make(estimate, posterior, data)
     system = model.placed(n_nodes)
     bounds = active_constraint(estimate.gaussian, K)
-    n_parameters = estimate.gaussian.n_parameters + estimate.chain.n_parameters
+    n_parameters = estimate.gaussian.n_parameters + found.chain.n_parameters
     notes = hidden_scarcity(posterior, shares, ways(system.chain)) + bounds + instability(system)
     notes += stuck(posterior.gamma, system, data) + scant_data(n_parameters, data)
     notes += unfinished(converged, options.max_iter) + no_shorter(model.law, n_nodes)
     notes += left_for_good(system.chain, posterior.gamma @ shares)
-    if law.kind == "fmc1":
+    if law.kind == "fmc1" and isinstance(estimate, Estimate):
         notes += too_gradual(estimate, shares, data)
     weights = posterior.gamma @ shares
     return Fitted(
@@ -261,6 +271,7 @@ def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Optio
         posterior.gamma @ shares[:, 1] if K == 2 else None,
         weights,
         bool(bounds),
+        training,
     )
 
 
@@ -301,14 +312,19 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     kind = _estimator(options, data)
     shares = np.eye(K)
     starts = _hard_starts(kind, data, K, options)
-    estimate, posterior, trace, converged = _best(starts, shares, data, options)
-    form = estimate.gaussian.form(single_cells(posterior.gamma, shares, data.z), data.scale)
-    transition = estimate.chain.transition
-    try:
-        initial = stationary_distribution(transition)
-    except ParameterError:  # a regime that is never left: how often it was seen is all there is to say
-        initial = posterior.gamma.mean(axis=0) / posterior.gamma.mean(axis=0).sum()
-    model = CGOMSModel._from_form(transition, form, initial)
+    found, posterior, trace, converged = _best(starts, shares, data, options)
+
+    def make(one: Estimate | Settled, seen: Posterior, rows: TrainingData) -> CGOMSModel:
+        form = one.gaussian.form(single_cells(seen.gamma, shares, rows.z), rows.scale)
+        transition = one.chain.transition
+        try:
+            initial = stationary_distribution(transition)
+        except ParameterError:  # a regime that is never left: how often it was seen is all there is to say
+            initial = seen.gamma.mean(axis=0) / seen.gamma.mean(axis=0).sum()
+        return CGOMSModel._from_form(transition, form, initial)
+
+    estimate, posterior, training = _served(found, posterior, make, shares, 0, data, options)
+    model = make(estimate, posterior, data)
     bounds = active_constraint(estimate.gaussian, K)
     n_parameters = estimate.gaussian.n_parameters + K * (K - 1)
     system = model.placed()
@@ -325,7 +341,48 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         posterior.gamma @ np.arange(K, dtype=np.float64),
         posterior.gamma,
         bool(bounds),
+        training,
     )
+
+
+def _served(
+    estimate: Estimate,
+    posterior: Posterior,
+    make: Callable[[Estimate | Settled, Posterior, TrainingData], Any],
+    shares: FloatArray,
+    n_nodes: int,
+    data: TrainingData,
+    options: Options,
+) -> tuple[Estimate | Settled, Posterior, FilterTraining | None]:
+    """Go on from the joint fit by what serves the filter, if that was asked for and is better."""
+    if options.objective == "joint":
+        return estimate, posterior, None
+
+    def start(one: Estimate, seen: Posterior, rows: TrainingData) -> Start:
+        model = make(one, seen, rows)
+        assert isinstance(one.gaussian, RegressionEstimate)  # no other form has this objective
+        return Start(one.gaussian, _numbers(model, n_nodes), model.placed(n_nodes))
+
+    def fit_before(rows: TrainingData) -> Start:
+        far = options.tolerance < CREEP
+        one, seen, *_ = _run(estimate, shares, rows, options, options.max_iter, accelerate=far)
+        return start(one, seen, rows)
+
+    begun = start(estimate, posterior, data)
+    trained = train_for_filter(begun, data, fit_before, options.tick)
+    if isinstance(trained, FilterTraining):
+        return estimate, posterior, trained
+    law = begun.system.chain if trained.law is None else trained.law
+    chain = law if isinstance(law, SwitchChain) else law.discretize(n_nodes)
+    settled = Settled(law, chain, trained.estimate)
+    return settled, expectation(settled, shares, data, transition_vectors(data)), trained.training
+
+
+def _numbers(model: CGOFMSModel | CGOMSModel, n_nodes: int) -> LawNumbers | None:
+    """Return the free numbers of the law of the switch; one regime that stays has none."""
+    if isinstance(model, CGOFMSModel):
+        return model.law.free_numbers(n_nodes)
+    return ChainNumbers(model.placed().chain) if model.n_classes > 1 else None
 
 
 def _best(starts: list[Estimate], shares: FloatArray, data: TrainingData, options: Options) -> Found:

@@ -186,6 +186,7 @@ class CGOFMSModel(SwitchingModel):
         max_iter: int = 500,
         tolerance: float = 1e-6,
         state_feedback: bool = True,
+        objective: Literal["joint", "filter"] = "joint",
         rng: np.random.Generator | None = None,
         progress: bool | None = None,
     ) -> FitResult[CGOFMSModel]:
@@ -283,6 +284,7 @@ class CGOFMSModel(SwitchingModel):
             max_iter=max_iter,
             tolerance=tolerance,
             state_feedback=state_feedback,
+            objective=objective,
             rng=rng,
             progress=progress,
         )

@@ -343,6 +343,7 @@ class CGOMSModel(SwitchingModel):
         max_iter: int = 500,
         tolerance: float = 1e-6,
         state_feedback: bool = True,
+        objective: Literal["joint", "filter"] = "joint",
         rng: np.random.Generator | None = None,
         progress: bool | None = None,
     ) -> FitResult[CGOMSModel]:
@@ -395,6 +396,7 @@ class CGOMSModel(SwitchingModel):
             max_iter=max_iter,
             tolerance=tolerance,
             state_feedback=state_feedback,
+            objective=objective,
             rng=rng,
             progress=progress,
         )

@@ -9,7 +9,9 @@ import pytest
 
 from fuzzykf.engine.numpy import state_score as twin
 
-core = pytest.importorskip("fuzzykf.engine.compiled.state_score", reason="the compiled core has not been built")
+core = pytest.importorskip(
+    "fuzzykf.engine.compiled.state_score", reason="the compiled core has not been built"
+)
 
 SIZES = [(1, 1), (2, 1), (9, 1), (2, 2), (5, 3), (3, 6)]
 KINDS = ("plain", "gaps", "sparse", "outlier", "impossible", "one row")

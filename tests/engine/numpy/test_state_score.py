@@ -60,13 +60,13 @@ CASES = {
 
 
 @pytest.mark.parametrize("kind", CASES)
-@pytest.mark.parametrize("missing", ["all", "some", "none"])
-def test_a_gradient_is_the_limit_of_differences(kind, missing) -> None:
+@pytest.mark.parametrize("measured", ["all", "some", "none"])
+def test_a_gradient_is_the_limit_of_differences(kind, measured) -> None:
     rng = np.random.default_rng(3)
     nodes, moves, first, xs = case_of(rng, **CASES[kind])
     if kind == "few pairs":
         first = first._replace(log_p=np.array([0.0, -np.inf, -1.0]))
-    xs[{"all": [], "some": [0, 2, 5], "none": range(7)}[missing]] = NAN
+    xs[{"all": [], "some": [0, 2, 5], "none": range(7)}[measured]] = NAN
     found = score_gradient(nodes, moves, first, xs, 0.3)
     density, likelihood = score_states(nodes, moves, first, xs)
     np.testing.assert_array_equal(found.log_density, density)
@@ -130,5 +130,5 @@ def test_shapes_are_checked() -> None:
     nodes, moves, first, xs = case_of(np.random.default_rng(7))
     with pytest.raises(ValueError, match=r"^xs: got shape \(6, 2\), expected \(7, 2\)"):
         score_states(nodes, moves, first, xs[1:])
-    with pytest.raises(ValueError, match="^nodes: got 0 to 3, expected 0 to 2"):
+    with pytest.raises(ValueError, match=r"^nodes: got 0 to 3, expected 0 to 2"):
         score_states(nodes + (nodes == 2), moves, first, xs)

@@ -1,0 +1,245 @@
+"""Learning that serves the filter: from the joint fit on, with an end that rows kept back decide.
+
+The last fifth of the measured states is kept back.  On the rows before it the joint fit is made again, and
+goes on by L-BFGS on the objective of `filter_objective`; every few iterations the filter is scored on the rows
+kept back.  What scored best tells how many iterations to make, and by how much to widen the noise of the state.
+Then all rows are learned from, with as many iterations.  If nothing scored better than the joint fit, that one
+stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from fuzzykf.errors import FuzzykfError, ParameterError
+from fuzzykf.switching.learning.filter_objective import FilterObjective, stretches
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.switching.dynamics.pairs import SwitchingSystem
+    from fuzzykf.switching.laws.law_numbers import LawNumbers
+    from fuzzykf.switching.learning.data import TrainingData
+    from fuzzykf.switching.learning.filter_objective import Stretch
+    from fuzzykf.switching.learning.gaussians import RegressionEstimate
+
+__all__ = ["FilterTraining", "Start", "Trained", "train_for_filter"]
+
+#: Share of the measured states that is kept back.
+KEPT_BACK = 0.2
+
+#: Iterations at most, how often the filter is scored, and how many iterations without a better score end it.
+MOST, LOOK, PATIENCE = 120, 5, 25
+
+#: What the noise of the state may be widened by.
+INFLATIONS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0)
+
+#: Fewest measured states that are kept back: fewer decide nothing.
+LEAST_KEPT = 20
+
+#: How much worse than at the start the objective is told to be where there is none.
+BEYOND = 1e3
+
+
+@dataclass(frozen=True)
+class FilterTraining:
+    """How a model was learned for its filter.
+
+    Attributes
+    ----------
+    kept : {"filter", "joint"}
+        Which of the two fits the model is.
+    score_joint, score_filter : float
+        Mean log-density, per state and in the units of the data, that the filter of each gave the states of
+        the rows kept back; both had learned from the rows before.
+    n_iterations : int
+        After so many the score was best.
+    inflation : float
+        What the covariance of the noise of the state was multiplied by.
+    n_kept_back : int
+        Number of these states.
+    trace : tuple of float
+        Objective at each iteration on all rows, per state and in standard units; empty if the joint fit
+        stays.
+    """
+
+    kept: str
+    score_joint: float
+    score_filter: float
+    n_iterations: int
+    inflation: float
+    n_kept_back: int
+    trace: tuple[float, ...] = ()
+
+
+class Start(NamedTuple):
+    """A joint fit, from which the search begins."""
+
+    estimate: RegressionEstimate
+    law: LawNumbers | None
+    system: SwitchingSystem
+
+
+class Trained(NamedTuple):
+    """What was learned for the filter."""
+
+    training: FilterTraining
+    estimate: RegressionEstimate
+    law: Any  # None where it has nothing to move
+
+
+def train_for_filter(
+    start: Start,
+    data: TrainingData,
+    fit_before: Callable[[TrainingData], Start],
+    tick: Callable[[], None] | None = None,
+) -> Trained | FilterTraining:
+    """Learn for the filter.
+
+    Parameters
+    ----------
+    start : Start
+        The joint fit on all rows.
+    data : TrainingData
+    fit_before : callable
+        Makes the joint fit on the first rows alone.
+    tick : callable, optional
+        Called after each iteration.
+
+    Returns
+    -------
+    Trained or FilterTraining
+        How it was learned alone, if the joint fit is better.
+
+    Raises
+    ------
+    ParameterError
+        If too few states were measured to keep some back.
+    """
+    measured = np.flatnonzero(np.isfinite(data.z[:, : data.dim_x]).all(axis=1))
+    n_kept = int(KEPT_BACK * measured.size)
+    if n_kept < LEAST_KEPT:
+        raise ParameterError(
+            f"objective: got 'filter', which keeps back a fifth of the measured states, {n_kept} of "
+            f"{measured.size:,}; expected at least {LEAST_KEPT}, or 'joint'"
+        )
+    cut = int(measured[-n_kept])
+    first = fit_before(_until(data, cut))
+    objective = FilterObjective(
+        first.estimate, first.law, first.system.chain, stretches(data, first.system, cut)
+    )
+    kept_back = _KeptBack(objective, stretches(data, first.system), n_kept)
+    numbers, trace = _ascend(objective, MOST, tick, kept_back.look)
+    kept_back.score(len(trace) - 1, numbers)  # where it ended by itself
+    inflation, best = kept_back.widened()
+    unit = float(np.log(data.scale.std[: data.dim_x]).sum())
+    joint = kept_back.scores[0]
+    training = FilterTraining(
+        kept="filter" if best > joint else "joint",
+        score_joint=joint - unit,
+        score_filter=best - unit,
+        n_iterations=kept_back.best,
+        inflation=inflation,
+        n_kept_back=n_kept,
+    )
+    if training.kept == "joint":
+        return training
+    objective = FilterObjective(start.estimate, start.law, start.system.chain, stretches(data, start.system))
+    numbers, trace = _ascend(objective, kept_back.best, tick)
+    return Trained(replace(training, trace=tuple(trace)), *objective.at(numbers, inflation))
+
+
+class _KeptBack:
+    """The scores of a search on the states that it does not see."""
+
+    def __init__(self, objective: FilterObjective, data: list[Stretch], n_kept: int) -> None:
+        self._objective, self._data = objective, data
+        measured = np.concatenate([np.isfinite(one.x).all(axis=1) for one in data])
+        self._rows = np.flatnonzero(measured)[-n_kept:]
+        self.scores: dict[int, float] = {}
+        self._numbers: dict[int, FloatArray] = {}
+        self.score(0, objective.start)
+
+    @property
+    def best(self) -> int:
+        """The iteration of the best score, of equal ones the first."""
+        return max(self.scores, key=lambda k: (self.scores[k], -k))
+
+    def score(self, iteration: int, numbers: FloatArray) -> None:
+        """Score the filter, once for each iteration."""
+        if iteration not in self.scores:
+            self.scores[iteration], self._numbers[iteration] = self._score(numbers), numbers.copy()
+
+    def look(self, iteration: int, numbers: FloatArray) -> bool:
+        """Score the filter now and then; tell whether to go on."""
+        if iteration % LOOK == 0:
+            self.score(iteration, numbers)
+        return iteration - self.best < PATIENCE
+
+    def widened(self) -> tuple[float, float]:
+        """Return by how much to widen the noise of the state, and the score of that."""
+        numbers = self._numbers[self.best]
+        scores = {factor: self._score(numbers, factor) for factor in INFLATIONS}
+        factor = max(scores, key=lambda one: scores[one])
+        return factor, scores[factor]
+
+    def _score(self, numbers: FloatArray, inflation: float = 1.0) -> float:
+        try:
+            density = np.concatenate(self._objective.scores(numbers, self._data, inflation))
+        except (FuzzykfError, np.linalg.LinAlgError):
+            return -np.inf
+        score = float(density[self._rows].mean())
+        return score if np.isfinite(score) else -np.inf
+
+
+def _ascend(
+    objective: FilterObjective,
+    most: int,
+    tick: Callable[[], None] | None,
+    look: Callable[[int, FloatArray], bool] | None = None,
+) -> tuple[FloatArray, list[float]]:
+    """Make so many iterations of L-BFGS, or as many as there are; return the numbers, and the objective."""
+    from scipy.optimize import minimize
+
+    trace = [objective.value(objective.start)[0]]
+
+    def loss(numbers: FloatArray) -> tuple[float, FloatArray]:
+        try:
+            value, slope = objective.value(numbers)
+        except (FuzzykfError, np.linalg.LinAlgError):
+            value, slope = np.nan, numbers
+        if not np.isfinite(value) or not np.isfinite(slope).all():
+            return abs(trace[0]) + BEYOND, np.zeros_like(numbers)  # a step too far is taken back
+        return -value, -slope
+
+    def after(intermediate_result: Any) -> None:
+        trace.append(-float(intermediate_result.fun))
+        if tick is not None:
+            tick()
+        if look is not None and not look(len(trace) - 1, intermediate_result.x):
+            raise StopIteration
+
+    if not most:
+        return objective.start, trace
+    found = minimize(
+        loss, objective.start, method="L-BFGS-B", jac=True, callback=after, options={"maxiter": most}
+    )
+    return found.x, trace
+
+
+def _until(data: TrainingData, end: int) -> TrainingData:
+    """Return the rows before one."""
+    inside = data.after < end
+    return replace(
+        data,
+        z=data.z[:end],
+        before=data.before[inside],
+        after=data.after[inside],
+        starts=data.starts[data.starts < end],
+        r=None if data.r is None else data.r[:end],
+        kept=data.kept[:end],
+    )
