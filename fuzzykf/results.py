@@ -37,9 +37,17 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.summaries import FitSummary
-    from fuzzykf.switching.learning.filter_training import FilterTraining
 
-__all__ = ["FIELDS", "FilterResult", "FitResult", "ResultField", "Simulation", "bic", "field_shapes"]
+__all__ = [
+    "FIELDS",
+    "FilterResult",
+    "FilterTraining",
+    "FitResult",
+    "ResultField",
+    "Simulation",
+    "bic",
+    "field_shapes",
+]
 
 M = TypeVar("M")
 
@@ -502,6 +510,43 @@ def bic(n_parameters: int, n_observations: int, log_likelihood: float) -> float:
     return float(np.log(n)) * k - 2.0 * as_real("log_likelihood", log_likelihood)
 
 
+@reprs()
+@dataclass(frozen=True)
+class FilterTraining:
+    """How a model was learned for its filter.
+
+    Attributes
+    ----------
+    kept : {"filter", "joint"}
+        Which of the two fits the model is.
+    score_joint, score_filter : float
+        Mean log-density, per state and in the units of the data, that the filter of each gave the states of
+        the rows kept back; both had learned from the rows before.
+    n_iterations : int
+        After so many the score was best.
+    inflation : float
+        What the covariance of the noise of the state was multiplied by.
+    n_kept_back : int
+        Number of these states.
+    trace : tuple of float
+        Objective at each iteration on all rows, per state and in standard units; empty if the joint fit
+        stays.
+
+    Examples
+    --------
+    >>> FilterTraining("filter", -0.61, -0.25, 35, 1.25, 700).kept
+    'filter'
+    """
+
+    kept: str
+    score_joint: float
+    score_filter: float
+    n_iterations: int
+    inflation: float
+    n_kept_back: int
+    trace: tuple[float, ...] = ()
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class FitResult(Generic[M]):
     """A learned model and how it was found.
@@ -535,8 +580,7 @@ class FitResult(Generic[M]):
         Share of the rows that are in each regime, as far as the posterior of the switch knows.
     training : FilterTraining or None
         With ``objective="filter"``: whether the model was learned for its filter or the joint fit was kept,
-        with the scores of both on rows kept back; see
-        `fuzzykf.switching.learning.filter_training.FilterTraining`.
+        with the scores of both on rows kept back.
 
     Examples
     --------

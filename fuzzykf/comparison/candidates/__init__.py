@@ -73,7 +73,7 @@ class LearningPart:
     max_iter: int = 200
     tolerance: float = 1e-5
     progress: Callable[[str], None] = _quiet
-    _hard: dict[tuple[int, bool], FitResult[CGOMSModel]] = field(default_factory=dict, repr=False)
+    _hard: dict[tuple[int, bool, str], FitResult[CGOMSModel]] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -84,30 +84,44 @@ class LearningPart:
         r = None if self.r is None else self.r[:n]
         return replace(self, x=self.x[:n], y=self.y[:n], r=r, _hard={})
 
-    def fuzzy(self, law: str, *, state_feedback: bool = True) -> FitResult[CGOFMSModel]:
-        """Learn a fuzzy model with a law of this family; without `state_feedback` its Axx is zero."""
+    def fuzzy(
+        self, law: str, *, state_feedback: bool = True, objective: str = "joint"
+    ) -> FitResult[CGOFMSModel]:
+        """Learn a fuzzy model with a law of this family; without `state_feedback` its Axx is zero.
+
+        For the objective "filter" a switch is hidden, also where it is given.
+        """
         from fuzzykf.switching import CGOFMSModel
 
-        options: Any = {"law": law, "n_nodes": self.n_nodes, "state_feedback": state_feedback}
-        options |= self._effort
-        fit: FitResult[CGOFMSModel] = _numerical(lambda: CGOFMSModel.fit(self.x, self.y, self.r, **options))
+        r = self.r if objective == "joint" else None
+        options: Any = {"law": law, "n_nodes": self.n_nodes}
+        options |= {"state_feedback": state_feedback, "objective": objective} | self._effort
+        fit: FitResult[CGOFMSModel] = _numerical(lambda: CGOFMSModel.fit(self.x, self.y, r, **options))
         return fit
 
     def hard(
-        self, n_switches: int | None = None, *, n_regimes: int | None = None, state_feedback: bool = True
+        self,
+        n_switches: int | None = None,
+        *,
+        n_regimes: int | None = None,
+        state_feedback: bool = True,
+        objective: str = "joint",
     ) -> FitResult[CGOMSModel]:
         """Learn a model of so many hard regimes (two names of one number); a second call returns the same.
 
-        A given switch, of two regimes, is rounded.  Without `state_feedback` its Axx is zero.
+        A given switch, of two regimes, is rounded; for the objective "filter" it is hidden.  Without
+        `state_feedback` Axx is zero.
         """
         from fuzzykf.switching import CGOMSModel
         from fuzzykf.switching.models.base import given_regimes
 
         K = given_regimes(n_switches, n_regimes)
-        key = K, state_feedback
+        key = K, state_feedback, objective
         if key not in self._hard:
-            r = None if self.r is None or K != 2 else (self.r >= 0.5).astype(np.float64)
-            options: Any = {"n_regimes": K, "state_feedback": state_feedback} | self._effort
+            is_hidden = self.r is None or K != 2 or objective != "joint"
+            r = None if is_hidden else (self.r >= 0.5).astype(np.float64)
+            options: Any = {"n_regimes": K, "state_feedback": state_feedback, "objective": objective}
+            options |= self._effort
             self._hard[key] = _numerical(lambda: CGOMSModel.fit(self.x, self.y, r, **options))
         return self._hard[key]
 

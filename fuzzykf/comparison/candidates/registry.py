@@ -24,6 +24,7 @@ FAMILIES = (
     "switching",
     "state_space",
     "memoryless",
+    "filter_trained",
     "linear",
     "regression",
     "boosting",

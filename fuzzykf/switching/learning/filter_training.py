@@ -1,20 +1,21 @@
 """Learning that serves the filter: from the joint fit on, with an end that rows kept back decide.
 
 The last fifth of the measured states is kept back.  On the rows before it the joint fit is made again, and
-goes on by L-BFGS on the objective of `filter_objective`; every few iterations the filter is scored on the rows
-kept back.  What scored best tells how many iterations to make, and by how much to widen the noise of the state.
-Then all rows are learned from, with as many iterations.  If nothing scored better than the joint fit, that one
-stays.
+goes on by L-BFGS on the objective of `filter_objective`; every few iterations the filter is scored on the
+rows kept back.  What scored best tells how many iterations to make, and by how much to widen the noise of the
+state.  Then all rows are learned from, with as many iterations.  If nothing scored better than the joint fit,
+that one stays.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fuzzykf.errors import FuzzykfError, ParameterError
+from fuzzykf.results import FilterTraining
 from fuzzykf.switching.learning.filter_objective import FilterObjective, stretches
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from fuzzykf.switching.learning.filter_objective import Stretch
     from fuzzykf.switching.learning.gaussians import RegressionEstimate
 
-__all__ = ["FilterTraining", "Start", "Trained", "train_for_filter"]
+__all__ = ["Start", "Trained", "train_for_filter"]
 
 #: Share of the measured states that is kept back.
 KEPT_BACK = 0.2
@@ -43,37 +44,6 @@ LEAST_KEPT = 20
 
 #: How much worse than at the start the objective is told to be where there is none.
 BEYOND = 1e3
-
-
-@dataclass(frozen=True)
-class FilterTraining:
-    """How a model was learned for its filter.
-
-    Attributes
-    ----------
-    kept : {"filter", "joint"}
-        Which of the two fits the model is.
-    score_joint, score_filter : float
-        Mean log-density, per state and in the units of the data, that the filter of each gave the states of
-        the rows kept back; both had learned from the rows before.
-    n_iterations : int
-        After so many the score was best.
-    inflation : float
-        What the covariance of the noise of the state was multiplied by.
-    n_kept_back : int
-        Number of these states.
-    trace : tuple of float
-        Objective at each iteration on all rows, per state and in standard units; empty if the joint fit
-        stays.
-    """
-
-    kept: str
-    score_joint: float
-    score_filter: float
-    n_iterations: int
-    inflation: float
-    n_kept_back: int
-    trace: tuple[float, ...] = ()
 
 
 class Start(NamedTuple):
@@ -134,7 +104,8 @@ def train_for_filter(
     )
     kept_back = _KeptBack(objective, stretches(data, first.system), n_kept)
     numbers, trace = _ascend(objective, MOST, tick, kept_back.look)
-    kept_back.score(len(trace) - 1, numbers)  # where it ended by itself
+    if len(trace) > 1:
+        kept_back.score(len(trace) - 1, numbers)  # where it ended by itself
     inflation, best = kept_back.widened()
     unit = float(np.log(data.scale.std[: data.dim_x]).sum())
     joint = kept_back.scores[0]
@@ -142,14 +113,14 @@ def train_for_filter(
         kept="filter" if best > joint else "joint",
         score_joint=joint - unit,
         score_filter=best - unit,
-        n_iterations=kept_back.best,
+        n_iterations=kept_back.best_trained,
         inflation=inflation,
         n_kept_back=n_kept,
     )
     if training.kept == "joint":
         return training
     objective = FilterObjective(start.estimate, start.law, start.system.chain, stretches(data, start.system))
-    numbers, trace = _ascend(objective, kept_back.best, tick)
+    numbers, trace = _ascend(objective, training.n_iterations, tick)
     return Trained(replace(training, trace=tuple(trace)), *objective.at(numbers, inflation))
 
 
@@ -166,8 +137,13 @@ class _KeptBack:
 
     @property
     def best(self) -> int:
-        """The iteration of the best score, of equal ones the first."""
+        """The iteration of the best score, of equal ones the first; 0 is the joint fit."""
         return max(self.scores, key=lambda k: (self.scores[k], -k))
+
+    @property
+    def best_trained(self) -> int:
+        """Likewise, of the iterations after the joint fit; 0 if there are none."""
+        return max(self.scores, key=lambda k: (k > 0, self.scores[k], -k))
 
     def score(self, iteration: int, numbers: FloatArray) -> None:
         """Score the filter, once for each iteration."""
@@ -181,8 +157,8 @@ class _KeptBack:
         return iteration - self.best < PATIENCE
 
     def widened(self) -> tuple[float, float]:
-        """Return by how much to widen the noise of the state, and the score of that."""
-        numbers = self._numbers[self.best]
+        """Return by how much to widen the noise of the state after training, and the score of that."""
+        numbers = self._numbers[self.best_trained]
         scores = {factor: self._score(numbers, factor) for factor in INFLATIONS}
         factor = max(scores, key=lambda one: scores[one])
         return factor, scores[factor]

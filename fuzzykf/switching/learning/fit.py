@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
+from fuzzykf.results import FilterTraining
 from fuzzykf.switching.laws.base import NODES
 from fuzzykf.switching.laws.chain import SwitchChain, shares_of, stationary_distribution
 from fuzzykf.switching.laws.law_numbers import ChainNumbers, LawNumbers
 from fuzzykf.switching.laws.learners import ChainFamily, FreeChain
 from fuzzykf.switching.learning.em import Estimate, Posterior, Settled, expectation, pair_shares, run_em
-from fuzzykf.switching.learning.filter_training import FilterTraining, Start, train_for_filter
+from fuzzykf.switching.learning.filter_training import Start, train_for_filter
 from fuzzykf.switching.learning.gaussians import (
     GaussianEstimate,
     MemorylessEstimate,
