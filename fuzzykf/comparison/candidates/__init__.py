@@ -118,8 +118,8 @@ class LearningPart:
         K = given_regimes(n_switches, n_regimes)
         key = K, state_feedback, objective
         if key not in self._hard:
-            is_hidden = self.r is None or K != 2 or objective != "joint"
-            r = None if is_hidden else (self.r >= 0.5).astype(np.float64)
+            told = self.r if K == 2 and objective == "joint" else None
+            r = None if told is None else (told >= 0.5).astype(np.float64)
             options: Any = {"n_regimes": K, "state_feedback": state_feedback, "objective": objective}
             options |= self._effort
             self._hard[key] = _numerical(lambda: CGOMSModel.fit(self.x, self.y, r, **options))

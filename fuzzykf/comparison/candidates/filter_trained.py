@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fuzzykf.comparison.candidates import Candidate
 from fuzzykf.comparison.candidates.switching import LearnedSwitching
@@ -27,7 +27,7 @@ def learn_fuzzy_for_filter(part: LearningPart, law: str) -> Learned:
     return LearnedSwitching(fit, part.n_nodes, f"law {law}; {_told(fit)}")
 
 
-def _told(fit: FitResult[object]) -> str:
+def _told(fit: FitResult[Any]) -> str:
     """Say which fit was kept, and why."""
     training = fit.training
     assert training is not None  # it was asked for

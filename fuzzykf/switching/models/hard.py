@@ -359,7 +359,7 @@ class CGOMSModel(SwitchingModel):
             Number K of regimes; 2 unless said otherwise.
         n_switches : int
             Another name of ``n_regimes``: the switch takes so many values.
-        form, n_starts, max_iter, tolerance, state_feedback, rng, progress
+        form, n_starts, max_iter, tolerance, state_feedback, objective, rng, progress
             As in `CGOFMSModel.fit`.
 
         Returns

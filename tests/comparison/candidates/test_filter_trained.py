@@ -1,4 +1,4 @@
-"""Candidates that are learned for their filter: the fit that they stand for, whatever is known of the switch."""
+"""Candidates that are learned for their filter: the fit they stand for, whatever is known of the switch."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ N = 1200
 
 
 def slow(n=N, seed=0):
-    """A slow state, and an observation that tells of it with noise: joint learning leans on the state before."""
+    """A slow state, seen through noise: joint learning leans on the state before."""
     rng = np.random.default_rng(seed)
     r = (np.arange(n) // 40) % 2
     x, y = np.zeros((2, n))
@@ -149,11 +149,11 @@ def test_where_there_is_no_objective_a_step_is_taken_back() -> None:
 
 def test_what_cannot_be_is_refused() -> None:
     x, y = slow(400)
-    with pytest.raises(ParameterError, match="^objective: got 'state', expected 'joint' or 'filter'"):
+    with pytest.raises(ParameterError, match=r"^objective: got 'state', expected 'joint' or 'filter'"):
         FITS["hard"](x, y, objective="state")
-    with pytest.raises(ParameterError, match="^r: got a switch with objective='filter'"):
+    with pytest.raises(ParameterError, match=r"^r: got a switch with objective='filter'"):
         CGOMSModel.fit(x, y, (y > 0.0).astype(int), objective="filter")
-    with pytest.raises(ParameterError, match="^objective: got 'filter' with form='covariance'"):
+    with pytest.raises(ParameterError, match=r"^objective: got 'filter' with form='covariance'"):
         CGOMSModel.fit(x, y, form="covariance", objective="filter")
     with pytest.raises(
         ParameterError, match="a fifth of the measured states, 18 of 90; expected at least 20"
