@@ -556,11 +556,12 @@ class FitResult(Generic[M]):
     model : object
         New, in the units of the data.
     log_likelihood : float
-        Log-density of the training data (x, y) under the model, in their units.
+        Log-density of the training data (x, y) under the model, in their units; where x is missing in some
+        rows, of what was measured (see `CGOFMSModel.fit`).
     n_parameters : int
         Free parameters.
     n_observations : int
-        Times at which x and y were both measured.
+        Times that were learned from: those at which y was measured (in the covariance form, x as well).
     trace : ndarray
         What the iterations raise: the log-likelihood of each stretch of data given its first
         (x, y), in standard units, plus the logarithm of a weak prior.
@@ -569,8 +570,8 @@ class FitResult(Generic[M]):
         What the data cannot support.
     switch_mean : ndarray or pandas Series, shape (n,)
         Posterior mean of the switch along the training data (the switch itself, if it was
-        given); NaN where x or y is missing.  Several series follow one another.  None for a fuzzy switch
-        between more than two classes.
+        given); NaN at times that were not learned from.  Several series follow one another.  None for a
+        fuzzy switch between more than two classes.
     class_weights : ndarray or pandas DataFrame, shape (n, K)
         Posterior shares of the regimes, likewise.
     bic_of_forms : dict

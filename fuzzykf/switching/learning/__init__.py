@@ -34,6 +34,7 @@ from fuzzykf.switching.models.base import given_regimes
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from fuzzykf.arrays import BoolArray
     from fuzzykf.results import Simulation
     from fuzzykf.switching.learning.data import TrainingData
     from fuzzykf.switching.models.fuzzy import CGOFMSModel
@@ -100,7 +101,9 @@ def _learn(
         )
 
     fitted, values = _with_progress(progress, learn)
-    refit = Refit(fit, {**options, "form": fitted.model.form.kind}, data.r is not None, data.labels, n_fuzzy)
+    told = {**options, "form": fitted.model.form.kind}
+    known = None if data.is_complete else data.known
+    refit = Refit(fit, told, data.r is not None, data.labels, n_fuzzy, known)
     found = _present(fitted, values, data, x, refit)
     return replace(found, warnings=(*irregular(x, y), *one_name(data.labels), *found.warnings))
 
@@ -120,6 +123,8 @@ class Refit:
         Of the data that are simulated.
     n_fuzzy : int
         Number of classes between which a fuzzy switch moves.
+    known : ndarray of bool, shape (N,), optional
+        Rows in which x was known, and is known again; by default all.
     """
 
     fit: Callable[..., Fitted]
@@ -127,10 +132,13 @@ class Refit:
     knows_switch: bool
     labels: Labels = NO_LABELS
     n_fuzzy: int = 2
+    known: BoolArray | None = None
 
     def __call__(self, sample: Simulation) -> FitResult[Any]:
         """Learn from a simulation."""
-        data = gather(sample.x, sample.y, sample.r if self.knows_switch else None, self.n_fuzzy)
+        x = sample.x if self.known is None else np.where(self.known[:, None], sample.x, np.nan)
+        r = sample.r if self.knows_switch else None
+        data = gather(x, sample.y, r, self.n_fuzzy, state_feedback=self.options.get("state_feedback", True))
         guess = None if self.knows_switch else sample.r
         found = self.fit(data, options=Options(guess=guess, **self.options))
         value = bic(found.n_parameters, len(data.z), found.log_likelihood)
@@ -168,7 +176,8 @@ def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any], n_fuzzy: int = 2)
                 "itself; expected None, or objective='joint'"
             )
         options["form"] = "regression"
-    return gather(x, y, r, n_fuzzy)
+    state_feedback, complete = options.get("state_feedback", True), options["form"] == "covariance"
+    return gather(x, y, r, n_fuzzy, state_feedback=state_feedback, complete=complete)
 
 
 def _with_progress(progress: bool | None, learn: Callable[[Callable[[], None] | None], T]) -> T:

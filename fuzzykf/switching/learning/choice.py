@@ -22,6 +22,9 @@ __all__ = ["forms_to_try", "learn_forms"]
 def forms_to_try(form: str, data: TrainingData, n_fuzzy: int = 2) -> tuple[str, ...]:
     """Return the forms that a name stands for; "auto" is both, where both can be learned.
 
+    The covariance form is learned from complete transitions alone.  Where some states are missing it would
+    see other data than the regression form, and BIC could not compare them.
+
     Parameters
     ----------
     form : {"auto", "regression", "covariance"}
@@ -32,7 +35,8 @@ def forms_to_try(form: str, data: TrainingData, n_fuzzy: int = 2) -> tuple[str, 
     """
     if form != "auto":
         return (form,)
-    return ("regression", "covariance") if data.z.shape[1] == 2 and n_fuzzy == 2 else ("regression",)
+    both = data.z.shape[1] == 2 and n_fuzzy == 2 and data.is_complete
+    return ("regression", "covariance") if both else ("regression",)
 
 
 def learn_forms(

@@ -20,7 +20,7 @@ from fuzzykf.times import as_spans
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["Scale", "TrainingData", "component", "gather", "irregular"]
 
@@ -58,15 +58,22 @@ class TrainingData:
     Attributes
     ----------
     z : ndarray, shape (N, d)
-        All complete (X, Y), standardised, series after series.
+        (X, Y) of all rows in which Y is complete, standardised, series after series; X is NaN where a
+        component of it is missing.
     before, after : ndarray of int, shape (T,)
         Rows of `z` that follow one another.
     starts : ndarray of int
-        Rows of `z` at which a stretch without gaps begins.
+        Rows of `z` at which a stretch without gaps in Y begins.
     r : ndarray, shape (N,) or (N, K), or None
         The switch, where it is known.
     scale : Scale
+        Of X in the rows in which it is known.
     dim_x : int
+    known : ndarray of bool, shape (N,)
+        Rows in which X is known.
+    has_state : ndarray of bool, shape (T,)
+        Transitions that say something of the regression of the state: X is known after them and, if the
+        state depends on the one before, before them.
     kept : ndarray of int
         Positions of the rows of `z` in the data as given, series after series.
     n_rows : int
@@ -82,12 +89,34 @@ class TrainingData:
     r: FloatArray | None
     scale: Scale
     dim_x: int
+    known: BoolArray
+    has_state: BoolArray
     kept: np.ndarray
     n_rows: int
     labels: Labels = NO_LABELS
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether X is known in every row."""
+        return bool(self.known.all())
 
-def gather(x: Any, y: Any, r: Any = None, n_fuzzy: int = 2) -> TrainingData:
+    @property
+    def n_measured(self) -> int:
+        """How many numbers were measured."""
+        N, d = len(self.z), int(self.z.shape[1])
+        states = int(np.count_nonzero(self.known))
+        return states * self.dim_x + N * (d - self.dim_x)
+
+
+def gather(
+    x: Any,
+    y: Any,
+    r: Any = None,
+    n_fuzzy: int = 2,
+    *,
+    state_feedback: bool = True,
+    complete: bool = False,
+) -> TrainingData:
     """Bring one series or several to a common form.
 
     Parameters
@@ -100,6 +129,10 @@ def gather(x: Any, y: Any, r: Any = None, n_fuzzy: int = 2) -> TrainingData:
     n_fuzzy : int
         Number K of classes between which a fuzzy switch moves: between more than two, ``r`` may be class
         weights (n, K).
+    state_feedback : bool
+        Whether the state is to depend on the one before it.
+    complete : bool
+        Whether only rows in which x is known count, as if y were missing elsewhere.
 
     Raises
     ------
@@ -122,7 +155,7 @@ def gather(x: Any, y: Any, r: Any = None, n_fuzzy: int = 2) -> TrainingData:
     rs: Sequence[Any] = [None] * len(xs) if r is None else _series("r", _parts(r))
     if not len(xs) == len(ys) == len(rs):
         raise ShapeError(f"x, y, r: got {len(xs)}, {len(ys)} and {len(rs)} series, expected as many of each")
-    rows, switches, starts, before, positions = [], [], [], [], []
+    rows, measured, switches, starts, before, positions = [], [], [], [], [], []
     n_rows = n_given = 0
     for k, (a, b, c) in enumerate(zip(xs, ys, rs, strict=True)):
         if len(a) != len(b) or (c is not None and len(c) != len(a)):
@@ -134,10 +167,11 @@ def gather(x: Any, y: Any, r: Any = None, n_fuzzy: int = 2) -> TrainingData:
         if c is not None and c.shape[1] != 1 and (n_fuzzy == 2 or c.shape[1] != n_fuzzy):
             ways = "one" if n_fuzzy == 2 else f"one of regimes, or the weights of {n_fuzzy} classes"
             raise ShapeError(f"r: series {k} has {c.shape[1]} columns, expected {ways}")
-        complete = np.isfinite(z).all(axis=1)
+        whole = np.isfinite(z).all(axis=1)
+        counts = whole if complete else np.isfinite(b).all(axis=1)
         if c is not None:
-            complete &= np.isfinite(c).all(axis=1)
-        kept = np.flatnonzero(complete)
+            counts = counts & np.isfinite(c).all(axis=1)
+        kept = np.flatnonzero(counts)
         follows = np.diff(kept) == 1
         at = n_rows + np.arange(kept.size)
         if kept.size:
@@ -146,6 +180,7 @@ def gather(x: Any, y: Any, r: Any = None, n_fuzzy: int = 2) -> TrainingData:
         positions.append(n_given + kept)
         n_given += len(z)
         rows.append(z[kept])
+        measured.append(whole[kept])
         if c is not None:
             switches.append(c[kept, 0] if c.shape[1] == 1 else c[kept])
         n_rows += kept.size
@@ -153,16 +188,13 @@ def gather(x: Any, y: Any, r: Any = None, n_fuzzy: int = 2) -> TrainingData:
         widths = sorted({block.shape[1] for block in series})
         if len(widths) != 1:
             raise ShapeError(f"{name}: got series of {widths} components, expected as many in each")
-    z = np.concatenate(rows)
-    first = np.concatenate(before) if before else np.empty(0, dtype=int)
-    if first.size < MIN_TRANSITIONS:
-        raise ParameterError(
-            f"x, y: hold {counted(first.size, 'step')} in which x and y are both measured, expected at least "
-            f"{MIN_TRANSITIONS}; the parameters of the state are not identifiable from y alone"
-        )
+    z, known = np.concatenate(rows), np.concatenate(measured)
     m = xs[0].shape[1]
-    z, scale = _standardised(z, m)
-    _check_noise(z[first], z[first + 1], m)
+    first = np.concatenate(before) if before else np.empty(0, dtype=int)
+    has_state = known[first + 1] & known[first] if state_feedback else known[first + 1]
+    _check_number(known, first, has_state, state_feedback=state_feedback)
+    z, scale = _standardised(z, known, m)
+    _check_noise(z, first, has_state, m, state_feedback=state_feedback)
     return TrainingData(
         z=z,
         before=first,
@@ -171,6 +203,8 @@ def gather(x: Any, y: Any, r: Any = None, n_fuzzy: int = 2) -> TrainingData:
         r=np.concatenate(switches) if r is not None else None,
         scale=scale,
         dim_x=m,
+        known=known,
+        has_state=has_state,
         kept=np.concatenate(positions),
         n_rows=n_given,
         labels=labels,
@@ -191,8 +225,46 @@ def irregular(x: Any, y: Any) -> list[str]:
     return notes
 
 
-def _standardised(z: FloatArray, m: int) -> tuple[FloatArray, Scale]:
-    """Bring the columns of (x, y) to standard units; x has ``m`` of them.
+def _check_number(known: BoolArray, first: IntArray, has_state: BoolArray, *, state_feedback: bool) -> None:
+    """Raise if there are too few transitions from which the state can be learned."""
+    n = int(has_state.sum())
+    if n >= MIN_TRANSITIONS:
+        return
+    alone = int(known[first + 1].sum())
+    if state_feedback and alone >= MIN_TRANSITIONS:
+        raise ParameterError(
+            f"x, y: hold {counted(n, 'step')} in which x and y are both measured before and after, expected "
+            f"at least {MIN_TRANSITIONS} for a state that depends on the one before; x is measured after "
+            f"{alone:,} steps, from which state_feedback=False learns a state that does not"
+        )
+    what = "x and y are both measured" if state_feedback else "y is measured, and x after them"
+    raise ParameterError(
+        f"x, y: hold {counted(n, 'step')} in which {what}, expected at least {MIN_TRANSITIONS}; the "
+        "parameters of the state are not identifiable from y alone"
+    )
+
+
+def _standardised(z: FloatArray, known: BoolArray, m: int) -> tuple[FloatArray, Scale]:
+    """Bring (x, y) to standard units, x by the rows in which it is known; elsewhere it becomes NaN.
+
+    Raises
+    ------
+    ParameterError
+        See `_in_units`.
+    """
+    names = [component(column, m) for column in range(z.shape[1])]
+    if known.all():
+        standard, mean, std = _in_units(z, names)
+        return standard, Scale(mean, std)
+    states, mean_x, std_x = _in_units(z[known, :m], names[:m])
+    observations, mean_y, std_y = _in_units(z[:, m:], names[m:])
+    standard = np.full(z.shape, np.nan)
+    standard[known, :m], standard[:, m:] = states, observations
+    return standard, Scale(np.concatenate([mean_x, mean_y]), np.concatenate([std_x, std_y]))
+
+
+def _in_units(z: FloatArray, names: list[str]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Bring columns to standard units, which are returned with their means and standard deviations.
 
     They are centred twice: the mean of numbers far from zero misses the true one by a rounding of their size,
     the mean of what is left by a rounding of the noise.
@@ -210,7 +282,7 @@ def _standardised(z: FloatArray, m: int) -> tuple[FloatArray, Scale]:
     largest = np.maximum(np.abs(centred).max(axis=0), gap)
     std = largest * (centred / largest).std(axis=0)  # squares of the values themselves may leave the range
     column = int(np.argmin(std / gap))
-    name, least = component(column, m), ROUNDING * gap[column]
+    name, least = names[column], ROUNDING * gap[column]
     if np.ptp(z[:, column]) == 0.0:
         raise ParameterError(f"{name}: is constant ({z[0, column]:.6g}), which no model can be learned from")
     if std[column] <= least:
@@ -223,10 +295,10 @@ def _standardised(z: FloatArray, m: int) -> tuple[FloatArray, Scale]:
     if not ((std > low) & (std < high)).all():
         column = int(np.argmax(np.abs(np.log(std))))
         raise ParameterError(
-            f"{component(column, m)}: got a standard deviation of {std[column]:.2g}, expected one between "
+            f"{names[column]}: got a standard deviation of {std[column]:.2g}, expected one between "
             f"{low:g} and {high:g}, whose square double precision can hold; use other units"
         )
-    return centred / std, Scale(mean + rest, std)
+    return centred / std, mean + rest, std
 
 
 def component(column: int, m: int) -> str:
@@ -234,16 +306,28 @@ def component(column: int, m: int) -> str:
     return f"x[{column}]" if column < m else f"y[{column - m}]"
 
 
-def _check_noise(now: FloatArray, then: FloatArray, m: int) -> None:
+def _check_noise(
+    z: FloatArray, first: IntArray, has_state: BoolArray, m: int, *, state_feedback: bool
+) -> None:
     """Raise if the components of two consecutive times determine one another."""
-    d = now.shape[1]
-    both = np.concatenate([now, then], axis=1)
-    eigenvalues, vectors = np.linalg.eigh(np.cov(both.T))
+    d = z.shape[1]
+    names = [component(k % d, m) + ("" if k < d else " of the next time") for k in range(2 * d)]
+    both = np.concatenate([z[first], z[first + 1]], axis=1)
+    if has_state.all() and np.isfinite(both).all():
+        _check_relations(both, names)
+        return
+    y = [*range(m, d), *range(d + m, 2 * d)]
+    _check_relations(both[:, y], [names[k] for k in y])
+    used = list(range(2 * d)) if state_feedback else list(range(m, 2 * d))
+    _check_relations(both[has_state][:, used], [names[k] for k in used])
+
+
+def _check_relations(values: FloatArray, names: list[str]) -> None:
+    eigenvalues, vectors = np.linalg.eigh(np.cov(values.T))
     if eigenvalues[0] < DEPENDENT:
-        involved = np.flatnonzero(np.abs(vectors[:, 0]) > 1e-3)
-        names = [component(k % d, m) + ("" if k < d else " of the next time") for k in involved]
+        involved = [names[k] for k in np.flatnonzero(np.abs(vectors[:, 0]) > 1e-3)]
         raise ParameterError(
-            f"x, y: an exact linear relation holds between {', '.join(names)}; expected noise in every "
+            f"x, y: an exact linear relation holds between {', '.join(involved)}; expected noise in every "
             "component"
         )
 

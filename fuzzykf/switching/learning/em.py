@@ -4,6 +4,9 @@ On the nodes (R, Z) is a hidden Markov chain with emission p(z_{n+1} | z_n, i, j
 expectation step is one forward-backward pass; the maximisation step needs only the
 weighted second moments of each pair of nodes, and the expected numbers of transitions.
 The likelihood is that of each stretch of data given its first (x, y).
+
+Given the switch a transition factors into p(y' | y, i, j) and p(x' | x, y, y', i, j).  Where x' (or x, if the
+state depends on it) is missing, the second factor is left out, and the state regression learns nothing.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ import numpy as np
 
 from fuzzykf.engine.selected import forward_backward
 from fuzzykf.switching.learning.gaussians import transition_vectors
-from fuzzykf.switching.learning.regression import Cells
+from fuzzykf.switching.learning.regression import Cells, Evidence
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -79,7 +82,9 @@ class Posterior:
     pairs : ndarray, shape (M, M)
         Expected numbers of transitions.
     moment : ndarray, shape (M, M, f, f)
-        Weighted second moments of v = (1, y, y', x, x').
+        Weighted second moments of v = (1, y, y', x, x'), x being zero where it is not known.
+    state_pairs, state_moment : ndarray
+        The same of the transitions that have a state (`TrainingData.has_state`); the same objects if all do.
     first : ndarray, shape (M,)
         Expected numbers of stretches that begin in each node.
     log_likelihood : float
@@ -88,6 +93,8 @@ class Posterior:
     gamma: FloatArray
     pairs: FloatArray
     moment: FloatArray
+    state_pairs: FloatArray
+    state_moment: FloatArray
     first: FloatArray
     log_likelihood: float
 
@@ -116,20 +123,26 @@ def expectation(
     M, f = len(shares), v.shape[1]
     transition = estimate.chain.transition
     possible = np.flatnonzero(transition.reshape(-1))  # no others are looked at
-    W, constant = estimate.gaussian.rows(pair_shares(shares)[possible])
+    regimes = pair_shares(shares)[possible]
+    W, constant = estimate.gaussian.rows(regimes)
+    constant_y = None if data.has_state.all() else estimate.gaussian.observation_constant(regimes)
     W = np.moveaxis(W, 1, 0).reshape(-1, f)
     gamma = np.empty((len(data.z), M))
     pairs, first = np.zeros((M, M)), np.zeros(M)
-    moment = np.zeros((M * M, f * f))
+    moment = np.zeros((M * M, f * f))  # of the transitions that have a state
+    pairs_without, without = np.zeros((M, M)), np.zeros((M * M, f * f))
     total = 0.0
     stops = np.append(data.starts[1:], len(data.z))
     done = 0
     for start, stop in zip(data.starts, stops, strict=True):
         T = int(stop - start) - 1
-        part = v[done : done + T]
+        part, has_state = v[done : done + T], data.has_state[done : done + T]
         done += T
         white = (part @ W.T).reshape(T, q + m, possible.size)
         log_emission = constant - 0.5 * (white * white).sum(axis=1)
+        if constant_y is not None:
+            of_y = white[~has_state, :q]
+            log_emission[~has_state] = constant_y - 0.5 * (of_y * of_y).sum(axis=1)
         posterior, xi, log_likelihood = forward_backward(
             estimate.chain.initial, transition, _spread_out(log_emission, possible, M)
         )
@@ -137,12 +150,21 @@ def expectation(
         first += posterior[0]
         if T:
             flat = xi.reshape(T, M * M)
+            squares = (part[:, :, None] * part[:, None, :]).reshape(T, f * f)
+            if constant_y is not None:
+                pairs_without += flat[~has_state].sum(axis=0).reshape(M, M)
+                without[possible] += flat[np.ix_(~has_state, possible)].T @ squares[~has_state]
+                flat, squares = flat[has_state], squares[has_state]
             pairs += flat.sum(axis=0).reshape(M, M)
             if possible.size < M * M:
                 flat = flat[:, possible]
-            moment[possible] += flat.T @ (part[:, :, None] * part[:, None, :]).reshape(T, f * f)
+            moment[possible] += flat.T @ squares
         total += float(log_likelihood.sum())
-    return Posterior(gamma, pairs, moment.reshape(M, M, f, f), first, total)
+    moment = moment.reshape(M, M, f, f)
+    if constant_y is None:
+        return Posterior(gamma, pairs, moment, pairs, moment, first, total)
+    every = moment + without.reshape(M, M, f, f)
+    return Posterior(gamma, pairs + pairs_without, every, pairs, moment, first, total)
 
 
 def _spread_out(log_emission: FloatArray, possible: IntArray, M: int) -> FloatArray:
@@ -155,13 +177,21 @@ def _spread_out(log_emission: FloatArray, possible: IntArray, M: int) -> FloatAr
     return full.reshape(T, M, M)
 
 
-def cells_of(posterior: Posterior, shares: FloatArray) -> Cells:
-    """Bring the statistics of the pairs of nodes to the form of a regression; impossible pairs have none."""
-    weight = posterior.pairs.reshape(-1)
+def cells_of(posterior: Posterior, shares: FloatArray) -> Evidence:
+    """Bring the statistics of the pairs of nodes to the form of regressions; impossible pairs have none."""
+    regimes = pair_shares(shares)
     f = posterior.moment.shape[-1]
-    seen = weight > 0.0
-    mean = posterior.moment.reshape(-1, f, f)[seen] / weight[seen][:, None, None]
-    return Cells(pair_shares(shares)[seen], weight[seen], mean)
+
+    def cells(pairs: FloatArray, moment: FloatArray) -> Cells:
+        weight = pairs.reshape(-1)
+        seen = weight > 0.0
+        mean = moment.reshape(-1, f, f)[seen] / weight[seen][:, None, None]
+        return Cells(regimes[seen], weight[seen], mean)
+
+    every = cells(posterior.pairs, posterior.moment)
+    if posterior.state_pairs is posterior.pairs:
+        return Evidence(every, every)
+    return Evidence(every, cells(posterior.state_pairs, posterior.state_moment))
 
 
 def run_em(

@@ -20,6 +20,7 @@ from fuzzykf.switching.learning.gaussians import (
     MemorylessEstimate,
     RegressionEstimate,
     pair_cells,
+    row_cells,
     single_cells,
     transition_vectors,
 )
@@ -41,7 +42,7 @@ from fuzzykf.switching.learning.notes import (
     unlike,
     ways,
 )
-from fuzzykf.switching.learning.regression import Cells, merged
+from fuzzykf.switching.learning.regression import Evidence, merged
 from fuzzykf.switching.learning.starts import classes, guesses, named_guesses, soften, spread
 from fuzzykf.switching.learning.vine import VineEstimate
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
@@ -149,9 +150,8 @@ def _from_shares(
 ) -> GaussianEstimate:
     """Estimate a Gaussian part from shares (N, K) of the regimes in each row of the data."""
     v = transition_vectors(data)
-    w = np.concatenate([np.ones((len(data.z), 1)), data.z], axis=1)
-    single = merged(Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :]))
-    pairs = merged(pair_cells(shares[data.before], shares[data.after], v))
+    single = row_cells(shares, data).each(merged)
+    pairs = Evidence.of(pair_cells(shares[data.before], shares[data.after], v), data.has_state).each(merged)
     proof = _proof(shares.shape[1], fuzzy=fuzzy)
     return kind.start(pairs, single, data.dim_x, data.z.shape[1] - data.dim_x, proof)
 
@@ -172,9 +172,7 @@ def fit_fuzzy(data: TrainingData, law: Law, n_nodes: int | None, options: Option
     fitted = law.likeliest(np.split(shares, data.starts[1:]), nodes)
     nodes = fitted.nodes_up_to(nodes)  # on which the likelihood is told
     estimate = _from_shares(_estimator(options, data, K), shares, data, fuzzy=True)
-    w = np.concatenate([np.ones((len(data.z), 1)), data.z], axis=1)
-    single = Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :])
-    model = CGOFMSModel._from_form(fitted, estimate.form(single, data.scale))
+    model = CGOFMSModel._from_form(fitted, estimate.form(row_cells(shares, data), data.scale))
     bounds = active_constraint(estimate, K)
     system = model.placed(nodes)
     notes = known_scarcity(shares, data, ways(system.chain)) + bounds + unlike(law, fitted, shares)
@@ -223,7 +221,7 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     transition = np.where(left[:, None] > 0.0, counts / np.maximum(left, 1.0)[:, None], 1.0 / K)
     visits = shares.sum(axis=0)
     estimate = _from_shares(_estimator(options, data), shares, data, fuzzy=False)
-    single = single_cells(shares, np.eye(K), data.z)
+    single = single_cells(shares, np.eye(K), data)
     model = CGOMSModel._from_form(transition, estimate.form(single, data.scale), visits / visits.sum())
     system = model.placed()
     value = log_likelihood(system, data)
@@ -247,7 +245,7 @@ def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Optio
     found, posterior, trace, converged = _best(starts, shares, data, options)
 
     def make(one: Estimate | Settled, seen: Posterior, rows: TrainingData) -> CGOFMSModel:
-        form = one.gaussian.form(single_cells(seen.gamma, shares, rows.z), rows.scale)
+        form = one.gaussian.form(single_cells(seen.gamma, shares, rows), rows.scale)
         return CGOFMSModel._from_form(one.law if isinstance(one, Settled) else one.chain.law(), form)
 
     estimate, posterior, training = _served(found, posterior, make, shares, n_nodes, data, options)
@@ -316,7 +314,7 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     found, posterior, trace, converged = _best(starts, shares, data, options)
 
     def make(one: Estimate | Settled, seen: Posterior, rows: TrainingData) -> CGOMSModel:
-        form = one.gaussian.form(single_cells(seen.gamma, shares, rows.z), rows.scale)
+        form = one.gaussian.form(single_cells(seen.gamma, shares, rows), rows.scale)
         transition = one.chain.transition
         try:
             initial = stationary_distribution(transition)

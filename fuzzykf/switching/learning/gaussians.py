@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 
 from fuzzykf.switching.dynamics.forms import GaussianForm, RegressionForm
-from fuzzykf.switching.learning.regression import Cells, Regression, fit_regression, join, prior_cells
+from fuzzykf.switching.learning.regression import Cells, Evidence, Regression, fit_regression, prior_cells
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -24,14 +24,18 @@ __all__ = [
     "RegressionEstimate",
     "pair_cells",
     "positions",
+    "regime_moments",
+    "row_cells",
+    "single_cells",
     "transition_vectors",
 ]
 
 
 def transition_vectors(data: TrainingData) -> FloatArray:
-    """Rows v = (1, y, y', x, x') of all transitions."""
+    """Rows v = (1, y, y', x, x') of all transitions; x is zero where it is not known."""
     m = data.dim_x
-    now, then = data.z[data.before], data.z[data.after]
+    z = _filled(data)
+    now, then = z[data.before], z[data.after]
     one = np.ones((len(now), 1))
     return np.concatenate([one, now[:, m:], then[:, m:], now[:, :m], then[:, :m]], axis=1)
 
@@ -47,20 +51,37 @@ def positions(m: int, q: int) -> dict[str, list[int]]:
     }
 
 
+def _filled(data: TrainingData) -> FloatArray:
+    """Put zeros in the place of states that are not known, which no moment of the state reads."""
+    return data.z if data.is_complete else np.nan_to_num(data.z, nan=0.0)
+
+
 def pair_cells(before: FloatArray, after: FloatArray, v: FloatArray) -> Cells:
     """One cell per transition, from the shares (n, K) of the switch before and after it."""
     shares = (before[:, :, None] * after[:, None, :]).reshape(len(v), -1)
     return Cells(shares, np.ones(len(v)), v[:, :, None] * v[:, None, :])
 
 
-def single_cells(weights: FloatArray, shares: FloatArray, z: FloatArray) -> Cells:
-    """Cells of the law of Z given the switch: weights (n, M) of nodes with shares (M, K)."""
+def row_cells(shares: FloatArray, data: TrainingData) -> Evidence:
+    """One cell of (1, x, y) per row, with the shares (N, K) of the switch in it."""
+    z = _filled(data)
     w = np.concatenate([np.ones((len(z), 1)), z], axis=1)
-    total = weights.sum(axis=0)
-    moment = (weights.T @ (w[:, :, None] * w[:, None, :]).reshape(len(w), -1)).reshape(
-        -1, w.shape[1], w.shape[1]
-    )
-    return Cells(shares, total, moment / np.where(total > 0.0, total, 1.0)[:, None, None])
+    return Evidence.of(Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :]), data.known)
+
+
+def single_cells(weights: FloatArray, shares: FloatArray, data: TrainingData) -> Evidence:
+    """Cells of the law of Z given the switch: weights (N, M) of nodes with shares (M, K)."""
+    z = _filled(data)
+    w = np.concatenate([np.ones((len(z), 1)), z], axis=1)
+
+    def cells(weights: FloatArray, w: FloatArray) -> Cells:
+        f = w.shape[1]
+        total = weights.sum(axis=0)
+        moment = (weights.T @ (w[:, :, None] * w[:, None, :]).reshape(len(w), -1)).reshape(-1, f, f)
+        return Cells(shares, total, moment / np.where(total > 0.0, total, 1.0)[:, None, None])
+
+    every = cells(weights, w)
+    return Evidence(every, every if data.is_complete else cells(weights[data.known], w[data.known]))
 
 
 class GaussianEstimate(ABC):
@@ -68,18 +89,18 @@ class GaussianEstimate(ABC):
 
     Attributes
     ----------
-    prior : Cells
+    prior : Evidence
         What each pair of regimes is taken to have seen before the data.
     """
 
     dim_x: int
     dim_z: int
     n_classes: int
-    prior: Cells
+    prior: Evidence
 
     @classmethod
     @abstractmethod
-    def start(cls, cells: Cells, single: Cells, m: int, q: int, proof: FloatArray) -> Self:
+    def start(cls, cells: Evidence, single: Evidence, m: int, q: int, proof: FloatArray) -> Self:
         """Estimate from cells of pairs of regimes and of single regimes.
 
         ``proof`` (p, K * K) holds the shares of pairs at which the model has to be valid.
@@ -88,6 +109,9 @@ class GaussianEstimate(ABC):
     @abstractmethod
     def rows(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whitened rows of pairs: log p(z' | z, pair) = k - |W v|^2 / 2.
+
+        The first q rows are those of the observation: with `observation_constant` in the place of k they
+        give log p(y' | y, pair).
 
         Parameters
         ----------
@@ -100,11 +124,21 @@ class GaussianEstimate(ABC):
         k : ndarray, shape (p,)
         """
 
-    def log_likelihood(self, cells: Cells) -> float:
-        """Sum of log p(z' | z, pair) over cells."""
-        W, constant = self.rows(cells.shares)
-        quadratic = np.einsum("pij,pjk,pik->p", W, cells.moment, W, optimize=True)
-        return float(cells.weight @ (constant - 0.5 * quadratic))
+    @abstractmethod
+    def observation_constant(self, shares: FloatArray) -> FloatArray:
+        """Return k, (p,), of the observation alone."""
+
+    def log_likelihood(self, cells: Evidence) -> float:
+        """Sum of log p(y' | y, pair) and log p(x' | x, y, y', pair) over their cells."""
+        if cells.is_complete:
+            W, constant = self.rows(cells.state.shares)
+            return _expected(cells.state, W, constant)
+        q = self.dim_z
+        observation, state = cells
+        W, constant = self.rows(state.shares)
+        of_state = _expected(state, W[:, q:], constant - self.observation_constant(state.shares))
+        W, _ = self.rows(observation.shares)
+        return of_state + _expected(observation, W[:, :q], self.observation_constant(observation.shares))
 
     @property
     def log_prior(self) -> float:
@@ -112,7 +146,7 @@ class GaussianEstimate(ABC):
         return self.log_likelihood(self.prior)
 
     @abstractmethod
-    def maximise(self, cells: Cells) -> Self:
+    def maximise(self, cells: Evidence) -> Self:
         """Return an estimate of larger expected likelihood, prior included, given the moments of pairs."""
 
     @property
@@ -125,7 +159,7 @@ class GaussianEstimate(ABC):
         """Return the estimate with these parameters, or None where there is no model."""
 
     @abstractmethod
-    def form(self, single: Cells, scale: Scale) -> GaussianForm:
+    def form(self, single: Evidence, scale: Scale) -> GaussianForm:
         """Return the form in the units of the data; ``single`` holds the moments of regimes."""
 
     @property
@@ -134,27 +168,32 @@ class GaussianEstimate(ABC):
         """Number of free parameters."""
 
 
+def _expected(cells: Cells, W: FloatArray, constant: FloatArray) -> float:
+    quadratic = np.einsum("pij,pjk,pik->p", W, cells.moment, W, optimize=True)
+    return float(cells.weight @ (constant - 0.5 * quadratic))
+
+
 class RegressionEstimate(GaussianEstimate):
     """The regression form: y' on (y, 1), then x' on (x, y, y', 1)."""
 
     #: Whether x' depends on x.
     state_feedback: ClassVar[bool] = True
 
-    def __init__(self, observation: Regression, state: Regression, prior: Cells) -> None:
+    def __init__(self, observation: Regression, state: Regression, prior: Evidence) -> None:
         self.observation, self.state, self.prior = observation, state, prior
         self.dim_z, self.dim_x = observation.beta.shape[1], state.beta.shape[1]
         self.n_classes = round(len(observation.beta) ** 0.5)
 
     @classmethod
-    def start(cls, cells: Cells, single: Cells, m: int, q: int, proof: FloatArray) -> Self:
+    def start(cls, cells: Evidence, single: Evidence, m: int, q: int, proof: FloatArray) -> Self:
         """Estimate from cells, by maximum likelihood; valid everywhere by construction."""
-        prior = prior_cells(cells)
-        return cls(*cls._both(join(cells, prior), m, q, (None, None), 100), prior)
+        prior = cells.each(prior_cells)
+        return cls(*cls._both(cells.joined(prior), m, q, (None, None), 100), prior)
 
-    def maximise(self, cells: Cells) -> Self:
+    def maximise(self, cells: Evidence) -> Self:
         """Take a few rounds of the maximisation."""
         before = (self.observation, self.state)
-        both = self._both(join(cells, self.prior), self.dim_x, self.dim_z, before, 3)
+        both = self._both(cells.joined(self.prior), self.dim_x, self.dim_z, before, 3)
         return type(self)(*both, self.prior)
 
     @property
@@ -190,10 +229,17 @@ class RegressionEstimate(GaussianEstimate):
             constant -= 0.5 * g.sum(axis=1)
         return np.concatenate(blocks, axis=1), constant
 
-    def form(self, single: Cells, scale: Scale) -> RegressionForm:
+    def observation_constant(self, shares: FloatArray) -> FloatArray:
+        """Return k, (p,), of the observation alone."""
+        constant: FloatArray = -0.5 * (
+            self.dim_z * np.log(2.0 * np.pi) + (shares @ self.observation.g).sum(axis=1)
+        )
+        return constant
+
+    def form(self, single: Evidence, scale: Scale) -> RegressionForm:
         """Return the form in the units of the data."""
         m, q, K = self.dim_x, self.dim_z, self.n_classes
-        first = fit_regression(join(single, prior_cells(single)), list(range(1, 1 + m + q)), [0])
+        means, covariances = regime_moments(single, m, q)
         mx, my, sx, sy = scale.mean[:m], scale.mean[m:], scale.std[:m], scale.std[m:]
 
         def table(a: FloatArray) -> FloatArray:
@@ -218,8 +264,8 @@ class RegressionEstimate(GaussianEstimate):
             G=G,
             c=c,
             C=table(state.covariance) * sx[:, None] * sx,
-            means=first.beta[..., 0] * scale.std + scale.mean,
-            covariances=first.covariance * scale.std[:, None] * scale.std,
+            means=means * scale.std + scale.mean,
+            covariances=covariances * scale.std[:, None] * scale.std,
         )
 
     @property
@@ -240,7 +286,7 @@ class RegressionEstimate(GaussianEstimate):
     @classmethod
     def _both(
         cls,
-        cells: Cells,
+        cells: Evidence,
         m: int,
         q: int,
         start: tuple[Regression | None, Regression | None],
@@ -249,9 +295,38 @@ class RegressionEstimate(GaussianEstimate):
         """Regressions of the observation and of the state."""
         at = positions(m, q)
         return (
-            fit_regression(cells, at["y'"], at["y"] + at["one"], start[0], n_rounds=n_rounds),
-            fit_regression(cells, at["x'"], cls._regressors(m, q), start[1], n_rounds=n_rounds),
+            fit_regression(cells.observation, at["y'"], at["y"] + at["one"], start[0], n_rounds=n_rounds),
+            fit_regression(cells.state, at["x'"], cls._regressors(m, q), start[1], n_rounds=n_rounds),
         )
+
+
+def regime_moments(single: Evidence, m: int, q: int) -> tuple[FloatArray, FloatArray]:
+    """Means (K, d) and covariances (K, d, d) of Z = (X, Y) in each regime, with a weak prior.
+
+    Where some states are missing the likelihood factors into that of all observations and the regression of
+    the states that are known on theirs, x = B y + c + C: each part is maximised by itself, and
+
+        E X = B E Y + c,    Cov(X, Y) = B Cov(Y),    Cov(X) = C + B Cov(Y) B'.
+
+    So which rows have a state may depend on the observation without a bias.
+
+    References
+    ----------
+    T. W. Anderson, "Maximum likelihood estimates for a multivariate normal distribution when some
+    observations are missing", Journal of the American Statistical Association 52 (1957).
+    """
+    cells = single.joined(single.each(prior_cells))
+    x, y = list(range(1, 1 + m)), list(range(1 + m, 1 + m + q))
+    if single.is_complete:
+        both = fit_regression(cells.state, x + y, [0])
+        return both.beta[..., 0], both.covariance
+    observation, state = fit_regression(cells.observation, y, [0]), fit_regression(cells.state, x, [*y, 0])
+    mean_y, S_yy = observation.beta[..., 0], observation.covariance
+    B, c = state.beta[..., :q], state.beta[..., q]
+    S_xy = B @ S_yy
+    mean = np.concatenate([(B @ mean_y[..., None])[..., 0] + c, mean_y], axis=1)
+    S_xx = state.covariance + S_xy @ np.swapaxes(B, 1, 2)
+    return mean, np.block([[S_xx, S_xy], [np.swapaxes(S_xy, 1, 2), S_yy]])
 
 
 class MemorylessEstimate(RegressionEstimate):

@@ -1,7 +1,7 @@
 """Likelihood of (x, y) with the switch hidden: a forward pass over the nodes.
 
 On the nodes (R, Z) is a hidden Markov chain with emission p(z_{n+1} | z_n, r_n, r_{n+1}),
-so the likelihood of a stretch of data is exact.
+so the likelihood of a stretch of data is exact.  Where states are missing their factors are left out.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from fuzzykf.gaussian import cholesky, log_density, logsumexp
 from fuzzykf.switching.dynamics.pairs import log_probability
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
     from fuzzykf.switching.learning.data import TrainingData
 
@@ -25,13 +25,17 @@ __all__ = ["emissions", "forward", "log_likelihood"]
 _CHUNK = 1024
 
 
-def emissions(system: SwitchingSystem, now: FloatArray, then: FloatArray) -> FloatArray:
+def emissions(
+    system: SwitchingSystem, now: FloatArray, then: FloatArray, has_state: BoolArray | None = None
+) -> FloatArray:
     """Log p(z_{n+1} | z_n, r_n = i, r_{n+1} = j) for n transitions, (n, M, M).
 
     Parameters
     ----------
     now, then : ndarray, shape (n, d)
         Z before and after each transition.
+    has_state : ndarray of bool, shape (n,), optional
+        Transitions of which the state counts: of others it is log p(y_{n+1} | y_n, i, j).  By default all.
     """
     m = system.dim_x
     pairs = system.pair_tables(0).pairs
@@ -46,7 +50,10 @@ def emissions(system: SwitchingSystem, now: FloatArray, then: FloatArray) -> Flo
         + pairs.c
     )
     density = log_density(y1[:, None, None] - mean_y, factor_y)
-    return density + log_density(x1[:, None, None] - mean_x, factor_x)
+    density_x = log_density(x1[:, None, None] - mean_x, factor_x)
+    if has_state is not None:
+        density_x[~has_state] = 0.0
+    return density + density_x
 
 
 def forward(log_transition: FloatArray, log_first: FloatArray, log_emission: FloatArray) -> FloatArray:
@@ -78,27 +85,44 @@ def forward(log_transition: FloatArray, log_first: FloatArray, log_emission: Flo
 
 
 def log_likelihood(system: SwitchingSystem, data: TrainingData) -> float:
-    """Log p(x, y) of all stretches, in the units of the data."""
+    """Log p(x, y) of all stretches, in the units of the data.
+
+    Where states are missing it is the sum over the paths of the switch of the products of those factors that
+    are known: p(y' | y, i, j) of every transition, p(x' | x, y, y', i, j) of those that have a state
+    (`TrainingData.has_state`), and of the first row of a stretch p(y | i), and p(x | y, i) if x is known.  If
+    the state does not depend on the one before, this is the likelihood of all that was measured.  If it does,
+    it is the likelihood of y and of each x whose predecessor is known, the first x after a gap being given.
+    """
     z = data.z * data.scale.std + data.scale.mean
+    z = np.where(np.isnan(z), data.scale.mean, z)  # read by no factor that counts
+    m = system.dim_x
     law = system.initial()
     factor = cholesky(law.covariance, lambda k: f"covariance of Z in node {k[0]}")
+    factor_y = cholesky(law.covariance[:, m:, m:], lambda k: f"covariance of Y in node {k[0]}")
     log_transition = log_probability(np.maximum(system.chain.transition, 0.0))
-    total = 0.0
+    total, done = 0.0, 0
     stops = np.append(data.starts[1:], len(z))
     for start, stop in zip(data.starts, stops, strict=True):
-        first = np.maximum(log_probability(law.probability), LOG_ZERO) + log_density(
-            z[start] - law.mean, factor
-        )
-        total += _stretch(system, log_transition, first, z[start:stop])
+        off = z[start] - law.mean
+        density = log_density(off, factor) if data.known[start] else log_density(off[:, m:], factor_y)
+        first = np.maximum(log_probability(law.probability), LOG_ZERO) + density
+        has_state = data.has_state[done : done + stop - start - 1]
+        total += _stretch(system, log_transition, first, z[start:stop], has_state)
+        done += stop - start - 1
     return total
 
 
 def _stretch(
-    system: SwitchingSystem, log_transition: FloatArray, log_first: FloatArray, z: FloatArray
+    system: SwitchingSystem,
+    log_transition: FloatArray,
+    log_first: FloatArray,
+    z: FloatArray,
+    has_state: BoolArray,
 ) -> float:
     blocks = [
-        emissions(system, z[k : min(k + _CHUNK, len(z) - 1)], z[k + 1 : min(k + _CHUNK, len(z) - 1) + 1])
+        emissions(system, z[k:end], z[k + 1 : end + 1], has_state[k:end])
         for k in range(0, len(z) - 1, _CHUNK)
+        for end in [min(k + _CHUNK, len(z) - 1)]
     ]
     M = log_transition.shape[0]
     emission = np.concatenate(blocks) if blocks else np.empty((0, M, M))

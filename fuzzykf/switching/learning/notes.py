@@ -151,13 +151,17 @@ def no_shorter(law: Law, n_nodes: int) -> list[str]:
     ]
 
 
-def _scarcity(visits: FloatArray, pairs: FloatArray, possible: BoolArray | None = None) -> list[str]:
-    """Say which regimes and pairs of regimes the data hardly visit.
+def _scarcity(
+    visits: FloatArray, pairs: FloatArray, state_pairs: FloatArray, possible: BoolArray | None = None
+) -> list[str]:
+    """Say which regimes and pairs of regimes the data hardly visit, or hardly with the state measured.
 
     Parameters
     ----------
     visits, pairs : ndarray, shapes (K,) and (K, K)
         Total shares of the regimes in the data, and of pairs of regimes in the steps.
+    state_pairs : ndarray, shape (K, K)
+        The latter in the steps from which the state can be learned.
     possible : ndarray of bool, shape (K, K), optional
         Pairs that the law has; of others nothing is said.
     """
@@ -168,8 +172,13 @@ def _scarcity(visits: FloatArray, pairs: FloatArray, possible: BoolArray | None 
             found.append(f"the regime {k} is hardly visited (a total share of {visits[k]:.3g} observations)")
     for i in range(K):
         for j in range(K):
-            there = possible is None or possible[i, j]
-            if there and min(visits[i], visits[j]) >= SCARCE and pairs[i, j] < SCARCE:
+            there = (possible is None or possible[i, j]) and min(visits[i], visits[j]) >= SCARCE
+            if there and pairs[i, j] >= SCARCE > state_pairs[i, j]:
+                found.append(
+                    f"the state is hardly measured in the pair of regimes ({i}, {j}) (a total share of "
+                    f"{state_pairs[i, j]:.3g} steps); what it does there follows the others"
+                )
+            if there and pairs[i, j] < SCARCE:
                 found.append(
                     f"the pair of regimes ({i}, {j}) hardly occurs (a total share of {pairs[i, j]:.3g} "
                     "steps); its parameters follow the others"
@@ -179,13 +188,16 @@ def _scarcity(visits: FloatArray, pairs: FloatArray, possible: BoolArray | None 
 
 def known_scarcity(shares: FloatArray, data: TrainingData, possible: BoolArray | None = None) -> list[str]:
     """Say what the data hardly visit, the shares of the regimes being known."""
-    return _scarcity(shares.sum(axis=0), shares[data.before].T @ shares[data.after], possible)
+    before, after = shares[data.before], shares[data.after]
+    with_state = before[data.has_state].T @ after[data.has_state]
+    return _scarcity(shares.sum(axis=0), before.T @ after, with_state, possible)
 
 
 def hidden_scarcity(posterior: Posterior, shares: FloatArray, possible: BoolArray | None = None) -> list[str]:
     """Say what the data hardly visit, as far as the posterior knows."""
     visits = posterior.gamma.sum(axis=0) @ shares
-    return _scarcity(visits, shares.T @ posterior.pairs @ shares, possible)
+    with_state = shares.T @ posterior.state_pairs @ shares
+    return _scarcity(visits, shares.T @ posterior.pairs @ shares, with_state, possible)
 
 
 def active_constraint(estimate: GaussianEstimate, K: int) -> list[str]:
@@ -208,7 +220,8 @@ def active_constraint(estimate: GaussianEstimate, K: int) -> list[str]:
 def scant_data(n_parameters: int, data: TrainingData) -> list[str]:
     """Say that there are too few rows for so many parameters.
 
-    That is, less than `NUMBERS` measured numbers (rows times components) a parameter.  Two hidden regimes
+    That is, less than `NUMBERS` measured numbers (rows times components, but for missing states) a
+    parameter.  Two hidden regimes
     were learned from two regimes, one state and one observation, 44 parameters: learned from 120 rows, 5.5
     numbers a parameter, they described later rows worse than one regime in 11 of 12 series; from 200 rows in
     3 of 12; from 300 in none.
@@ -217,9 +230,15 @@ def scant_data(n_parameters: int, data: TrainingData) -> list[str]:
     to three regimes, or a free law, are never named.
     """
     rows, d = data.z.shape
-    if rows * d >= NUMBERS * n_parameters:
+    if data.n_measured >= NUMBERS * n_parameters:
         return []
     enough = int(np.ceil(NUMBERS * n_parameters / d))
+    if not data.is_complete:
+        return [
+            f"{rows} rows, in {int(data.known.sum())} of which the state is measured, hold {data.n_measured} "
+            f"numbers: few for {n_parameters} parameters, which may fit noise and tell little of later data; "
+            f"expected at least {int(np.ceil(NUMBERS * n_parameters))} numbers, or fewer regimes"
+        ]
     return [
         f"{rows} rows of {d} numbers are few for {n_parameters} parameters, which may fit noise and tell "
         f"little of later data; expected at least {enough} rows, or fewer regimes"
@@ -257,7 +276,10 @@ def stuck(weights: FloatArray, system: SwitchingSystem, data: TrainingData) -> l
         for column in np.flatnonzero(share < COLLAPSED).tolist():
             stretches = _constant_stretches(data, column)
             inside = [float(stays[first + 1 : last + 1].sum()) for first, last in stretches]
-            if sum(inside) < max(WITHIN * float(stays.sum()), 1.0):
+            seen = (
+                data.after[data.has_state] if column < data.dim_x else data.after
+            )  # what it is learned from
+            if sum(inside) < max(WITHIN * float(stays[seen].sum()), 1.0):
                 continue
             first, last = stretches[int(np.argmax(inside))]
             others = sum(one >= 1.0 for one in inside) - 1
@@ -281,7 +303,7 @@ def stuck(weights: FloatArray, system: SwitchingSystem, data: TrainingData) -> l
 def _constant_stretches(data: TrainingData, column: int) -> list[tuple[int, int]]:
     """Return the first and last rows of the stretches of equal values of a column."""
     mean, std = data.scale.mean[column], data.scale.std[column]
-    gap = np.spacing(abs(mean) + std * np.abs(data.z[:, column]).max())
+    gap = np.spacing(abs(mean) + std * np.nanmax(np.abs(data.z[:, column])))
     near = min(GAPS * gap / std, STILL)
     equal = np.zeros(len(data.z) + 1, dtype=bool)  # whether a row equals the one before it
     equal[data.after] = np.abs(data.z[data.after, column] - data.z[data.before, column]) <= near

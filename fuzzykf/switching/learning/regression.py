@@ -26,9 +26,11 @@ from fuzzykf.gaussian import symmetrize
 from fuzzykf.switching.dynamics.interpolation import compose, decompose
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray
+    from collections.abc import Callable
 
-__all__ = ["Cells", "Regression", "fit_regression", "join", "merged", "prior_cells"]
+    from fuzzykf.arrays import BoolArray, FloatArray
+
+__all__ = ["Cells", "Evidence", "Regression", "fit_regression", "join", "merged", "prior_cells"]
 
 #: Weight of the prior of each regime, or pair of regimes, in average observations.  It decides
 #: only where the data say next to nothing.
@@ -43,6 +45,38 @@ class Cells(NamedTuple):
     shares: FloatArray  # (c, B), rows sum to one
     weight: FloatArray  # (c,): number of observations
     moment: FloatArray  # (c, f, f): mean of v v'
+
+
+class Evidence(NamedTuple):
+    """What data say of observation and state, each of which has a regression of its own.
+
+    Where a state is not known, it stands in ``v`` as zero: nothing but the entries of 1 and of observations
+    counts in the cells of the observation.
+    """
+
+    observation: Cells
+    state: Cells  # the same object if the state is known everywhere
+
+    @classmethod
+    def of(cls, cells: Cells, has_state: BoolArray) -> Evidence:
+        """Take cells, some of which say something of the state as well."""
+        return cls(cells, cells if has_state.all() else Cells(*(part[has_state] for part in cells)))
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether both regressions have the same cells."""
+        return self.observation is self.state
+
+    def each(self, change: Callable[[Cells], Cells]) -> Evidence:
+        """Apply a function to both collections of cells."""
+        first = change(self.observation)
+        return Evidence(first, first if self.is_complete else change(self.state))
+
+    def joined(self, other: Evidence) -> Evidence:
+        """Put the evidence together with other evidence."""
+        first = join(self.observation, other.observation)
+        same = self.is_complete and other.is_complete
+        return Evidence(first, first if same else join(self.state, other.state))
 
 
 def prior_cells(cells: Cells) -> Cells:

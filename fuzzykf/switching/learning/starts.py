@@ -45,7 +45,8 @@ def guesses(data: TrainingData, n_starts: int, rng: np.random.Generator | None) 
     """Sequences in [0, 1] that follow the data, each a guess of the switch.
 
     The first ones are ranks of the first principal component of y, of (x, y), of x, and
-    of the size of the steps; the others are ranks of random directions.
+    of the size of the steps; the others are ranks of random directions.  Where x is not known, what y says
+    of it linearly stands for it.
 
     Parameters
     ----------
@@ -60,13 +61,23 @@ def guesses(data: TrainingData, n_starts: int, rng: np.random.Generator | None) 
         Each oriented so that it rises with the first component of y.
     """
     m = data.dim_x
-    z = data.z
+    z = data.z if data.is_complete else _completed(data)
     steps = np.zeros(len(z))
     steps[data.after] = np.linalg.norm(z[data.after] - z[data.before], axis=1)
     scores = [_principal(z[:, m:]), _principal(z), _principal(z[:, :m]), steps]
     while len(scores) < n_starts and rng is not None:
         scores.append(z @ rng.standard_normal(z.shape[1]))
     return [_oriented(_rank(s), z[:, m]) for s in scores[:n_starts]]
+
+
+def _completed(data: TrainingData) -> FloatArray:
+    """Put the linear regression of x on y in the place of states that are not known."""
+    m, known = data.dim_x, data.known
+    design = np.concatenate([np.ones((len(data.z), 1)), data.z[:, m:]], axis=1)
+    coefficients = np.linalg.lstsq(design[known], data.z[known, :m], rcond=None)[0]
+    z = data.z.copy()
+    z[~known, :m] = design[~known] @ coefficients
+    return z
 
 
 def spread(rank: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from fuzzykf.switching.dynamics.forms import CovarianceForm
 from fuzzykf.switching.learning.gaussians import GaussianEstimate
-from fuzzykf.switching.learning.regression import Cells, join, prior_cells
+from fuzzykf.switching.learning.regression import Cells, Evidence, join, prior_cells
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -44,24 +44,28 @@ class VineEstimate(GaussianEstimate):
     Between regimes covariances are interpolated, and the noise need not stay positive
     definite.  Estimates at which it does not, at one of the pairs ``proof``, are not taken;
     ``bounded`` says that this stopped the latest maximisation.
+
+    Correlations of all four are moved together, so this form is learned from complete transitions alone:
+    of `Evidence` it reads the cells of the state.
     """
 
     dim_x = dim_z = 1
 
     def __init__(
-        self, theta: FloatArray, n_classes: int, prior: Cells, proof: FloatArray, *, bounded: bool = False
+        self, theta: FloatArray, n_classes: int, prior: Evidence, proof: FloatArray, *, bounded: bool = False
     ) -> None:
         self.theta, self.n_classes, self.prior, self.proof = theta, n_classes, prior, proof
         self.bounded = bounded
 
     @classmethod
-    def start(cls, cells: Cells, single: Cells, m: int, q: int, proof: FloatArray) -> Self:
+    def start(cls, cells: Evidence, single: Evidence, m: int, q: int, proof: FloatArray) -> Self:
         """Estimate from moments, then by maximum likelihood."""
-        K = single.shares.shape[1]
-        prior = prior_cells(cells)
-        alone = cls(_from_moments(join(single, prior_cells(single)), join(cells, prior)), K, prior, proof)
+        K = single.state.shares.shape[1]
+        prior = cells.each(prior_cells)
+        seen = single.joined(single.each(prior_cells)).state, cells.joined(prior).state
+        alone = cls(_from_moments(*seen), K, prior, proof)
         # one regime for all is valid everywhere, so some mixture with it is
-        whole = [c._replace(shares=np.ones((len(c.weight), 1))) for c in (single, cells)]
+        whole = [c._replace(shares=np.ones((len(c.weight), 1))) for c in (single.state, cells.state)]
         counts = (K, K, K, K * K, K * K, K * K)
         shared = [np.tile(part, n) for part, n in zip(_parts(_from_moments(*whole), 1), counts, strict=True)]
         return alone._towards(np.concatenate(shared)).maximise(cells, _FIRST)
@@ -121,6 +125,12 @@ class VineEstimate(GaussianEstimate):
             W /= np.stack([sd_y, sd_x], axis=1)[..., None]
             return W, -np.log(2.0 * np.pi) - np.log(sd_y) - np.log(sd_x)
 
+    def observation_constant(self, shares: FloatArray) -> FloatArray:
+        """Return k, (p,), of the observation alone."""
+        _, S = self._pairs(self.theta, shares)
+        constant: FloatArray = -0.5 * np.log(2.0 * np.pi * (S[:, 3, 3] - S[:, 1, 3] ** 2 / S[:, 1, 1]))
+        return constant
+
     @property
     def vector(self) -> FloatArray:
         """The free numbers."""
@@ -134,20 +144,21 @@ class VineEstimate(GaussianEstimate):
         moved = self._with(vector, bounded=self.bounded)
         return moved if moved.is_valid else None
 
-    def maximise(self, cells: Cells, options: Mapping[str, float] | None = None) -> Self:
+    def maximise(self, cells: Evidence, options: Mapping[str, float] | None = None) -> Self:
         """Take quasi-Newton steps up the expected likelihood.
 
         Where they lead out of the models, they are taken again with a wall: each pair of the
         proof has seen as little as each pair of regimes, which keeps the noise there positive.
         """
-        every = join(Cells(*(part[cells.weight > 1e-12] for part in cells)), self.prior)
+        seen = Cells(*(part[cells.state.weight > 1e-12] for part in cells.state))
+        every = join(seen, self.prior.state)
         now = self.loss(self.theta, every)[0]
         free = self._with(self._searched(every, options))
         if free.is_valid:
             return free if self.loss(free.theta, every)[0] < now else self._with(self.theta)
         n = len(self.proof)
-        moment = np.repeat(self.prior.moment[:1], n, axis=0)
-        wall = Cells(self.proof, np.full(n, self.prior.weight[0]), moment)
+        moment = np.repeat(self.prior.state.moment[:1], n, axis=0)
+        wall = Cells(self.proof, np.full(n, self.prior.state.weight[0]), moment)
         walled = self._with(self._searched(join(every, wall), options))
         candidates = [free._towards(self.theta), walled._towards(self.theta)]
         best = min(candidates, key=lambda c: self.loss(c.theta, every)[0])
@@ -212,7 +223,7 @@ class VineEstimate(GaussianEstimate):
         slope += gamma.imag.reshape(theta.size, -1) @ by_gamma.reshape(-1)
         return -float(weight @ value), -slope / h
 
-    def form(self, single: Cells, scale: Scale) -> CovarianceForm:
+    def form(self, single: Evidence, scale: Scale) -> CovarianceForm:
         """Return the form in the units of the data."""
         mean, gamma = vine_moments(self.theta, self.n_classes)
         both = np.concatenate([scale.std, scale.std])

@@ -14,7 +14,7 @@ X, Y = RNG.normal(size=(60, 2)), RNG.normal(size=(60, 1))
 
 
 def assert_same(a, b):
-    for name in ("z", "before", "after", "starts", "kept"):
+    for name in ("z", "before", "after", "starts", "kept", "known", "has_state"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
     assert a.dim_x == b.dim_x
     assert a.n_rows == b.n_rows
@@ -31,6 +31,9 @@ def test_one_series():
     np.testing.assert_array_equal(data.starts, [0])
     np.testing.assert_array_equal(data.kept, np.arange(60))
     assert data.r is None
+    assert data.is_complete
+    assert data.has_state.all()
+    assert data.n_measured == 180
 
 
 @pytest.mark.parametrize(
@@ -73,11 +76,13 @@ def test_several_series():
     np.testing.assert_array_equal(nested.starts, [0, 25])  # of different lengths, so several
 
 
-def test_missing_rows_cut_a_series():
+@pytest.mark.parametrize("complete", [True, False])
+def test_missing_rows_cut_a_series(complete):
     x, y, r = X.copy(), Y.copy(), RNG.random(60)
-    x[10, 1] = y[20, 0] = r[40] = np.nan
-    x[21:24] = np.nan
-    data = gather(x, y, r)
+    (x[:, 1] if complete else y[:, 0])[10] = np.nan
+    y[20, 0] = r[40] = np.nan
+    (x if complete else y)[21:24] = np.nan
+    data = gather(x, y, r, complete=complete)
     gone = [10, 20, 21, 22, 23, 40]
     np.testing.assert_array_equal(data.kept, np.setdiff1d(np.arange(60), gone))
     np.testing.assert_array_equal(data.kept[data.starts], [0, 11, 24, 41])
@@ -85,12 +90,47 @@ def test_missing_rows_cut_a_series():
     assert len(data.before) == 54 - 4
     assert data.n_rows == 60
     np.testing.assert_array_equal(data.r, r[data.kept])
+    assert data.is_complete
+
+
+@pytest.mark.parametrize("state_feedback", [True, False])
+def test_rows_without_a_state_stay(state_feedback):
+    x, y = X.copy(), Y.copy()
+    x[[0, 10, 11]] = x[30, 1] = y[20, 0] = np.nan  # a row with half a state has none
+    x[50:] += 10.0
+    data = gather(x, y, state_feedback=state_feedback)
+    known = ~np.isin(data.kept, [0, 10, 11, 30])
+    np.testing.assert_array_equal(data.kept, np.delete(np.arange(60), 20))
+    np.testing.assert_array_equal(data.kept[data.starts], [0, 21])
+    np.testing.assert_array_equal(data.known, known)
+    np.testing.assert_array_equal(np.isnan(data.z), np.outer(~known, [True, True, False]))
+    after = known[data.after]
+    np.testing.assert_array_equal(data.has_state, known[data.before] & after if state_feedback else after)
+    # units are those of the numbers that are there
+    np.testing.assert_allclose(np.nanmean(data.z, axis=0), 0.0, atol=1e-13)
+    np.testing.assert_allclose(np.nanstd(data.z, axis=0), 1.0, rtol=1e-12)
+    back = (data.z * data.scale.std + data.scale.mean)[known]
+    np.testing.assert_allclose(back, np.hstack([x, y])[data.kept][known], atol=1e-12)
+    assert data.n_measured == 59 + 2 * 55
+
+
+def test_too_few_states_for_a_memory_are_told_of_the_other_way():
+    x = X.copy()
+    x[::2] = np.nan
+    with pytest.raises(ParameterError, match=r"hold 0 steps .* 30 steps, from which state_feedback=False"):
+        gather(x, Y)
+    assert gather(x, Y, state_feedback=False).has_state.sum() == 30
+    x[20:] = np.nan
+    with pytest.raises(ParameterError, match="hold 10 steps in which y is measured, and x after them"):
+        gather(x, Y, state_feedback=False)
+    with pytest.raises(ParameterError, match="hold 0 steps in which x and y are both measured, expected"):
+        gather(x, Y)
 
 
 def test_a_row_between_two_holes_is_a_stretch_of_its_own():
     x = X.copy()
     x[[5, 7]] = np.nan
-    data = gather(x, Y)
+    data = gather(x, Y, complete=True)
     np.testing.assert_array_equal(data.kept[data.starts], [0, 6, 8])
     assert not np.isin(np.flatnonzero(data.kept == 6), np.r_[data.before, data.after]).any()
 
@@ -149,6 +189,19 @@ def constant(column):
 def test_what_no_model_can_be_learned_from(x, y, r, error, message):
     with pytest.raises(error, match=message):
         gather(x, y, r)
+
+
+def test_relations_are_looked_for_where_they_can_be():
+    x, y = X.copy(), Y.copy()
+    x[::2] = np.nan
+    # of y alone, where x is not known; of x and the y before, where its own predecessor is not known
+    with pytest.raises(ParameterError, match=r"linear relation .* y\[0\], y\[0\] of the next"):
+        gather(x, np.arange(60.0), state_feedback=False)
+    x[1:, 0] = np.where(np.isnan(x[1:, 0]), np.nan, 2.0 * Y[:-1, 0])
+    with pytest.raises(ParameterError, match=r"linear relation .* y\[0\], x\[0\] of the next"):
+        gather(x, y, state_feedback=False)
+    with pytest.raises(ParameterError, match=r"x\[1\]: is constant \(3\)"):
+        gather(np.where(np.isnan(x), np.nan, [0.0, 3.0]) + [[1.0, 0.0]] * Y, y, state_feedback=False)
 
 
 def test_a_large_offset_is_no_constant():

@@ -13,7 +13,7 @@ from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.em import Estimate, extrapolated, pair_shares, run_em
 from fuzzykf.switching.learning.fit import Fitted
 from fuzzykf.switching.learning.gaussians import RegressionEstimate, pair_cells, transition_vectors
-from fuzzykf.switching.learning.regression import Cells, merged
+from fuzzykf.switching.learning.regression import Cells, Evidence, merged
 from fuzzykf.switching.learning.vine import VineEstimate
 
 
@@ -97,7 +97,7 @@ def estimate(kind, data):
     w = np.concatenate([np.ones((len(data.z), 1)), data.z], axis=1)
     single = Cells(shares, np.ones(len(w)), w[:, :, None] * w[:, None, :])
     cells = pair_cells(shares[data.before], shares[data.after], transition_vectors(data))
-    return kind.start(cells, single, 1, 1, np.eye(4))
+    return kind.start(Evidence(cells, cells), Evidence(single, single), 1, 1, np.eye(4))
 
 
 @pytest.mark.parametrize("kind", [RegressionEstimate, VineEstimate])
@@ -146,7 +146,8 @@ def test_merged_cells_have_the_same_likelihood(data):
     assert len(less.weight) <= 25 < len(cells.weight)
     assert less.weight.sum() == pytest.approx(cells.weight.sum())
     one = estimate(RegressionEstimate, data)
-    assert one.log_likelihood(less) == pytest.approx(one.log_likelihood(cells), rel=1e-12)
+    few, many = (one.log_likelihood(Evidence(c, c)) for c in (less, cells))
+    assert few == pytest.approx(many, rel=1e-12)
     different = Cells(pair_shares(np.eye(2)), np.ones(4), cells.moment[:4])
     assert merged(different) is different
 
@@ -200,6 +201,10 @@ def test_the_forms_that_a_name_stands_for(data):
     rng = np.random.default_rng(0)
     vectors = gather(rng.normal(size=(100, 2)), rng.normal(size=100))
     assert forms_to_try("auto", vectors) == ("regression",)
+    x, y = rng.normal(size=(2, 100))
+    x[50] = np.nan
+    assert forms_to_try("auto", gather(x, y)) == ("regression",)
+    assert forms_to_try("auto", gather(x, y, complete=True)) == ("regression", "covariance")
 
 
 @pytest.mark.parametrize("offset", [20.0, -20.0])

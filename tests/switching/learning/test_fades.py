@@ -101,14 +101,14 @@ def test_known_switches_are_weights_or_labels(ring):
 
 
 def test_series_with_gaps_are_learned_as_stretches(ring):
-    x, r = ring.x.copy(), ring.r.copy()
-    x[300:310] = np.nan
+    y, r = ring.y.copy(), ring.r.copy()
+    y[300:310] = np.nan
     r[500, 1] = np.nan
-    known = CGOFMSModel.fit(x, ring.y, r, law=START, n_nodes=3)
+    known = CGOFMSModel.fit(ring.x, y, r, law=START, n_nodes=3)
     assert known.n_observations == 689
     assert np.isnan(known.class_weights[305]).all()
     parts = [slice(0, 300), slice(310, 500), slice(501, None)]
-    several = CGOFMSModel.fit(*([v[part] for part in parts] for v in (x, ring.y, r)), law=START, n_nodes=3)
+    several = CGOFMSModel.fit(*([v[part] for part in parts] for v in (ring.x, y, r)), law=START, n_nodes=3)
     assert several.log_likelihood == pytest.approx(known.log_likelihood, rel=1e-12)
     assert several.model.law.fades == known.model.law.fades
 

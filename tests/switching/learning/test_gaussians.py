@@ -14,7 +14,14 @@ from scipy.stats import multivariate_normal
 from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.em import pair_shares
 from fuzzykf.switching.learning.gaussians import RegressionEstimate, positions, transition_vectors
-from fuzzykf.switching.learning.regression import PRIOR_COUNT, Cells, fit_regression, join, prior_cells
+from fuzzykf.switching.learning.regression import (
+    PRIOR_COUNT,
+    Cells,
+    Evidence,
+    fit_regression,
+    join,
+    prior_cells,
+)
 from fuzzykf.switching.learning.vine import VineEstimate, vine_moments
 
 
@@ -25,6 +32,11 @@ def random_cells(c, B, f, seed, n=6):
     v[..., 0] = 1.0
     shares = rng.dirichlet(np.full(B, 0.5), c)
     return Cells(shares, rng.uniform(0.5, 3.0, c), np.einsum("cnf,cng->cfg", v, v) / n)
+
+
+def evidence(cells):
+    """Cells of data in which the state is known everywhere."""
+    return Evidence(cells, cells)
 
 
 # --------------------------------------------------------------------------- regressions
@@ -139,7 +151,7 @@ def random_theta(K, seed):
 
 def vine(K, seed, cells=None):
     prior = prior_cells(cells if cells is not None else random_cells(5, K * K, 5, 0))
-    return VineEstimate(random_theta(K, seed), K, prior, np.eye(K * K))
+    return VineEstimate(random_theta(K, seed), K, evidence(prior), np.eye(K * K))
 
 
 @pytest.mark.parametrize("K", [1, 2, 3])
@@ -186,7 +198,7 @@ def test_rows_and_loss_are_the_density(K):
     np.testing.assert_allclose(constant - 0.5 * (white**2).sum(axis=1), truth, rtol=1e-9, atol=1e-9)
     cells = Cells(shares, np.ones(n), v[:, :, None] * v[:, None])
     assert estimate.loss(estimate.theta, cells)[0] == pytest.approx(-truth.mean(), rel=1e-10)
-    assert estimate.log_likelihood(cells) == pytest.approx(truth.sum(), rel=1e-10)
+    assert estimate.log_likelihood(evidence(cells)) == pytest.approx(truth.sum(), rel=1e-10)
 
 
 @pytest.mark.parametrize("K", [1, 2, 3])
@@ -206,16 +218,16 @@ def test_gradient_of_the_loss(K):
 def test_vines_cannot_be_improved_upon(K):
     # gradient-free: no small change of the free numbers raises the likelihood, prior included
     cells = random_cells(60, K * K, 5, seed=14, n=10)
-    estimate = vine(K, 15, cells)
+    estimate, seen = vine(K, 15, cells), evidence(cells)
     for _ in range(5):
-        estimate = estimate.maximise(cells, {"maxiter": 300})
-    best = estimate.log_likelihood(cells) + estimate.log_prior
+        estimate = estimate.maximise(seen, {"maxiter": 300})
+    best = estimate.log_likelihood(seen) + estimate.log_prior
     rng = np.random.default_rng(16)
     for _ in range(200):
         moved = estimate._with(
             estimate.theta + 10.0 ** rng.uniform(-4, -1) * rng.normal(size=estimate.theta.size)
         )
-        assert moved.log_likelihood(cells) + moved.log_prior < best + 1e-4 * cells.weight.sum() / 100
+        assert moved.log_likelihood(seen) + moved.log_prior < best + 1e-4 * cells.weight.sum() / 100
 
 
 def test_one_class_recovers_its_moments():
@@ -228,7 +240,7 @@ def test_one_class_recovers_its_moments():
     cells = Cells(np.ones((1, 1)), np.array([float(len(z))]), (v.T @ v / len(z))[None])
     w = np.concatenate([np.ones((len(z), 1)), z[:, :2]], axis=1)
     single = Cells(np.ones((1, 1)), np.array([float(len(z))]), (w.T @ w / len(z))[None])
-    estimate = VineEstimate.start(cells, single, 1, 1, np.ones((1, 1)))
+    estimate = VineEstimate.start(evidence(cells), evidence(single), 1, 1, np.ones((1, 1)))
     found_mean, found = vine_moments(estimate.theta, 1)
     np.testing.assert_allclose(found_mean, mean, atol=0.02)
     np.testing.assert_allclose(found, gamma, atol=0.02)
@@ -242,13 +254,13 @@ def test_an_estimate_stays_valid_between_the_regimes():
     rng = np.random.default_rng(20)
     theta = np.concatenate([0.5 * rng.normal(size=8), 1.2 * rng.normal(size=14)])
     theta[18:] = 1.0 + np.abs(theta[18:])  # little noise
-    outside = VineEstimate(theta, 2, prior_cells(cells), proof)
+    outside = VineEstimate(theta, 2, evidence(prior_cells(cells)), proof)
     assert (outside.noise_share(np.eye(4)) > 0.0).all()
     assert not outside.is_valid
     mended = outside._towards(np.zeros_like(theta))
     assert mended.is_valid
     assert not np.array_equal(mended.theta, np.zeros_like(theta))
-    assert mended.maximise(cells).is_valid
+    assert mended.maximise(evidence(cells)).is_valid
     value, gradient = outside.loss(
         theta, Cells(proof, np.ones(len(proof)), np.repeat(cells.moment[:1], len(proof), 0))
     )
@@ -279,11 +291,12 @@ def test_forms_are_in_the_units_of_the_data(m, q, kind):
     w = np.concatenate([np.ones((N, 1)), data.z], axis=1)
     single = Cells(shares, np.ones(N), w[:, :, None] * w[:, None])
     both = (shares[:-1, :, None] * shares[1:, None, :]).reshape(N - 1, 4)
-    estimate = kind.start(Cells(both, np.ones(N - 1), v[:, :, None] * v[:, None]), single, m, q, np.eye(4))
+    cells = Cells(both, np.ones(N - 1), v[:, :, None] * v[:, None])
+    estimate = kind.start(evidence(cells), evidence(single), m, q, np.eye(4))
     W, constant = estimate.rows(both)
     white = np.einsum("nij,nj->ni", W, v)
     standard = constant - 0.5 * (white**2).sum(axis=1) - np.log(data.scale.std).sum()
-    form = estimate.form(single, data.scale)
+    form = estimate.form(evidence(single), data.scale)
     s = form.pairs(shares[:-1], shares[1:], lambda _: "")
     for n in range(0, N - 1, 25):
         x, y, x1, y1 = raw[n, :m], raw[n, m:], raw[n + 1, :m], raw[n + 1, m:]

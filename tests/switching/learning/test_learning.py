@@ -126,9 +126,9 @@ def test_several_series_and_missing_stretches(r, sim):
     # a row of NaN cuts a series as a new one would
     known = sim.r if r else None
     holes = [120, 121, 300]
-    x = sim.x.copy()
-    x[holes] = np.nan
-    one = CGOFMSModel.fit(x, sim.y, known, form="regression", **SHORT)
+    y = sim.y.copy()
+    y[holes] = np.nan
+    one = CGOFMSModel.fit(sim.x, y, known, form="regression", **SHORT)
     parts = [slice(0, 120), slice(122, 300), slice(301, 400)]
     several = CGOFMSModel.fit(
         [sim.x[p] for p in parts],

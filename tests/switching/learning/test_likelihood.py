@@ -65,7 +65,13 @@ def test_known_fades(law, fuzzy_model):
             terms = [densities[k, i, j] for k, (i, j) in enumerate(itertools.pairwise(path))]
             total.append(np.log(p) + start[path[0]] + sum(terms))
             visits.append(path)
-    data = SimpleNamespace(z=z, scale=SimpleNamespace(std=1.0, mean=0.0), starts=np.array([0]))
+    data = SimpleNamespace(
+        z=z,
+        scale=SimpleNamespace(std=1.0, mean=0.0),
+        starts=np.array([0]),
+        known=np.ones(len(z), dtype=bool),
+        has_state=np.ones(len(z) - 1, dtype=bool),
+    )
     found = likelihood.log_likelihood(system, data)
     assert found == pytest.approx(logsumexp(total), rel=1e-10)
     # and what expectation-maximisation asks: which nodes were visited
@@ -83,7 +89,13 @@ def test_known_fades(law, fuzzy_model):
 def test_blocks_of_a_stretch_do_not_show(n, hard_model, monkeypatch):
     system = hard_model.placed()
     z = np.random.default_rng(2).normal(size=(n, 3))
-    arguments = system, np.log(system.chain.transition), np.log(system.chain.initial), z
+    arguments = (
+        system,
+        np.log(system.chain.transition),
+        np.log(system.chain.initial),
+        z,
+        np.ones(n - 1, dtype=bool),
+    )
     whole = likelihood._stretch(*arguments)
     monkeypatch.setattr(likelihood, "_CHUNK", 5)
     assert likelihood._stretch(*arguments) == pytest.approx(whole, rel=1e-12)

@@ -7,7 +7,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from fuzzykf.switching.learning.starts import ALL_ORDERS, UNLIKELY, arrangements, faded
+from fuzzykf.switching.learning.data import gather
+from fuzzykf.switching.learning.starts import ALL_ORDERS, UNLIKELY, arrangements, faded, guesses
 
 
 def ring(K, rng, *, reverse=False):
@@ -66,3 +67,21 @@ def test_fades_are_as_long_as_they_are_to_be():
     # stretches do not fade into one another
     apart = faded(shares, np.array([0, 10]), 5)
     np.testing.assert_array_equal(apart, shares)
+
+
+def test_what_y_says_of_a_missing_state_stands_for_it():
+    rng = np.random.default_rng(0)
+    y = rng.normal(size=(60, 2))
+    x = y @ [[2.0], [-1.0]] + 0.1 * rng.normal(size=(60, 1))
+    known = rng.random(60) < 0.7
+    data = gather(np.where(known[:, None], x, np.nan), y, state_feedback=False)
+    before = data.z.copy()
+    ranks = guesses(data, 5, np.random.default_rng(1))
+    for rank in ranks:
+        np.testing.assert_allclose(np.sort(rank), (np.arange(60) + 0.5) / 60)
+    # the third guess are the ranks of x: measured, or its regression on y
+    fit = np.linalg.lstsq(np.c_[np.ones(known.sum()), y[known]], x[known, 0], rcond=None)[0]
+    filled = np.where(known, x[:, 0], np.c_[np.ones(60), y] @ fit)
+    order = np.argsort(ranks[2])
+    assert order.tolist() in (np.argsort(filled).tolist(), np.argsort(filled)[::-1].tolist())
+    np.testing.assert_array_equal(data.z, before)
