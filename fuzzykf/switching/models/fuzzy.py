@@ -195,9 +195,10 @@ class CGOFMSModel(SwitchingModel):
         Parameters
         ----------
         x, y : array_like, or list of these
-            States (n, m) and observations (n, q), or (n,); NaN where missing.  Several
-            series are given as lists.  The model remembers the names of tables of pandas, and how far
-            their rows are apart (`labels`).
+            States (n, m) and observations (n, q), or (n,); NaN where missing.  A row in which ``y`` is
+            missing ends a stretch.  Rows without ``x``, or with some components of it, are learned from too
+            (see Notes).  Several series are given as lists.  The model remembers the names of tables of
+            pandas, and how far their rows are apart (`labels`).
         r : array_like, shape (n,) or (n, K), or list of these, optional
             Values of the switch in [0, 1]; between more than two classes their weights, or numbers of
             classes (n,).  If it is hidden, it is learned too.
@@ -210,7 +211,9 @@ class CGOFMSModel(SwitchingModel):
             Form of the Gaussian part.  "regression" assumes nothing stationary;
             "covariance" is that of the paper, with fewer parameters, for one state and one
             observation.  "auto" learns in both, where both can be, and takes the one of
-            smaller BIC; a covariance form that positive definiteness bounds is not taken.
+            smaller BIC; a covariance form that positive definiteness bounds is not taken.  "covariance" is
+            learned from the rows in which x and y are measured, without the others, and "auto" does not
+            try it where an x is missing.
         n_nodes : int, optional
             Nodes between two classes (of each fade, or edge) on which a hidden switch is learned; the cost of
             an iteration grows as the square of all nodes, or as the number of steps between them that are
@@ -231,6 +234,7 @@ class CGOFMSModel(SwitchingModel):
             exact and not matched in mean and covariance, and the filter cannot drift.  A state that is
             learned from measurements of itself tends to lean on the one before, which the filter does not
             see: on data without a memory of their own beyond that of the observations this filters better.
+            It is learned from single rows of x; a state that depends on the one before needs two in a row.
         objective : {"joint", "filter"}
             What is raised.  "joint": the likelihood of (x, y).  "filter": the log-density that the filter
             gives the states that were measured, from the joint fit on; the last fifth of them is kept back,
@@ -250,8 +254,8 @@ class CGOFMSModel(SwitchingModel):
         ------
         ParameterError
             If ``x`` is missing (the parameters of the state are not identifiable from y
-            alone), or a parameter or the data are inadmissible; if several series have other names, or
-            steps of other lengths.
+            alone) or measured too seldom, or a parameter or the data are inadmissible; if several series
+            have other names, or steps of other lengths.
 
         Notes
         -----
@@ -259,6 +263,12 @@ class CGOFMSModel(SwitchingModel):
         Without: expectation-maximisation on the nodes, where (R, Z) is a hidden Markov
         chain and the likelihood is exact.  Data are standardised inside.  A larger
         likelihood need not mean a smaller filter error: compare models on held-out data.
+
+        Where ``x`` is measured in some rows only, a step is p(y' | y) of the pair of classes, times
+        p(x' | x, y, y') where x' is measured and, with ``state_feedback``, x is as well.  So all rows of y
+        tell of the switch and the observation.  ``log_likelihood`` is that of y and of each x with such a
+        factor, the first x after a gap being given; without ``state_feedback`` it is that of all that was
+        measured.  Which rows have a state may depend on y, but not on x.
 
         Examples
         --------

@@ -352,7 +352,8 @@ class CGOMSModel(SwitchingModel):
         Parameters
         ----------
         x, y : array_like, or list of these
-            States (n, m) and observations (n, q), or (n,); NaN where missing.  As in `CGOFMSModel.fit`.
+            States (n, m) and observations (n, q), or (n,); NaN where missing.  As in `CGOFMSModel.fit`:
+            rows of ``y`` without ``x`` are learned from as well.
         r : array_like, shape (n,), or list of these, optional
             Regimes 0, ..., n_regimes - 1; learned too if they are hidden.
         n_regimes : int
@@ -365,7 +366,8 @@ class CGOMSModel(SwitchingModel):
         Returns
         -------
         FitResult
-            With ``.model``, ``.log_likelihood``, ``.trace``, ``.warnings``, ...
+            With ``.model``, ``.log_likelihood``, ``.trace``, ``.warnings``, ...; where states are missing the
+            likelihood is that of `CGOFMSModel.fit`.
 
         Raises
         ------
