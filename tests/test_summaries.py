@@ -24,9 +24,9 @@ def known(data):
 
 
 def hidden(data):
-    x = data.x.copy()
-    x[10:13] = np.nan
-    return CGOFMSModel.fit(x, data.y, law="free", **FAST)
+    y = data.y.copy()
+    y[10:13] = np.nan
+    return CGOFMSModel.fit(data.x, y, law="free", **FAST)
 
 
 def hard(data):

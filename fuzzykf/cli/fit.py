@@ -102,7 +102,7 @@ def command(
             "--model",
             help="pairwise: state and observation follow one another, and filtering is exact; ssm: a "
             "state-space model, one motion of the state and a sensor for each class, whose filter is "
-            "corrected by every observation. For ssm some of the states may be missing.",
+            "corrected by every observation. Some of the states may be missing.",
         ),
     ] = Kind.PAIRWISE,
     law: Annotated[
