@@ -90,7 +90,7 @@ def train_for_filter(
     ParameterError
         If too few states were measured to keep some back.
     """
-    measured = np.flatnonzero(np.isfinite(data.z[:, : data.dim_x]).all(axis=1))
+    measured = np.flatnonzero(data.known)
     n_kept = int(KEPT_BACK * measured.size)
     if n_kept < LEAST_KEPT:
         raise ParameterError(
@@ -218,4 +218,6 @@ def _until(data: TrainingData, end: int) -> TrainingData:
         starts=data.starts[data.starts < end],
         r=None if data.r is None else data.r[:end],
         kept=data.kept[:end],
+        known=data.known[:end],
+        has_state=data.has_state[inside],
     )

@@ -18,7 +18,7 @@ from fuzzykf.switching.learning.gaussians import (
     single_cells,
     transition_vectors,
 )
-from fuzzykf.switching.learning.regression import Regression
+from fuzzykf.switching.learning.regression import Evidence, Regression
 
 NODES = 2
 KINDS = ("hard", "fmc1", "fmc2", "free", "graph", "fade")
@@ -43,8 +43,8 @@ def case(kind, m, q, estimate=RegressionEstimate, missing=False):
     shares = np.clip(np.stack([1.0 - data.r, data.r], axis=1), 0.1, 0.9)
     v = transition_vectors(data)
     cells = pair_cells(shares[data.before], shares[data.after], v)
-    single = single_cells(shares, np.eye(2), data.z)
-    gaussian = estimate.start(cells, single, m, q, pair_shares(np.eye(2)))
+    single = single_cells(shares, np.eye(2), data)
+    gaussian = estimate.start(Evidence(cells, cells), single, m, q, pair_shares(np.eye(2)))
     form = gaussian.form(single, data.scale)
     if kind == "hard":
         model = CGOMSModel._from_form([[0.8, 0.2], [0.3, 0.7]], form)
@@ -88,9 +88,11 @@ def test_one_regime_scores_the_normal_law_of_its_filter() -> None:
     x, y, _ = series(1, 1)[0]
     fit = CGOMSModel.fit(x, y, n_regimes=1, form="regression")
     data = gather(x, y)
+    one = np.ones((len(x), 1))
+    cells = pair_cells(one[1:], one[1:], transition_vectors(data))
     gaussian = RegressionEstimate.start(
-        pair_cells(np.ones((len(x), 1))[1:], np.ones((len(x), 1))[1:], transition_vectors(data)),
-        single_cells(np.ones((len(x), 1)), np.eye(1), data.z),
+        Evidence(cells, cells),
+        single_cells(one, np.eye(1), data),
         1,
         1,
         np.ones((1, 1)),

@@ -166,3 +166,12 @@ def test_it_is_learned_again_in_the_same_way() -> None:
     fit = FITS["hard"](x, y, objective="filter")
     (again,) = fit.bootstrap(1, np.random.default_rng(0))
     assert again.training is not None
+
+
+def test_states_that_were_measured_now_and_then_will_do() -> None:
+    x, y = slow(900)
+    x[np.arange(900) % 3 > 0] = np.nan
+    fit = FITS["hard"](x, y, objective="filter", state_feedback=False)
+    assert fit.training.n_kept_back == 60
+    assert np.isfinite(fit.training.score_filter)
+    assert not fit.model.placed().pair_tables(0).pairs.Axx.any()
