@@ -18,6 +18,7 @@ N_TRAIN, N_TEST = 2000, 20_000
 FITS = {
     "hidden": lambda s: CGOFMSModel.fit(s.x, s.y),
     "hidden, regression form": lambda s: CGOFMSModel.fit(s.x, s.y, form="regression"),
+    "hidden, for the filter": lambda s: CGOFMSModel.fit(s.x, s.y, objective="filter"),
     "hard K = 2": lambda s: CGOMSModel.fit(s.x, s.y),
     "hard K = 2, regression form": lambda s: CGOMSModel.fit(s.x, s.y, form="regression"),
     "supervised": lambda s: CGOFMSModel.fit(s.x, s.y, s.r),
@@ -53,6 +54,7 @@ def test_recovery(paper_model, write_table):
     for eta in ETAS:
         found = means[eta]
         assert found["hidden"] <= 0.005, (eta, found)
+        assert found["hidden, for the filter"] <= 0.005, (eta, found)
         assert found["supervised"] <= 0.003, (eta, found)
         if paper_model(eta).law.p_hard < 0.7:
             hard = min(found["hard K = 2"], found["hard K = 2, regression form"])

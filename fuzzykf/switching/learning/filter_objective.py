@@ -211,7 +211,8 @@ class FilterObjective:
             weight += by.log_weight.sum(axis=0)
             by_p += found.first.log_p
             by_beta[..., : self._p] += by.A[..., : self._p]
-            by_beta[..., self._p :] += np.einsum("npm,nk->pmk", by.offset, _regressors(one)[1], optimize=True)
+            by_state = by.offset.reshape(len(u), P * m).T @ _regressors(one)[1]
+            by_beta[..., self._p :] += by_state.reshape(P, m, -1)
             by_C += by.C
         by_T += weight
         width = u.shape[1]
@@ -254,12 +255,11 @@ class FilterObjective:
         before, regressors = _regressors(one)
         A = np.zeros((len(self._shares), m, m))
         A[..., : self._p] = state.beta[..., : self._p]
-        moves = PairMoves(
-            log_T + log_densities(observation, one.y[1:], before),
-            np.einsum("nk,pmk->npm", regressors, state.beta[..., self._p :], optimize=True),
-            A,
-            state.covariance,
-        )
+        weight = log_densities(observation, one.y[1:], before)
+        weight += log_T
+        slopes = state.beta[..., self._p :].reshape(-1, regressors.shape[1])
+        offset = (regressors @ slopes.T).reshape(len(before), -1, m)
+        moves = PairMoves(weight, offset, A, state.covariance)
         return moves, one.first._replace(log_p=log_p + one.first.log_p)
 
 

@@ -46,10 +46,11 @@ def log_densities(fit: Regression, targets: FloatArray, regressors: FloatArray) 
     P, t, _ = fit.beta.shape
     scaled = fit.T * np.exp(-0.5 * fit.g)[..., None]
     rows = np.concatenate([scaled, -scaled @ fit.beta], axis=-1).reshape(P * t, -1)
-    white = (np.concatenate([targets, regressors], axis=1) @ rows.T).reshape(-1, P, t)
-    constant = -0.5 * (fit.g.sum(axis=1) + t * _LOG_2PI)
-    density: FloatArray = constant - 0.5 * np.einsum("npk,npk->np", white, white)
-    return density
+    density: FloatArray = np.concatenate([targets, regressors], axis=1) @ (rows.T * np.sqrt(0.5))
+    density *= density
+    if t > 1:
+        density = density.reshape(-1, P, t).sum(axis=-1)
+    return np.subtract(-0.5 * (fit.g.sum(axis=1) + t * _LOG_2PI), density, out=density)
 
 
 def weighted_slope(fit: Regression, weight: FloatArray, moment: FloatArray) -> Regression:

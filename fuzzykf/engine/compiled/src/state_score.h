@@ -33,6 +33,15 @@ FK_INLINE int fk_is_measured(const int m, const double *x) {
   return 1;
 }
 
+/* Mean of X' given a pair. */
+FK_INLINE void fk_pair_mean(const fk_moves *k, const int m, size_t p, const double *offset, const double *before,
+                            double *x) {
+  for (int r = 0; r < m; r++) {
+    x[r] = offset[r];
+    for (int c = 0; c < m; c++) x[r] += k->A[(p * m + r) * m + c] * before[1 + c];
+  }
+}
+
 /* Means and covariances of X' given a pair; AV is A V. */
 FK_INLINE void fk_pair_moments(const fk_moves *k, const int m, size_t p, const double *offset, const double *before,
                                double *x, double *V, double *AV) {
@@ -64,20 +73,19 @@ FK_INLINE void fk_score_move(const fk_moves *k, const int m, size_t n, const dou
   for (int j = 0; j < k->M; j++) top[j] = -INFINITY;
   for (size_t p = 0; p < P; p++) {
     share[p] = before[k->source[p] * size] + w[p];
-    const double one = share[p];
     double *best = top + k->target[p];
-    *best = one > *best || isnan(one) ? one : *best;
+    *best = share[p] > *best || isnan(share[p]) ? share[p] : *best;
   }
   for (size_t p = 0; p < P; p++) {
     const double peak = top[k->target[p]];
-    share[p] = isinf(peak) && peak < 0.0 ? 0.0 : exp(share[p] - peak);
+    share[p] = peak == -INFINITY ? 0.0 : exp(share[p] - peak);
     to[k->target[p] * size] += share[p];
   }
   for (size_t p = 0; p < P; p++) {
     if (share[p] == 0.0) continue;
     double *node = to + k->target[p] * size;
     share[p] /= node[0];
-    fk_pair_moments(k, m, p, offset + p * m, before + k->source[p] * size, x, V, AV);
+    fk_pair_mean(k, m, p, offset + p * m, before + k->source[p] * size, x);
     for (int r = 0; r < m; r++) node[1 + r] += share[p] * x[r];
   }
   for (size_t p = 0; p < P; p++) {
