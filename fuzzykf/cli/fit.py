@@ -51,6 +51,13 @@ else:
     Law = StrEnum("Law", {name.upper(): name for name in learned_laws()})
 
 
+class Objective(StrEnum):
+    """What a pairwise model is learned for."""
+
+    JOINT = "joint"
+    FILTER = "filter"
+
+
 class Form(StrEnum):
     """Form of the Gaussian part."""
 
@@ -176,6 +183,22 @@ def command(
             "observation; auto learns both and takes the one of smaller BIC."
         ),
     ] = Form.AUTO,
+    objective: Annotated[
+        Objective,
+        typer.Option(
+            help="What is raised: joint, the likelihood of state and observation; filter, what the filter says "
+            "of the state from the observation alone. The last fifth of the states is then kept back, and "
+            "decides when to stop and whether the joint fit is better."
+        ),
+    ] = Objective.JOINT,
+    state_feedback: Annotated[
+        bool,
+        typer.Option(
+            "--state-feedback/--no-state-feedback",
+            help="Whether the state may depend on the one before it. Without, its filter cannot drift, and "
+            "states that were measured now and then will do.",
+        ),
+    ] = True,
     nodes: Annotated[
         int | None,
         whole_option(
@@ -233,6 +256,9 @@ def command(
             )
         if kind == Kind.SSM and form != Form.AUTO:
             raise ParameterError(f"--form: got {form.value}, which goes with --model pairwise alone")
+        if kind == Kind.SSM and (objective != Objective.JOINT or not state_feedback):
+            told = f"--objective: got {objective.value}" if state_feedback else "--no-state-feedback: given"
+            raise ParameterError(f"{told}, which goes with --model pairwise alone")
         check_file(output, data)
         n_train = round(train * len(rows))
         options: dict[str, Any] = {
@@ -250,7 +276,8 @@ def command(
                 begin = None if law is None and start == "fmc1" else start
                 fit = learn_state_space(rows, n_train, begin, hard, nodes, options)
             else:
-                fit = learn_pairwise(rows, n_train, start, hard, nodes, options)
+                options |= {"objective": objective.value, "state_feedback": state_feedback}
+                fit = _learn(rows, n_train, start, hard, nodes, options)
             progress("testing")
             tested = judge_filter(rows, n_train, fit, nodes, kind)
         step = None if rows.times is None else find_steps(rows.times).step
@@ -259,6 +286,14 @@ def command(
     console = console_beside(output)
     _print(console, rows, n_train, replace(fit, model=model), tested)
     say_written(console, output)
+
+
+def _learn(rows: Rows, *arguments: Any) -> FitResult[Any]:
+    """Learn a pairwise model; errors name options of the command line."""
+    try:
+        return learn_pairwise(rows, *arguments)
+    except ParameterError as error:
+        raise ParameterError(str(error).replace("state_feedback=False", "--no-state-feedback")) from error
 
 
 def _units(given: list[str], columns: list[str]) -> dict[str, str]:
@@ -298,6 +333,11 @@ def _print(
         f"log-likelihood {fit.log_likelihood:.2f} ({fit.log_likelihood / fit.n_observations:.4f} per row), "
         f"AIC {fit.aic:.1f}, BIC {fit.bic:.1f}, p_hard {model.p_hard:.4g}.",
     ]
+    if fit.training is not None:
+        lines.append(
+            f"The {fit.training.kept} fit was kept: of {fit.training.n_kept_back:,} states kept back the log "
+            f"score is {fit.training.score_filter:.4g} for the filter and {fit.training.score_joint:.4g} jointly."
+        )
     numbers = model.named_parameters() if hasattr(model, "named_parameters") else {}
     numbers = {name: value for name, value in numbers.items() if name != "p_hard"}
     if numbers:

@@ -320,3 +320,29 @@ def test_a_form_goes_with_pairwise_models_alone(write, tmp_path) -> None:
     assert result.exit_code != 0
     assert "--form: got regression, which goes with --model pairwise alone" in " ".join(result.output.split())
     assert not out.exists()
+
+
+def test_a_model_is_learned_for_its_filter(write, data, tmp_path) -> None:
+    out = tmp_path / "model.json"
+    columns = ["--state", "load", "--obs", "temperature", "-o", out, "--regimes", 2, "--starts", 1]
+    result = run(write(), *columns, "--objective", "filter", "--no-state-feedback")
+    assert result.exit_code == 0, result.output
+    options = {"n_regimes": 2, "n_starts": 1, "objective": "filter", "state_feedback": False}
+    fit = CGOMSModel.fit(data[:, 0], data[:, 1], **options)
+    named = fit.model.labelled(states=["load"], observations=["temperature"])
+    assert model_to_dict(load_model(out)) == model_to_dict(named)
+    told = f"The {fit.training.kept} fit was kept: of 48 states kept back the log score is"
+    assert f"{told} {fit.training.score_filter:.4g} for the filter" in " ".join(result.output.split())
+
+
+def test_sparse_states_are_refused_in_words_of_the_command_line(write, data, tmp_path) -> None:
+    sparse = data.copy()
+    sparse[1::2, 0] = np.nan
+    columns = ["--state", "load", "--obs", "temperature", "-o", tmp_path / "model.json", "--regimes", 2]
+    result = run(write(sparse), *columns)
+    assert result.exit_code == 1
+    assert "from which --no-state-feedback learns a state that does not" in " ".join(result.output.split())
+    result = run(write(sparse), *columns, "--model", "ssm", "--objective", "filter")
+    assert "--objective: got filter, which goes with --model pairwise alone" in " ".join(
+        result.output.split()
+    )
