@@ -187,8 +187,8 @@ def command(
         Objective,
         typer.Option(
             help="What is raised: joint, the likelihood of state and observation; filter, what the filter "
-            "says of the state from the observation alone. The last fifth of the states is then kept back, and "
-            "decides when to stop and whether the joint fit is better."
+            "says of the state from the observation alone. The last fifth of the states is then kept back, "
+            "and decides when to stop and whether the joint fit is better."
         ),
     ] = Objective.JOINT,
     state_feedback: Annotated[
@@ -334,10 +334,10 @@ def _print(
         f"AIC {fit.aic:.1f}, BIC {fit.bic:.1f}, p_hard {model.p_hard:.4g}.",
     ]
     if fit.training is not None:
-        told = fit.training
+        training = fit.training
         lines.append(
-            f"The {told.kept} fit was kept: of {told.n_kept_back:,} states kept back the log score is "
-            f"{told.score_filter:.4g} for the filter and {told.score_joint:.4g} jointly."
+            f"The {training.kept} fit was kept: of {training.n_kept_back:,} states kept back the log score is "
+            f"{training.score_filter:.4g} for the filter and {training.score_joint:.4g} jointly."
         )
     numbers = model.named_parameters() if hasattr(model, "named_parameters") else {}
     numbers = {name: value for name, value in numbers.items() if name != "p_hard"}
