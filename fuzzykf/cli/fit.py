@@ -336,8 +336,8 @@ def _print(
     if fit.training is not None:
         training = fit.training
         lines.append(
-            f"The {training.kept} fit was kept: of {training.n_kept_back:,} states kept back the log score is "
-            f"{training.score_filter:.4g} for the filter and {training.score_joint:.4g} jointly."
+            f"The {training.kept} fit was kept: of {training.n_kept_back:,} states kept back the log score "
+            f"is {training.score_filter:.4g} for the filter and {training.score_joint:.4g} jointly."
         )
     numbers = model.named_parameters() if hasattr(model, "named_parameters") else {}
     numbers = {name: value for name, value in numbers.items() if name != "p_hard"}

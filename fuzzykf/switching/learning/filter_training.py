@@ -110,7 +110,7 @@ def train_for_filter(
     unit = float(np.log(data.scale.std[: data.dim_x]).sum())
     joint = kept_back.scores[0]
     training = FilterTraining(
-        kept="filter" if best > joint else "joint",
+        kept="filter" if kept_back.best_trained and best > joint else "joint",
         score_joint=joint - unit,
         score_filter=best - unit,
         n_iterations=kept_back.best_trained,
@@ -181,14 +181,18 @@ def _ascend(
     """Make so many iterations of L-BFGS, or as many as there are; return the numbers, and the objective."""
     from scipy.optimize import minimize
 
-    trace = [objective.value(objective.start)[0]]
-
-    def loss(numbers: FloatArray) -> tuple[float, FloatArray]:
+    def judged(numbers: FloatArray) -> tuple[float, FloatArray]:
         try:
             value, slope = objective.value(numbers)
         except (FuzzykfError, np.linalg.LinAlgError):
-            value, slope = np.nan, numbers
-        if not np.isfinite(value) or not np.isfinite(slope).all():
+            return np.nan, numbers
+        return (value if np.isfinite(slope).all() else np.nan), slope
+
+    trace = [judged(objective.start)[0]]
+
+    def loss(numbers: FloatArray) -> tuple[float, FloatArray]:
+        value, slope = judged(numbers)
+        if not np.isfinite(value):
             return abs(trace[0]) + BEYOND, np.zeros_like(numbers)  # a step too far is taken back
         return -value, -slope
 
@@ -199,7 +203,7 @@ def _ascend(
         if look is not None and not look(len(trace) - 1, intermediate_result.x):
             raise StopIteration
 
-    if not most:
+    if not most or not np.isfinite(trace[0]):
         return objective.start, trace
     found = minimize(
         loss, objective.start, method="L-BFGS-B", jac=True, callback=after, options={"maxiter": most}

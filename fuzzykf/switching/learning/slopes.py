@@ -50,7 +50,9 @@ def log_densities(fit: Regression, targets: FloatArray, regressors: FloatArray) 
     density *= density
     if t > 1:
         density = density.reshape(-1, P, t).sum(axis=-1)
-    return np.subtract(-0.5 * (fit.g.sum(axis=1) + t * _LOG_2PI), density, out=density)
+    density *= -1.0
+    density -= 0.5 * (fit.g.sum(axis=1) + t * _LOG_2PI)
+    return density
 
 
 def weighted_slope(fit: Regression, weight: FloatArray, moment: FloatArray) -> Regression:

@@ -145,6 +145,11 @@ def test_where_there_is_no_objective_a_step_is_taken_back() -> None:
     numbers, trace = _ascend(Cliff(0), 20, None)
     assert 3.0 <= abs(numbers[0]) < 30.0
     assert trace[-1] > trace[0]
+    nowhere = Cliff(0)
+    nowhere.start = np.array([1.0])
+    numbers, trace = _ascend(nowhere, 20, None)
+    assert numbers[0] == 1.0
+    assert np.isnan(trace).tolist() == [True]
 
 
 def test_what_cannot_be_is_refused() -> None:
