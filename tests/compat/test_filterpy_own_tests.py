@@ -88,6 +88,7 @@ def outcome(pytestconfig, tmp_path_factory):
     report = root / "report.xml"
     environment = os.environ | {
         "MPLBACKEND": "Agg",
+        "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",  # their tests need none, and loading them takes longer than most
         # the fuzzykf of this run, wherever it is imported from
         "PYTHONPATH": os.pathsep.join(
             map(str, [root, Path(__file__).parent, Path(fuzzykf.__file__).parents[1]])
@@ -95,7 +96,7 @@ def outcome(pytestconfig, tmp_path_factory):
     }
     run = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "fuzzykf_in_filterpy", "-p", "no:cacheprovider"]
-        + ["-p", "no:randomly", "-c", "pytest.ini", f"--junitxml={report}", "-o", "junit_family=xunit1"]
+        + ["--assert=plain", "-c", "pytest.ini", f"--junitxml={report}", "-o", "junit_family=xunit1"]
         + [f"--deselect=filterpy/{name}" for name in LEFT_OUT]
         + [f"filterpy/{name}" for name in FILES],
         cwd=root,

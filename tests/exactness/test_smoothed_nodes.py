@@ -267,7 +267,7 @@ def test_a_quiet_motion_is_not_lost_on_the_way_back(what, method) -> None:
     m = np.shape(parts["H"])[-1] if np.ndim(parts["H"]) else 1
     model = SwitchingStateSpace(**parts, x0=np.zeros(m), P0=np.eye(m))
     f, errors, trace = SwitchingKalmanFilter(model, method=method), np.zeros(2), np.zeros(2)
-    for seed in range(6):
+    for seed in (0, 5):  # on NumPy a series takes a third of a second
         truth = model.simulate(300, np.random.default_rng(seed))
         for k, found in enumerate((f.filter(truth.y), f.smooth(truth.y))):
             errors[k] += ((found.x - truth.x) ** 2).sum()
@@ -282,8 +282,8 @@ def test_a_quiet_mode_is_not_lost_on_the_way_back() -> None:
     noise = {"Q": [0.001 * push, push], "R": 1.0, "x0": [0.0, 0.0], "P0": 10.0 * np.eye(2)}
     model = SwitchingStateSpace([[0.97, 0.03], [0.1, 0.9]], [[1.0, 1.0], [0.0, 1.0]], [[1.0, 0.0]], **noise)
     f = SwitchingKalmanFilter(model, method="gpb2")
-    for seed in range(6):
-        truth = model.simulate(300, np.random.default_rng(seed))
+    for seed in range(3):
+        truth = model.simulate(150, np.random.default_rng(seed))
         filtered, smoothed = (((g(truth.y).x - truth.x)[:, 0] ** 2).mean() for g in (f.filter, f.smooth))
         ratios.append(smoothed / filtered)
     assert np.median(ratios) < 0.6

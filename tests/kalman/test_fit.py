@@ -290,10 +290,16 @@ def test_any_start_leads_to_the_maximum() -> None:
         assert kf.fit(zs).estimates == pytest.approx(best, rel=1e-3)
 
 
-@pytest.mark.parametrize("x", [0.7, [0.7], [[0.7]]])
-def test_attributes_may_be_numbers_and_x_keeps_its_form(x) -> None:
+@pytest.fixture(scope="module")
+def with_its_start():
+    """A fit of the level, of its noise and its start."""
     kf, zs = level()
-    expected = kf.fit(zs, free={"x": "full", "R": "full"})
+    return kf.fit(zs, free={"x": "full", "R": "full"})
+
+
+@pytest.mark.parametrize("x", [0.7, [0.7], [[0.7]]])
+def test_attributes_may_be_numbers_and_x_keeps_its_form(x, with_its_start) -> None:
+    (kf, zs), expected = level(), with_its_start
     kf.x, kf.P, kf.Q, kf.R, kf.F, kf.H = x, 4.0, 1.0, 4.0, 1.0, 1.0
     fit = kf.fit(zs, free={"x": "full", "R": "full"})
     assert fit.estimates == pytest.approx(expected.estimates, rel=1e-3)
@@ -315,12 +321,18 @@ FORMS = {
 }
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_a_series_may_come_in_any_form(form) -> None:
+@pytest.fixture(scope="module")
+def of_one_with_a_gap():
+    """A filter, a series, and what is learned from it."""
     kf, zs = level()
     zs[20:30] = np.nan
-    fit = kf.fit(FORMS[form](zs))
-    expected = kf.fit(zs)
+    return kf, zs, kf.fit(zs)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_series_may_come_in_any_form(form, of_one_with_a_gap) -> None:
+    kf, zs, expected = of_one_with_a_gap
+    fit = kf.fit(FORMS[form](zs.copy()))
     assert fit.log_likelihood == pytest.approx(expected.log_likelihood, rel=1e-9)
     assert fit.estimates == pytest.approx(expected.estimates, rel=1e-4)
     assert fit.n_observations == 290
@@ -335,17 +347,23 @@ MANY = {
 }
 
 
-@pytest.mark.parametrize("form", MANY)
-def test_several_series_count_together(form) -> None:
+@pytest.fixture(scope="module")
+def of_two():
+    """A filter, two series, and what is learned from both and from the first alone."""
     kf, a = level()
     b = simulated(kf, 120, 1)
-    fit = kf.fit(MANY[form](a, b))
+    return kf, a, b, kf.fit([a, b]).estimates, kf.fit(a).estimates
+
+
+@pytest.mark.parametrize("form", MANY)
+def test_several_series_count_together(form, of_two) -> None:
+    kf, a, b, expected, of_the_first = of_two
+    fit = kf.fit(MANY[form](a.copy(), b.copy()))
     total = sum(fit.model.copy().filter(one).log_likelihood.sum() for one in (a, b))
     assert fit.log_likelihood == pytest.approx(total, rel=1e-10)
     assert fit.n_observations == 420
-    expected = kf.fit([a, b]).estimates
     assert fit.estimates == pytest.approx(expected, rel=1e-4)
-    assert abs(fit.estimates["R[0, 0]"] - kf.fit(a).estimates["R[0, 0]"]) > 1e-3
+    assert abs(fit.estimates["R[0, 0]"] - of_the_first["R[0, 0]"]) > 1e-3
 
 
 @pytest.mark.parametrize("shared", [True, False])
@@ -374,7 +392,7 @@ def test_components_in_another_order_have_the_same_estimates() -> None:
         Q=[[1.0, 0.2, 0.0], [0.2, 0.6, 0.0], [0.0, 0.0, 0.5]],
         R=np.diag([0.5, 1.0]),
     )
-    zs = simulated(kf, 250, 9)
+    zs = simulated(kf, 120, 9)
     mask = kf.Q != 0.0
     fit = kf.fit(zs, free={"Q": mask, "R": "diagonal"})
     p, q = [2, 0, 1], [1, 0]
@@ -462,7 +480,7 @@ def test_what_hardly_makes_a_covariance_singular_is_named_as_such() -> None:
     truth = KalmanFilter(
         2, 1, F=[[1.0, 1.0], [0.0, 1.0]], H=[[1.0, 0.0]], Q=0.09 * np.outer(push, push), R=4.0
     )
-    fit = KalmanFilter(2, 1, F=truth.F, H=truth.H, Q=np.eye(2), R=1.0, P=100.0).fit(simulated(truth, 400, 3))
+    fit = KalmanFilter(2, 1, F=truth.F, H=truth.H, Q=np.eye(2), R=1.0, P=100.0).fit(simulated(truth, 150, 3))
     assert not any(note.startswith("Q[1, 1]: weakly") for note in fit.warnings)
     assert any("Q[1, 1]" in note for note in fit.warnings)
 
@@ -484,11 +502,11 @@ def test_a_bootstrap_has_the_gaps_and_the_inputs_of_what_was_learned_from() -> N
     a, b = simulated(kf, 120, 14, us), simulated(kf, 60, 15, us)
     a[30:60] = np.nan
     fit = kf.fit([a, b], free={"Q": "full", "R": "full", "B": "full"}, us=us)
-    again = fit.bootstrap(12, np.random.default_rng(16))
+    again = fit.bootstrap(8, np.random.default_rng(16))
     assert {one.n_observations for one in again} == {150}
     spread = np.std([values(one.estimates) for one in again], axis=0)
     ratio = spread / values(fit.standard_errors)
-    assert ((ratio > 0.4) & (ratio < 2.5)).all()  # a standard deviation of twelve is known to a fifth
+    assert ((ratio > 0.4) & (ratio < 2.5)).all()  # a standard deviation of eight is known to a quarter
     gain = [one.estimates["B[0, 0]"] for one in again]
     assert abs(np.mean(gain) - fit.estimates["B[0, 0]"]) < 1.0
     assert len(fit.bootstrap(1, np.random.default_rng(0))[0].bootstrap(1, np.random.default_rng(0))) == 1

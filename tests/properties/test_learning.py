@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from fuzzykf import CGOFMSModel, CGOMSModel
 
 # an example is learned from twice, for half a second; tests/switching/learning has the plain ones
-few = settings(max_examples=5, deadline=None)
-fewer = settings(max_examples=3, deadline=None)  # of the slow ones, beside those that are named
+few = settings(max_examples=4, deadline=None)
+fewer = settings(max_examples=2, deadline=None)  # of the slow ones, beside those that are named
 seeds = st.integers(0, 10**6)
 forms = st.sampled_from(["regression", "covariance"])
 

@@ -380,10 +380,10 @@ def test_memory_that_is_let_go_is_free() -> None:
         state=GaussianMembership([0.0, 0.0], np.eye(2)),
         process_noise=GaussianMembership([0.0, 0.0], np.diag([0.1, 0.2])),
         measurement_noise=GaussianMembership(0.0, 0.5),
-        points=61,
+        points=41,
     )
     est.F, est.H = MOVE, np.array([[1.0, 0.0]])
-    zs, size = np.linspace(0.0, 3.0, 25), 61 * 61 * 8
+    zs, size = np.linspace(0.0, 3.0, 25), 41 * 41 * 8
     peaks = []
     for lattices in (1000, 20):
         tracemalloc.start()

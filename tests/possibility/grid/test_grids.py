@@ -649,7 +649,7 @@ def bounded(**options):
     return scalar(state=triangle, process_noise=triangle, measurement_noise=triangle, **options)
 
 
-@pytest.mark.parametrize("fixed", [{}, {"domain": ((-100.0, 100.0),), "points": 2001}])
+@pytest.mark.parametrize("fixed", [{}, {"domain": ((-60.0, 60.0),), "points": 1201}])
 def test_empty_intersection_policies(fixed):
     est = bounded(**fixed)
     est.predict()

@@ -319,7 +319,7 @@ def test_rounding_below_zero_counts_as_zero():
 
 
 def test_sampled_marginal(law):
-    pairs = np.array([law.sample(2, np.random.default_rng(k)) for k in range(500 if law is RAMP else 1500)])
+    pairs = np.array([law.sample(2, np.random.default_rng(k)) for k in range(300 if law is RAMP else 1500)])
     counts = np.histogram2d(*pairs.T, bins=[0.0, 0.5, 1.0])[0]
     assert scipy.stats.chisquare(counts.ravel(), law.harden().ravel() * len(pairs)).pvalue > 1e-3
     r = pairs[:, 1]

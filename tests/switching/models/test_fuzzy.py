@@ -192,7 +192,7 @@ def test_simulation_has_the_moments_of_the_model(fuzzy_model, form):
     base = fuzzy_model.form
     model = CGOFMSModel(LAW, base.means, base.covariances, 1, interpolation=form)
     rng = np.random.default_rng(2)
-    runs = [model.simulate(6, rng) for _ in range(1500)]
+    runs = [model.simulate(6, rng) for _ in range(800)]
     r = np.array([run.r for run in runs])
     z = np.concatenate([np.array([run.x for run in runs]), np.array([run.y for run in runs])], axis=2)
     for n in (0, 5):
