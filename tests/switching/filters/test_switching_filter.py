@@ -504,7 +504,8 @@ def test_regimes_that_no_path_reaches_have_no_influence(m, make_transitions):
 
 
 def test_a_million_steps(fuzzy_model):
-    y = np.random.default_rng(3).normal(1.5, 1.5, 1_000_000)
+    n = 1_000_000 if engine.info().name == "compiled" else 100_000  # NumPy takes thirty times as long
+    y = np.random.default_rng(3).normal(1.5, 1.5, n)
     f = OFSRFilter(fuzzy_model, 5)
     result = f.filter(y)
     assert np.isfinite(result.log_likelihood).all()
@@ -519,7 +520,7 @@ def test_a_million_steps(fuzzy_model):
 
 
 def test_many_steps_of_a_vector_keep_symmetry(hard_model):
-    y = np.random.default_rng(3).normal(0.0, 2.0, 60_000)
+    y = np.random.default_rng(3).normal(0.0, 2.0, 20_000)
     result = CGOMSMFilter(hard_model).filter(y, keep_nodes=True)
     for P in (result.P, result.P_prior, result.node_P):
         np.testing.assert_array_equal(P, np.swapaxes(P, -1, -2))
