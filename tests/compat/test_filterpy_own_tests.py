@@ -88,7 +88,7 @@ def outcome(pytestconfig, tmp_path_factory):
     report = root / "report.xml"
     environment = os.environ | {
         "MPLBACKEND": "Agg",
-        "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",  # their tests need none, and loading them takes longer than most
+        "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",  # their tests need none, and loading takes seconds
         # the fuzzykf of this run, wherever it is imported from
         "PYTHONPATH": os.pathsep.join(
             map(str, [root, Path(__file__).parent, Path(fuzzykf.__file__).parents[1]])
