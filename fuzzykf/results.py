@@ -522,6 +522,8 @@ class FilterTraining:
     score_joint, score_filter : float
         Mean log-density, per state and in the units of the data, that the filter of each gave the states of
         the rows kept back; both had learned from the rows before.
+    standard_error : float
+        Of the difference of the two.  The joint fit stays unless the difference is larger.
     n_iterations : int
         After so many the score was best.
     inflation : float
@@ -534,13 +536,14 @@ class FilterTraining:
 
     Examples
     --------
-    >>> FilterTraining("filter", -0.61, -0.25, 35, 1.25, 700).kept
+    >>> FilterTraining("filter", -0.61, -0.25, 0.02, 35, 1.25, 700).kept
     'filter'
     """
 
     kept: str
     score_joint: float
     score_filter: float
+    standard_error: float
     n_iterations: int
     inflation: float
     n_kept_back: int

@@ -180,8 +180,9 @@ def _about_training(fit: Any) -> list[tuple[str, str]]:
     kept, after = f"the {training.kept} fit was kept", f" after {training.n_iterations} iterations"
     widened = f", noise of the state widened {training.inflation:g} times" if training.inflation > 1.0 else ""
     scores = (
-        f"{training.score_filter:.3f} for the filter{after}{widened}, {training.score_joint:.3f} jointly; "
-        f"mean of {training.n_kept_back:,} states kept back"
+        f"{training.score_filter:.3f} for the filter{after}{widened}, {training.score_joint:.3f} jointly "
+        f"(standard error of the difference {training.standard_error:.2g}); mean of "
+        f"{training.n_kept_back:,} states kept back"
     )
     return [("objective", f"filter; {kept}"), ("log score of the state", scores)]
 

@@ -3,8 +3,8 @@
 The last fifth of the measured states is kept back.  On the rows before it the joint fit is made again, and
 goes on by L-BFGS on the objective of `filter_objective`; every few iterations the filter is scored on the
 rows kept back.  What scored best tells how many iterations to make, and by how much to widen the noise of the
-state.  Then all rows are learned from, with as many iterations.  If nothing scored better than the joint fit,
-that one stays.
+state.  Then all rows are learned from, with as many iterations.  The joint fit stays unless something scored
+better by more than the standard error of the difference: what nothing speaks against is not worth a change.
 """
 
 from __future__ import annotations
@@ -41,6 +41,9 @@ INFLATIONS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0)
 
 #: Fewest measured states that are kept back: fewer decide nothing.
 LEAST_KEPT = 20
+
+#: Batches of them of which the scores are compared.
+BATCHES = 10
 
 #: How much worse than at the start the objective is told to be where there is none.
 BEYOND = 1e3
@@ -109,10 +112,12 @@ def train_for_filter(
     inflation, best = kept_back.widened()
     unit = float(np.log(data.scale.std[: data.dim_x]).sum())
     joint = kept_back.scores[0]
+    error = kept_back.standard_error(inflation)
     training = FilterTraining(
-        kept="filter" if kept_back.best_trained and best > joint else "joint",
+        kept="filter" if kept_back.best_trained and best - joint > error else "joint",
         score_joint=joint - unit,
         score_filter=best - unit,
+        standard_error=error,
         n_iterations=kept_back.best_trained,
         inflation=inflation,
         n_kept_back=n_kept,
@@ -163,13 +168,29 @@ class _KeptBack:
         factor = max(scores, key=lambda one: scores[one])
         return factor, scores[factor]
 
+    def standard_error(self, inflation: float) -> float:
+        """Return that of the difference of the scores after training and before, from means of batches.
+
+        States that follow one another are scored alike, so single ones would make it too small.
+        """
+        trained, joint = (
+            self._densities(self._numbers[self.best_trained], inflation),
+            self._densities(self._numbers[0]),
+        )
+        means = [batch.mean() for batch in np.array_split(trained - joint, BATCHES)]
+        error = float(np.std(means, ddof=1) / np.sqrt(BATCHES))
+        return error if np.isfinite(error) else 0.0
+
     def _score(self, numbers: FloatArray, inflation: float = 1.0) -> float:
+        score = float(self._densities(numbers, inflation).mean())
+        return score if np.isfinite(score) else -np.inf
+
+    def _densities(self, numbers: FloatArray, inflation: float = 1.0) -> FloatArray:
         try:
             density = np.concatenate(self._objective.scores(numbers, self._data, inflation))
         except (FuzzykfError, np.linalg.LinAlgError):
-            return -np.inf
-        score = float(density[self._rows].mean())
-        return score if np.isfinite(score) else -np.inf
+            return np.full(len(self._rows), -np.inf)
+        return density[self._rows]
 
 
 def _ascend(
