@@ -33,7 +33,7 @@ from fuzzykf.sequel import sequel_of, warn_of_steps
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 
-    from fuzzykf.arrays import ManyNumbers, ManySeriesLike, Numbers
+    from fuzzykf.arrays import IntArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.many import ManySeries
     from fuzzykf.sequel import Sequel
 
@@ -166,12 +166,14 @@ class Filter(ABC):
         as_observation(z, self.dim_z)  # before anything moves
         return self._step_or_stay(z)
 
-    def _step_or_stay(self, z: Numbers) -> FloatArray:
-        """Do a step by the verbs; an error leaves the attributes as they were."""
+    def _step_or_stay(
+        self, z: Numbers, move: Mapping[str, Any] | None = None, look: Mapping[str, Any] | None = None
+    ) -> FloatArray:
+        """Do a step by the verbs, with keyword arguments; an error leaves the attributes as they were."""
         before = attributes_of(self)
         try:
-            self.predict()
-            self.update(z)
+            self.predict(**(move or {}))
+            self.update(z, **(look or {}))
         except BaseException:
             self.__dict__.clear()
             self.__dict__.update(before)
@@ -203,12 +205,22 @@ class Filter(ABC):
         return self._filter_noting(zs, resume=resume)
 
     def _filter_noting(
-        self, zs: ManyNumbers, note: Callable[[], None] | None = None, *, resume: bool = False
+        self,
+        zs: ManyNumbers,
+        note: Callable[[], None] | None = None,
+        *,
+        resume: bool = False,
+        told: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]] | None = None,
+        uneven: bool = False,
     ) -> FilterResult:
-        """Filter a series, and call ``note`` after each step: what a way back has to know is kept there."""
+        """Filter a series, and call ``note`` after each step: what a way back has to know is kept there.
+
+        ``told`` has the keyword arguments of each prediction and update; ``uneven`` says that they tell how
+        long the steps are.
+        """
         index = index_of(zs)
         if as_flag("resume", resume):
-            self._check_next(index)
+            self._check_next(index, uneven)
         series = as_observations(zs, self.dim_z)
         sizes = {"state": self.dim_x, "observation": self.dim_z, "node": np.size(getattr(self, "mu", ()))}
         sizes["class"] = np.size(getattr(self, "class_weights", ()))
@@ -217,7 +229,10 @@ class Filter(ABC):
         before = attributes_of(self)
         try:
             for n, z in enumerate(series):
-                self.step(z)
+                if told is None:
+                    self.step(z)
+                else:
+                    self._step_or_stay(z, *told[n])
                 for name, values in collected.items():
                     values[n] = np.reshape(getattr(self, name), shapes[name])
                 if note is not None:
@@ -229,7 +244,8 @@ class Filter(ABC):
         nodes = getattr(self, "nodes", None) if "mu" in collected else None
         if index is not None:
             self._follow(index)
-            warn_of_steps(index)
+            if not uneven:
+                warn_of_steps(index)
         return FilterResult(**collected, nodes=nodes, index=index).with_coords(zs)
 
     def batch_filter(self, zs: ManyNumbers, *args: Any, **kwargs: Any) -> tuple[FloatArray, ...]:
@@ -288,11 +304,20 @@ class Filter(ABC):
         ShapeError, ParameterError
             Wrong shapes; a name in ``keep`` that this filter does not fill.
         """
-        many = self._read_many(zs, by)
         given = {"resume": True} if as_flag("resume", resume) else {}
+        return self._filter_all(self._read_many(zs, by), keep, lambda rows, n: [given] * len(rows))
 
-        def several(series: FloatArray, _: Any) -> dict[str, FloatArray]:
-            results = self._filter_each(series, [given] * len(series))
+    def _filter_all(
+        self,
+        many: ManySeries,
+        keep: Iterable[str],
+        arguments: Callable[[IntArray, int], Sequence[Mapping[str, Any]]],
+    ) -> FilterResult:
+        """Do `filter_many`; ``arguments`` tells those of `filter` for some of the series, of n steps."""
+
+        def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
+            which = np.arange(len(many.values))[rows]
+            results = self._filter_each(series, arguments(which, series.shape[1]))
             filled = tuple(name for name in FIELDS if any(getattr(one, name) is not None for one in results))
             if keep is USUAL_FIELDS:  # nobody asked for what this kind of filter does not have
                 return stacked(results, [name for name in USUAL_FIELDS if name in filled])

@@ -55,6 +55,7 @@ FILTERS = Registry(
         "OFSRFilter": "fuzzykf.switching.filters.ofsr:OFSRFilter",
         "CGOMSMFilter": "fuzzykf.switching.filters.cgomsm:CGOMSMFilter",
         "SwitchingKalmanFilter": "fuzzykf.switching.filters.switching_kalman:SwitchingKalmanFilter",
+        "FuzzyRelationEstimator": "fuzzykf.possibility.estimator:FuzzyRelationEstimator",
     }
 )
 

@@ -5,9 +5,9 @@ Shapes, missing data and indexes are decided here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -19,7 +19,30 @@ from fuzzykf.times import check_increasing
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, ManyNumbers, Numbers
 
-__all__ = ["as_many", "as_observation", "as_observations", "check_ahead", "check_aligned", "index_of"]
+__all__ = [
+    "PerStep",
+    "as_listed",
+    "as_many",
+    "as_observation",
+    "as_observations",
+    "check_ahead",
+    "check_aligned",
+    "index_of",
+    "named_per_step",
+    "per_step",
+]
+
+
+class _Rows(Protocol):
+    """An array, or an object of pandas or xarray."""
+
+    def __len__(self) -> int: ...
+
+    def __array__(self) -> np.ndarray[Any, Any]: ...
+
+
+#: What has a value for each step: a list, an array, a table of pandas.
+PerStep: TypeAlias = Sequence[Any] | _Rows
 
 
 def as_observation(z: Numbers, dim_z: int) -> FloatArray | None:
@@ -187,6 +210,45 @@ def as_many(zs: Any, dim_z: int) -> FloatArray:
         )
     array.flags.writeable = False
     return array
+
+
+# --------------------------------------------------------------------------- step by step
+
+
+def as_listed(name: str, values: Any, n: int) -> Sequence[Any]:
+    """Return what holds a value for each step, of which there are ``n``; a number or a text does not.
+
+    A table of pandas counts by position: its labels are those of the observations, see `check_aligned`.
+    """
+    if hasattr(values, "to_numpy"):
+        values = values.to_numpy()
+    listed = isinstance(values, Sequence) or (hasattr(values, "__len__") and hasattr(values, "__array__"))
+    if not listed or isinstance(values, str | bytes) or (isinstance(values, np.ndarray) and values.ndim == 0):
+        raise ShapeError(f"{name}: got {brief(values)}, expected one value for each of the {n} observations")
+    each: Sequence[Any] = values
+    return each
+
+
+def per_step(name: str, values: Any, n: int) -> Sequence[Any]:
+    """Return one value per step; None for all of them where nothing was given."""
+    if values is None:
+        return [None] * n
+    each = as_listed(name, values, n)
+    if len(each) < n:
+        raise ShapeError(f"{name}: got {len(each)} values, expected one for each of the {n} observations")
+    return each
+
+
+def named_per_step(name: str, values: Any, n: int) -> list[dict[str, Any]]:
+    """Return keyword arguments for each step; none where nothing, or None, was given."""
+    found: list[dict[str, Any]] = []
+    for k, one in enumerate(per_step(name, values, n)[:n]):
+        if not (one is None or isinstance(one, Mapping)):
+            raise ParameterError(
+                f"{name}[{k}]: got {brief(one)}, expected a dict of keyword arguments, or None"
+            )
+        found.append(dict(one or {}))
+    return found
 
 
 # --------------------------------------------------------------------------- indexes

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf import results
 from fuzzykf.base import FilterResult, index_of
-from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.errors import ShapeError
 from fuzzykf.gaussian import as_flag, brief
+from fuzzykf.observations import PerStep, as_listed, named_per_step, per_step
 from fuzzykf.overrides import attributes_of
 from fuzzykf.sequel import warn_of_steps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from fuzzykf.arrays import FloatArray
 
@@ -41,17 +41,6 @@ __all__ = [
     "whole_verb",
 ]
 
-
-class _Rows(Protocol):
-    """An array, or an object of pandas or xarray."""
-
-    def __len__(self) -> int: ...
-
-    def __array__(self) -> np.ndarray[Any, Any]: ...
-
-
-#: What has a value for each step: a list, an array, a table of pandas.
-PerStep: TypeAlias = Sequence[Any] | _Rows
 
 #: What a filter with one mean and one covariance can tell about a series, and what a bank can.
 FIELDS = ("x", "P", "x_prior", "P_prior", "log_likelihood")
@@ -97,20 +86,6 @@ class whole_verb(unchanged_on_error):
         self._before[0][0].remember_origin()
 
 
-def as_listed(name: str, values: Any, n: int) -> Sequence[Any]:
-    """Return what holds a value for each step, of which there are ``n``; a number or a text does not.
-
-    A table of pandas counts by position: its labels are those of the observations, see `check_aligned`.
-    """
-    if hasattr(values, "to_numpy"):
-        values = values.to_numpy()
-    listed = isinstance(values, Sequence) or (hasattr(values, "__len__") and hasattr(values, "__array__"))
-    if not listed or isinstance(values, str | bytes) or (isinstance(values, np.ndarray) and values.ndim == 0):
-        raise ShapeError(f"{name}: got {brief(values)}, expected one value for each of the {n} observations")
-    each: Sequence[Any] = values
-    return each
-
-
 def one_by_one(zs: Any) -> Sequence[Any]:
     """Return the observations of a series, which may be gone through once, to be taken by their number."""
     if not (hasattr(zs, "to_numpy") or hasattr(zs, "__len__")):
@@ -118,28 +93,6 @@ def one_by_one(zs: Any) -> Sequence[Any]:
             raise ShapeError(f"zs: got {brief(zs)}, expected a series of observations")
         zs = list(zs)
     return as_listed("zs", zs, 0)
-
-
-def per_step(name: str, values: Any, n: int) -> Sequence[Any]:
-    """Return one value per step; None for all of them where nothing was given."""
-    if values is None:
-        return [None] * n
-    each = as_listed(name, values, n)
-    if len(each) < n:
-        raise ShapeError(f"{name}: got {len(each)} values, expected one for each of the {n} observations")
-    return each
-
-
-def named_per_step(name: str, values: Any, n: int) -> list[dict[str, Any]]:
-    """Return keyword arguments for each step; none where nothing, or None, was given."""
-    found: list[dict[str, Any]] = []
-    for k, one in enumerate(per_step(name, values, n)[:n]):
-        if not (one is None or isinstance(one, Mapping)):
-            raise ParameterError(
-                f"{name}[{k}]: got {brief(one)}, expected a dict of keyword arguments, or None"
-            )
-        found.append(dict(one or {}))
-    return found
 
 
 def given_per_step(n: int, **given: PerStep | None) -> list[dict[str, Any]]:

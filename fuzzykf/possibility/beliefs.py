@@ -12,9 +12,11 @@ import numpy as np
 
 from fuzzykf.errors import EmptyIntersectionError, UnreachableMeasurementError
 from fuzzykf.possibility import closed_form
+from fuzzykf.possibility.constraint import as_measurement
 from fuzzykf.possibility.grid.belief import GridBelief
 from fuzzykf.possibility.intervals import boxes
 from fuzzykf.possibility.mapping import matrix_of
+from fuzzykf.possibility.memberships import IntervalMembership
 from fuzzykf.possibility.protocol import Belief, Outcome
 from fuzzykf.possibility.representation import FAMILIES, required_box, required_quadratic
 from fuzzykf.reprs import reprs
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.grid.lattice import Universe
     from fuzzykf.possibility.mapping import Mapping
-    from fuzzykf.possibility.memberships import EllipticalMembership, IntervalMembership, Membership
+    from fuzzykf.possibility.memberships import EllipticalMembership, Membership
     from fuzzykf.possibility.norms import TNorm
     from fuzzykf.possibility.representation import Representation
 
@@ -83,6 +85,10 @@ class QuadraticBelief:
         possible = closed_form.possibility(found.surprise, self.family)
         return Outcome(belief, possible, posterior=found)
 
+    def constrain(self, constraint: Membership) -> Outcome:
+        """Combine with a constraint of the same family."""
+        return self.update(*as_measurement(constraint))
+
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> QuadraticBelief | None:
         """Return what the measurement says of H x, and the prediction of the rest."""
         center, R = required_quadratic("noise", noise, self.family)
@@ -130,6 +136,16 @@ class BoxBelief:
         if found is None:
             return Outcome(None, 0.0, boxes.is_reachable(self.box, measure, required_box("noise", noise), z))
         return Outcome(BoxBelief(found))
+
+    def constrain(self, constraint: Membership) -> Outcome:
+        """Part of the box within another one, which may be open."""
+        lower, upper = constraint.support()
+        lower, upper = np.maximum(self.box.lower, lower), np.minimum(self.box.upper, upper)
+        if (lower > upper).any():
+            return Outcome(None, 0.0)
+        if np.array_equal(lower, self.box.lower) and np.array_equal(upper, self.box.upper):
+            return Outcome(self)
+        return Outcome(BoxBelief(IntervalMembership(lower, upper)))
 
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> BoxBelief | None:
         """All states that explain the measurement."""

@@ -8,37 +8,58 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fuzzykf.base import Filter, as_observation
-from fuzzykf.errors import ParameterError, SupportWarning
-from fuzzykf.gaussian import as_choice, is_whole
-from fuzzykf.possibility.beliefs import QuadraticBelief, believe, nothing_explains
+from fuzzykf.base import USUAL_FIELDS, Filter, as_observation
+from fuzzykf.errors import SupportWarning
+from fuzzykf.gaussian import as_choice, as_flag
+from fuzzykf.io import Document
+from fuzzykf.many import read_many
+from fuzzykf.possibility.arguments import (
+    check_given,
+    given_maps,
+    measurement,
+    motion,
+    set_matrices,
+    with_noise,
+)
+from fuzzykf.possibility.beliefs import QuadraticBelief, believe
 from fuzzykf.possibility.closed_form import over_all
-from fuzzykf.possibility.mapping import Mapping, as_map, control
+from fuzzykf.possibility.conjunction import assigned, explained, restrained
+from fuzzykf.possibility.constraint import as_constraint, is_crisp
+from fuzzykf.possibility.describe import describe
+from fuzzykf.possibility.mapping import as_map
 from fuzzykf.possibility.memberships.derived import as_membership
 from fuzzykf.possibility.norms import as_t_conorm, as_t_norm
 from fuzzykf.possibility.representation import (
-    FAMILIES,
     as_center,
     as_matrix,
     as_used,
+    check_constraint,
     choose,
+    no_matrix,
     required_quadratic,
     universe_of,
 )
+from fuzzykf.possibility.saved import from_values, to_values
+from fuzzykf.possibility.series import is_uneven, of_each, read_steps
 from fuzzykf.possibility.smoother import MEMORY, smooth_series
-from fuzzykf.reprs import shown, value_text
+from fuzzykf.reprs import shown
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+    from typing import Self, TypeAlias
 
     from matplotlib.axes import Axes
 
-    from fuzzykf.arrays import FloatArray, IntArray, ManyNumbers, Numbers
+    from fuzzykf.arrays import FloatArray, IntArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.base import FilterResult
+    from fuzzykf.observations import PerStep
     from fuzzykf.possibility.closed_form import Posterior
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TConorm, TNorm
     from fuzzykf.possibility.protocol import Belief, Outcome
+
+    #: A membership, or one scalar membership or None for each component.
+    Memberships: TypeAlias = Membership | Sequence[Membership | None]
 
 __all__ = ["FuzzyRelationEstimator"]
 
@@ -46,7 +67,7 @@ __all__ = ["FuzzyRelationEstimator"]
 NONE_SEEN = np.zeros(0, dtype=np.intp)
 
 
-class FuzzyRelationEstimator(Filter):
+class FuzzyRelationEstimator(Filter, Document):
     """Recursive state estimation with membership functions in place of densities.
 
     The membership mu of the state x is propagated by the extension principle and
@@ -182,9 +203,17 @@ class FuzzyRelationEstimator(Filter):
         fx_inverse: Callable[..., Any] | None = None,
         fx_interval: Callable[..., Any] | None = None,
         hx_interval: Callable[..., Any] | None = None,
-        state: Membership | Sequence[Membership | None] | None = None,
-        process_noise: Membership | Sequence[Membership | None] | None = None,
-        measurement_noise: Membership | Sequence[Membership | None] | None = None,
+        state: Memberships | None = None,
+        process_noise: Memberships | None = None,
+        measurement_noise: Memberships | None = None,
+        constraint: Memberships | Sequence[Numbers] | None = None,
+        x: Numbers = None,
+        P: Numbers = None,
+        F: Numbers = None,
+        H: Numbers = None,
+        Q: Numbers = None,
+        R: Numbers = None,
+        B: Numbers = None,
         t_norm: str | TNorm = "product",
         t_conorm: str | TConorm = "max",
         on_empty: Literal["raise", "keep", "reset"] = "raise",
@@ -192,14 +221,8 @@ class FuzzyRelationEstimator(Filter):
         domain: Sequence[Sequence[float]] | None = None,
         floor: float | None = None,
     ) -> None:
-        for name, value in (("dim_x", dim_x), ("dim_z", dim_z)):
-            if not is_whole(value) or value < 1:
-                raise ParameterError(f"{name}: got {value!r}, expected a whole number of at least 1")
+        check_given(dim_x, dim_z, fx, fx_inverse, fx_interval)
         as_choice("on_empty", on_empty, ("raise", "keep", "reset"))
-        if fx is None and (fx_inverse is not None or fx_interval is not None):
-            raise ParameterError(
-                "fx: got None, expected the function that belongs to fx_inverse or fx_interval"
-            )
         self.dim_x, self.dim_z, self.dim_u = int(dim_x), int(dim_z), dim_u
         self.fx, self.hx, self.fx_inverse = fx, hx, fx_inverse
         self.fx_interval, self.hx_interval = fx_interval, hx_interval
@@ -218,14 +241,19 @@ class FuzzyRelationEstimator(Filter):
             grid=points is not None or domain is not None,
         )
         self.representation = choice.representation
-        self.F = np.eye(self.dim_x) if fx is None else None
-        self.H = np.zeros((self.dim_z, self.dim_x)) if hx is None else None
-        self.B = None
+        self.F: Any
+        self.H: Any
+        self.B: Any
+        self.F, self.H, self.B = given_maps(self.dim_x, self.dim_z, fx, hx, F, H, B)
+        self._blank_H = self.H if H is None else None  # zeros, as long as nobody has assigned another one
         self._process_noise = self._as_used("process_noise", choice.process_noise, self.dim_x)
         self._measurement_noise = self._as_used("measurement_noise", choice.measurement_noise, self.dim_z)
         on_grid = choice.representation == "grid"
         self._universe = universe_of(choice, self.t_norm, points, domain, floor) if on_grid else None
         self._belief = believe("state", choice.state, choice.representation, self.t_norm, self._universe)
+        self._constraint: Membership | None = None
+        set_matrices(self, x=x, P=P, Q=Q, R=R)
+        self.constraint = constraint
         self.possibility = 1.0
         self.z: Any = np.full((self.dim_z, 1), None, dtype=object)
         self.x_prior, self.P_prior = self._estimate()
@@ -242,7 +270,7 @@ class FuzzyRelationEstimator(Filter):
         u: Numbers = None,
         B: Numbers = None,
         F: Numbers = None,
-        Q: Numbers = None,
+        Q: Numbers | Memberships = None,
         **fx_arguments: Any,
     ) -> None:
         """Move the membership to the time of the next measurement.
@@ -251,48 +279,37 @@ class FuzzyRelationEstimator(Filter):
         ----------
         u, B : array_like, optional
             Linear models: control vector and its matrix (by default ``B``).
-        F, Q : array_like, optional
-            Linear models: matrices for this step only; Q in the closed forms.
+        F : array_like, optional
+            Linear models: matrix for this step only.
+        Q : Membership, sequence of (Membership or None), or array_like, optional
+            Process noise of this step only: a membership, as ``process_noise``; in the closed forms a matrix.
         **fx_arguments
-            With fx, everything that is given reaches fx as a keyword argument.
+            With fx, everything that is given, but for a noise, reaches fx as a keyword argument.
 
         Raises
         ------
         ParameterError, ShapeError
             fx returned a wrong shape, or NaN at a possible state; bad matrices.
+        EmptyIntersectionError
+            The constraint excludes all that is predicted (see ``on_empty``).
         SupportLostError
             All states have left the domain.
         """
-        noise = self._process_noise
-        if self.fx is None:
-            _refuse_arguments("predict", fx_arguments, "fx")
-            matrix = as_map("F", self.F if F is None else F, (self.dim_x, self.dim_x))
-            shift = control(u, self.B if B is None else B, self.dim_x)
-            move = Mapping("F", self.dim_x, self.dim_x, matrix=matrix, shift=shift)
-            if Q is not None:
-                noise = self._with_matrix("Q", noise, Q)
-        else:
-            given = {k: v for k, v in (("u", u), ("B", B), ("F", F), ("Q", Q)) if v is not None}
-            move = Mapping(
-                "fx",
-                self.dim_x,
-                self.dim_x,
-                function=self.fx,
-                inverse=self.fx_inverse,
-                interval=self.fx_interval,
-                arguments={**given, **fx_arguments},
-            )
+        move, noise = motion(self, u, B, F, Q, fx_arguments)
         outcome = self._belief.predict(move, noise)
-        _warn(outcome)
-        self.remember_origin()
         assert outcome.belief is not None
-        self._belief = outcome.belief
+        inner = restrained(outcome.belief, self._constraint, self.on_empty)
+        _warn(outcome)
+        _warn(inner)
+        self.remember_origin()
+        assert inner.belief is not None
+        self._belief = inner.belief
         self.x_prior, self.P_prior = self._estimate()
 
     def update(
         self,
         z: Numbers,
-        R: Numbers = None,
+        R: Numbers | Memberships = None,
         H: Numbers = None,
         **hx_arguments: Any,
     ) -> None:
@@ -302,10 +319,13 @@ class FuzzyRelationEstimator(Filter):
         ----------
         z : array_like or None
             None or NaN where missing, also in part.
-        R, H : array_like, optional
-            Linear models: matrices for this measurement only; R in the closed forms.
+        R : Membership, sequence of (Membership or None), or array_like, optional
+            Noise of this measurement only: a membership, as ``measurement_noise``; in the closed forms a
+            matrix.
+        H : array_like, optional
+            Linear models: matrix for this measurement only.
         **hx_arguments
-            With hx, everything that is given reaches hx as a keyword argument.
+            With hx, everything that is given, but for a noise, reaches hx as a keyword argument.
 
         Raises
         ------
@@ -313,38 +333,23 @@ class FuzzyRelationEstimator(Filter):
             No state is both possible and consistent with z (see ``on_empty``);
             `UnreachableMeasurementError` if no state whatever is consistent with it.
         ParameterError, ShapeError
-            z or what hx returned is inadmissible; bad matrices.
+            z or what hx returned is inadmissible; bad matrices; neither H nor hx was ever given.
         """
         value = as_observation(z, self.dim_z)
         if value is None:
             self._skip()
             return
         seen = np.flatnonzero(~np.isnan(value))
-        noise, S = self._measurement_noise, np.zeros((self.dim_z, self.dim_z))
-        if self.hx is None:
-            _refuse_arguments("update", hx_arguments, "hx")
-            matrix = as_map("H", self.H if H is None else H, (self.dim_z, self.dim_x))
-            measure = Mapping("H", self.dim_x, self.dim_z, matrix=matrix, components=seen)
-            if R is not None:
-                noise = self._with_matrix("R", noise, R)
-            if self.is_closed_form:
-                S = matrix @ self.P @ matrix.T + required_quadratic("R", noise, self.representation)[1]
-        else:
-            given = {k: v for k, v in (("R", R), ("H", H)) if v is not None}
-            measure = Mapping(
-                "hx",
-                self.dim_x,
-                self.dim_z,
-                function=self.hx,
-                interval=self.hx_interval,
-                arguments={**given, **hx_arguments},
-                components=seen,
-            )
+        measure, noise = measurement(self, seen, R, H, hx_arguments)
+        S = np.zeros((self.dim_z, self.dim_z))
+        if self.is_closed_form:
+            full = as_map("H", self.H if H is None else H, (self.dim_z, self.dim_x))
+            S = full @ self.P @ full.T + required_quadratic("R", noise, self.representation)[1]
         observed = noise if seen.size == self.dim_z else noise.project(seen.tolist())
-        outcome = self._belief.update(measure, observed, value[seen])
-        belief = outcome.belief or self._resolve(outcome, measure, observed, value[seen])
+        outcome = explained(self._belief, measure, observed, value[seen], self._constraint, self.on_empty)
         _warn(outcome)
-        self._learn(belief, outcome.possibility, value.reshape(-1, 1))
+        assert outcome.belief is not None
+        self._learn(outcome.belief, outcome.possibility, value.reshape(-1, 1))
         if self.is_closed_form:
             self._set_gain(outcome.posterior, seen, S)
 
@@ -353,18 +358,6 @@ class FuzzyRelationEstimator(Filter):
         self._learn(self._belief, 1.0, np.full((self.dim_z, 1), None, dtype=object))
         if self.is_closed_form:
             self._set_gain(None, NONE_SEEN, np.zeros((self.dim_z, self.dim_z)))
-
-    def _resolve(self, outcome: Outcome, measure: Mapping, noise: Membership, z: FloatArray) -> Belief:
-        """Do what `on_empty` says when nothing is left."""
-        if self.on_empty == "keep":
-            return self._belief
-        note = ""
-        if self.on_empty == "reset":
-            restarted = self._belief.restart(measure, noise, z)
-            if restarted is not None:
-                return restarted
-            note = "; nor does it bound the state, so that there is nothing to restart from"
-        raise nothing_explains(z, measure, self._belief, outcome, note)
 
     def _learn(self, belief: Belief, possibility: float, z: Any) -> None:
         """Keep what an update has found."""
@@ -394,14 +387,144 @@ class FuzzyRelationEstimator(Filter):
             else:
                 self._set_likelihood(found.log_likelihood, float(np.sqrt(found.surprise)))
 
-    # ------------------------------------------------------------------ the way back
+    # ------------------------------------------------------------------ whole series
 
-    def smooth(self, zs: ManyNumbers, *, memory: float = MEMORY) -> FilterResult:
-        """Filter a series, and look back: what each state is given the whole of it.
+    def filter(
+        self,
+        zs: ManyNumbers,
+        us: PerStep | None = None,
+        *,
+        Rs: PerStep | None = None,
+        Qs: PerStep | None = None,
+        Fs: PerStep | None = None,
+        Hs: PerStep | None = None,
+        fx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        resume: bool = False,
+    ) -> FilterResult:
+        """Predict and update along a series, from where the estimator stands, and collect what it finds.
+
+        The estimator ends at the last observation, so that `step` continues the series.
 
         Parameters
         ----------
         zs : array_like
+            Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
+        us : sequence of n controls, optional
+            Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
+        Rs, Qs : sequence of n, optional
+            Noises of the single measurements and predictions, in any form that `update` and `predict` take:
+            memberships, or, in the closed forms, matrices; None in a list means that of the estimator.
+        Fs, Hs : sequence of n, optional
+            Linear models: matrices of the single predictions (those of index k lead to observation k) and
+            measurements.
+        fx_args, hx_args : sequence of n dict, optional
+            Keyword arguments of each prediction and of each update.
+        resume : bool
+            Go on from where the estimator stands, from where it starts in any case: a dated series has to
+            go on there, too.
+
+        Returns
+        -------
+        FilterResult
+            With ``x``, ``P``, ``x_prior``, ``P_prior``, ``possibility``, ``lower``, ``upper`` and, of
+            Gaussian memberships, ``log_likelihood``.
+
+        Raises
+        ------
+        ShapeError, ParameterError, EmptyIntersectionError
+            As from `predict` and `update`; the estimator is then as it was before.
+
+        Examples
+        --------
+        >>> from fuzzykf import FuzzyRelationEstimator, IntervalMembership
+        >>> est = FuzzyRelationEstimator(1, 1, H=1.0)
+        >>> est.filter([1.0, None, 2.0], Rs=[None, None, 4.0]).x.ravel().round(3).tolist()
+        [0.667, 0.667, 1.19]
+        >>> bounds = FuzzyRelationEstimator(
+        ...     dim_x=1,
+        ...     dim_z=1,
+        ...     H=1.0,
+        ...     state=IntervalMembership(-9.0, 9.0),
+        ...     measurement_noise=IntervalMembership(-1.0, 1.0),
+        ... )
+        >>> found = bounds.filter([1.0, 1.5], Rs=[None, IntervalMembership(-0.25, 0.25)])
+        >>> found.lower.ravel().round(2).tolist(), found.upper.ravel().round(2).tolist()
+        ([0.0, 1.25], [2.0, 1.75])
+        """
+        told = {"us": us, "Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "fx_args": fx_args, "hx_args": hx_args}
+        series, steps = read_steps(zs, self.dim_z, told)
+        return self._filter_noting(series, resume=resume, told=steps, uneven=is_uneven(told))
+
+    def filter_many(
+        self,
+        zs: ManySeriesLike,
+        keep: Iterable[str] = USUAL_FIELDS,
+        us: ManySeriesLike | PerStep = None,
+        *,
+        Rs: PerStep | None = None,
+        Qs: PerStep | None = None,
+        Fs: PerStep | None = None,
+        Hs: PerStep | None = None,
+        fx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        by: Hashable | None = None,
+        resume: bool = False,
+    ) -> FilterResult:
+        """Filter many series one after another, each as `filter` would; the estimator stays as it is.
+
+        Parameters
+        ----------
+        zs, keep, by
+            As in `fuzzykf.Filter.filter_many`; this filter also has ``possibility``, ``lower`` and ``upper``.
+        us : array_like, mapping or None
+            Controls of one series, which count for all, up to the end of each; or of each its own, as an
+            array (series, n, dim_u) or a mapping.
+        Rs, Qs, Fs, Hs, fx_args, hx_args, resume
+            As in `filter`; the same for every series, up to the end of each.
+
+        Returns
+        -------
+        FilterResult
+            The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
+            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
+
+        Raises
+        ------
+        ShapeError, ParameterError, EmptyIntersectionError
+            As from `filter`; a name in ``keep`` that is no field of this filter.
+
+        Examples
+        --------
+        >>> from fuzzykf import FuzzyRelationEstimator
+        >>> found = FuzzyRelationEstimator(1, 1, H=1.0).filter_many({"a": [1.0, 2.0], "b": [0.0]}, keep="x")
+        >>> found.x[..., 0].round(3).tolist()
+        [[0.667, 1.5], [0.0, nan]]
+        """
+        told = {"Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "fx_args": fx_args, "hx_args": hx_args}
+        many = read_many(zs, self.dim_z, by, uneven=is_uneven(told))
+        more = {"resume": True} if as_flag("resume", resume) else {}
+        arguments = of_each(many, us, self.dim_u, told)
+        return self._filter_all(many, keep, lambda rows, n: [{**one, **more} for one in arguments(rows, n)])
+
+    def smooth(
+        self,
+        zs: ManyNumbers,
+        us: PerStep | None = None,
+        *,
+        Rs: PerStep | None = None,
+        Qs: PerStep | None = None,
+        Fs: PerStep | None = None,
+        Hs: PerStep | None = None,
+        fx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        hx_args: Sequence[Mapping[str, Any] | None] | None = None,
+        memory: float = MEMORY,
+    ) -> FilterResult:
+        """Filter a series, and look back: what each state is given the whole of it.
+
+        Parameters
+        ----------
+        zs, us, Rs, Qs, Fs, Hs, fx_args, hx_args
             As in `filter`, which predicts first; the estimator ends at the last observation.
         memory : float
             On a grid, how many bytes the lattices that are kept for the way back may take; by default
@@ -444,12 +567,13 @@ class FuzzyRelationEstimator(Filter):
         Examples
         --------
         >>> from fuzzykf import FuzzyRelationEstimator
-        >>> est = FuzzyRelationEstimator(1, 1)
-        >>> est.H = 1.0
+        >>> est = FuzzyRelationEstimator(1, 1, H=1.0)
         >>> est.smooth([1.0, None, 2.0]).x.ravel().round(3).tolist()
         [0.909, 1.273, 1.636]
         """
-        return smooth_series(self, zs, memory)
+        told = {"us": us, "Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "fx_args": fx_args, "hx_args": hx_args}
+        series, steps = read_steps(zs, self.dim_z, told)
+        return smooth_series(self, series, memory, steps, is_uneven(told))
 
     # ------------------------------------------------------------------ the state
 
@@ -465,7 +589,7 @@ class FuzzyRelationEstimator(Filter):
 
     @x.setter
     def x(self, value: Numbers) -> None:
-        self._require_closed_form("x", "membership")
+        self._require_closed_form("x")
         x = as_center(value, self.dim_x)
         if x.shape != self.x.shape:  # flat or column: everything follows x
             self.x_prior, self.x_post = self.x_prior.reshape(x.shape), self.x_post.reshape(x.shape)
@@ -479,7 +603,7 @@ class FuzzyRelationEstimator(Filter):
 
     @P.setter
     def P(self, value: Numbers) -> None:
-        self._require_closed_form("P", "membership")
+        self._require_closed_form("P")
         self._belief = QuadraticBelief(self.representation, self.x, as_matrix("P", value, self.dim_x))
 
     @property
@@ -488,9 +612,11 @@ class FuzzyRelationEstimator(Filter):
         return self._belief.as_membership()
 
     @membership.setter
-    def membership(self, value: Membership | Sequence[Membership | None]) -> None:
+    def membership(self, value: Memberships) -> None:
         given = as_membership("membership", value, self.dim_x, self.t_norm)
-        self._belief = believe("membership", given, self.representation, self.t_norm, self._universe)
+        belief = believe("membership", given, self.representation, self.t_norm, self._universe)
+        box = self._constraint if self._constraint is None or is_crisp(self._constraint) else None
+        self._belief = assigned(belief, box)
 
     @property
     def lower(self) -> FloatArray:
@@ -536,9 +662,7 @@ class FuzzyRelationEstimator(Filter):
             return np.array(self.x).reshape(-1, 1)
         if method == "mean_of_maximum":
             return self._belief.mean_of_maximum().reshape(-1, 1)
-        if method == "peak":
-            return self._belief.peak().reshape(-1, 1)
-        raise ParameterError(f"method: got {method!r}, expected 'centroid', 'mean_of_maximum' or 'peak'")
+        return self._belief.peak().reshape(-1, 1)
 
     def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
         """Draw the membership of the state, with the estimate marked.
@@ -567,7 +691,7 @@ class FuzzyRelationEstimator(Filter):
 
     @Q.setter
     def Q(self, value: Numbers) -> None:
-        self._process_noise = self._with_matrix("Q", self._process_noise, value)
+        self._process_noise = with_noise("Q", self._process_noise, value, self.representation)
 
     @property
     def R(self) -> Any:
@@ -576,7 +700,7 @@ class FuzzyRelationEstimator(Filter):
 
     @R.setter
     def R(self, value: Numbers) -> None:
-        self._measurement_noise = self._with_matrix("R", self._measurement_noise, value)
+        self._measurement_noise = with_noise("R", self._measurement_noise, value, self.representation)
 
     @property
     def process_noise(self) -> Membership:
@@ -584,7 +708,7 @@ class FuzzyRelationEstimator(Filter):
         return self._current(self._process_noise)
 
     @process_noise.setter
-    def process_noise(self, value: Membership | Sequence[Membership | None] | None) -> None:
+    def process_noise(self, value: Memberships | None) -> None:
         self._process_noise = self._as_used("process_noise", value, self.dim_x)
 
     @property
@@ -593,7 +717,7 @@ class FuzzyRelationEstimator(Filter):
         return self._current(self._measurement_noise)
 
     @measurement_noise.setter
-    def measurement_noise(self, value: Membership | Sequence[Membership | None]) -> None:
+    def measurement_noise(self, value: Memberships) -> None:
         self._measurement_noise = self._as_used("measurement_noise", value, self.dim_z)
 
     def _as_used(self, name: str, value: Any, dim: int) -> Membership:
@@ -604,38 +728,49 @@ class FuzzyRelationEstimator(Filter):
         """Return a noise after edits of its matrix in place, as `Q` and `R` allow them."""
         return as_used("noise", noise, self.representation) if self.is_closed_form else noise
 
-    def _with_matrix(self, name: Literal["Q", "R"], noise: Membership, value: Numbers) -> Membership:
-        """Return the noise with another matrix."""
-        self._require_closed_form(name, "process_noise" if name == "Q" else "measurement_noise")
-        return FAMILIES[self.representation](noise.peak, as_matrix(name, value, noise.dim))
-
-    def _require_closed_form(self, name: str, instead: str) -> None:
+    def _require_closed_form(self, name: str) -> None:
         if not self.is_closed_form:
-            raise ParameterError(
-                f"{name}: has no meaning of its own in the representation {self.representation!r}; "
-                f"use {instead}"
-            )
+            instead = {"Q": "process_noise", "R": "measurement_noise"}.get(name, "membership")
+            raise no_matrix(name, self.representation, instead)
+
+    # ------------------------------------------------------------------ the constraint
+
+    @property
+    def constraint(self) -> Membership | None:
+        """What the state is known to satisfy at every step, None if nothing; assign one, or a box.
+
+        What is known now is combined with what is assigned.
+        """
+        return self._constraint
+
+    @constraint.setter
+    def constraint(self, value: Memberships | Sequence[Numbers] | None) -> None:
+        found = None if value is None else as_constraint(value, self.dim_x, self.t_norm)
+        if found is not None:
+            check_constraint(found, self.representation)
+            self._belief = assigned(self._belief, found)
+        self._constraint = found
+
+    # ------------------------------------------------------------------ files
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the estimator, with all it knows, as plain values.
+
+        Raises
+        ------
+        ParameterError
+            If it, or one of its memberships, holds functions: names them.
+        """
+        return to_values(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Make an estimator from what `to_dict` returned, in the state it was in."""
+        return from_values(cls, values)
 
     @shown
     def __repr__(self) -> str:
-        head = (
-            f"{type(self).__name__}(dim_x={self.dim_x}, dim_z={self.dim_z}): representation "
-            f"{self.representation!r}, t-norm {self.t_norm.name!r}"
-        )
-        parts = {
-            "state": self._belief,
-            "process noise": self._process_noise,
-            "measurement noise": self._measurement_noise,
-        }
-        return "\n".join([head, *(f"  {name}: {value_text(part, 80)}" for name, part in parts.items())])
-
-
-def _refuse_arguments(verb: str, arguments: dict[str, Any], function: str) -> None:
-    if arguments:
-        raise TypeError(
-            f"{verb}() got an unexpected keyword argument {next(iter(arguments))!r}; "
-            f"only {function} could use it"
-        )
+        return describe(self)
 
 
 def _warn(outcome: Outcome) -> None:

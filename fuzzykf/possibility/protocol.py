@@ -66,5 +66,8 @@ class Belief(Protocol):
     def update(self, measure: Mapping, noise: Membership, z: FloatArray) -> Outcome:
         """Combine with a measurement."""
 
+    def constrain(self, constraint: Membership) -> Outcome:
+        """Combine with a constraint of the state; the outcome is this belief if it says nothing new."""
+
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> Belief | None:
         """Return what the measurement alone says; None if that is not enough."""

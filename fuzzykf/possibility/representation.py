@@ -11,6 +11,7 @@ from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers, check_covariance
 from fuzzykf.possibility.grid.lattice import Universe
 from fuzzykf.possibility.memberships import (
+    BoxMembership,
     CauchyMembership,
     EllipticalMembership,
     GaussianMembership,
@@ -19,6 +20,7 @@ from fuzzykf.possibility.memberships import (
     Membership,
     ParabolicMembership,
     SingletonMembership,
+    as_box,
 )
 from fuzzykf.possibility.memberships.derived import as_membership
 
@@ -37,7 +39,9 @@ __all__ = [
     "as_matrix",
     "as_quadratic",
     "as_used",
+    "check_constraint",
     "choose",
+    "no_matrix",
     "required_box",
     "required_quadratic",
     "universe_of",
@@ -143,20 +147,6 @@ def choose(
     return Choice("grid", start, noise, error)
 
 
-def as_box(membership: Membership) -> IntervalMembership | None:
-    """Return a crisp membership as a box; None if it is not crisp."""
-    if isinstance(membership, IntervalMembership):
-        return membership
-    if isinstance(membership, JointMembership):
-        boxes = [
-            component for component in membership.components if isinstance(component, IntervalMembership)
-        ]
-        if len(boxes) == membership.dim:
-            lower, upper = membership.support()
-            return IntervalMembership(lower, upper)
-    return None
-
-
 def as_quadratic(membership: Membership, family: str) -> tuple[FloatArray, FloatArray] | None:
     """Center and matrix of a membership of a closed family; None if it is none.
 
@@ -216,6 +206,38 @@ def as_used(name: str, noise: Membership, representation: Representation) -> Mem
     if representation == "interval":
         return required_box(name, noise)
     return FAMILIES[representation](*required_quadratic(name, noise, representation))
+
+
+def no_matrix(name: str, representation: str, instead: str) -> ParameterError:
+    """Return the error for a matrix (or center) that a representation does not have."""
+    return ParameterError(
+        f"{name}: has no meaning of its own in the representation {representation!r}; use {instead}"
+    )
+
+
+def check_constraint(constraint: Membership, representation: Representation) -> None:
+    """Raise unless a representation keeps its shape under a constraint.
+
+    Raises
+    ------
+    ParameterError
+        Names the representations that do.
+    """
+    if representation == "grid":
+        return
+    grid = "a grid does (give points, with state and measurement_noise)"
+    if representation == "interval":
+        if not isinstance(constraint, IntervalMembership | BoxMembership):
+            raise ParameterError(
+                f"constraint: got {constraint!r}, which does not leave an interval an interval; {grid}, and "
+                "a box (lower, upper) will do"
+            )
+    elif as_quadratic(constraint, representation) is None:
+        family = FAMILIES[representation].__name__
+        raise ParameterError(
+            f"constraint: got {constraint!r}, which a {representation} membership does not keep its shape "
+            f"under; {grid}, intervals do for a box, and here a {family} will do"
+        )
 
 
 def as_matrix(name: str, value: Any, dim: int) -> FloatArray:

@@ -22,6 +22,7 @@ from fuzzykf.gaussian import as_real
 from fuzzykf.overrides import attributes_of
 from fuzzykf.possibility import closed_form
 from fuzzykf.possibility.beliefs import BoxBelief, GridBelief, QuadraticBelief
+from fuzzykf.possibility.constraint import is_crisp
 from fuzzykf.possibility.grid.backward import Message, before_prediction, before_update, smoothed
 from fuzzykf.possibility.grid.noise import decompose
 from fuzzykf.possibility.intervals.path import Broken, contract_path
@@ -30,7 +31,7 @@ from fuzzykf.possibility.representation import required_quadratic
 from fuzzykf.possibility.trail import Trail
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from typing import TypeAlias
 
     from fuzzykf.arrays import FloatArray, ManyNumbers
@@ -59,7 +60,13 @@ class WayBack(Protocol):
         """Return what is known, mended as `on_empty` says if it is impossible; x, P and bounds of it."""
 
 
-def smooth_series(est: Any, zs: ManyNumbers, memory: float) -> FilterResult:
+def smooth_series(
+    est: Any,
+    zs: ManyNumbers,
+    memory: float,
+    told: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]] | None = None,
+    uneven: bool = False,
+) -> FilterResult:
     """Filter a series and look back; the estimator ends at the last observation.
 
     Parameters
@@ -68,6 +75,10 @@ def smooth_series(est: Any, zs: ManyNumbers, memory: float) -> FilterResult:
     zs : array_like
     memory : float
         See `FuzzyRelationEstimator.smooth`.
+    told : sequence of (dict, dict), optional
+        Keyword arguments of each prediction and update.
+    uneven : bool
+        Whether they tell how long the steps are.
 
     Returns
     -------
@@ -81,7 +92,7 @@ def smooth_series(est: Any, zs: ManyNumbers, memory: float) -> FilterResult:
             trail = Trail(est, copies=False, room=room, size=_bytes_of)
         else:
             trail = Trail(est, copies=est.is_closed_form)
-        forward = est._filter_noting(zs, trail.note)
+        forward = est._filter_noting(zs, trail.note, told=told, uneven=uneven)
         trail.stop()
         x, P, lower, upper = _look_back(trail, est)
     except BaseException:
@@ -183,7 +194,7 @@ class QuadraticWayBack:
 
     def back(self, node: Node, known: QuadraticBelief) -> QuadraticBelief:
         """Return what is known before a verb."""
-        if node.verb == "update" or node.before is None:
+        if node.verb != "predict" or node.before is None:
             return known
         past: QuadraticBelief = node.before.belief
         _, Q = required_quadratic("noise", node.noise, past.family)
@@ -270,16 +281,22 @@ class GridWayBack:
         if node.before is None:
             return known
         source: GridBelief = node.before.belief
-        if node.verb == "update":
-            message = before_update(node.belief.lattice, known, node.prior.lattice, node.possibility)
-            return message if node.before.verb == "predict" else message.on(source.lattice.axes)
-        if self.noise is None or self.noise.membership is not node.noise:
-            self.noise = decompose(node.noise, source.lattice.t_norm)
-        return before_prediction(source.lattice, known, node.mapping, self.noise, source.universe)
+        if node.verb == "predict":
+            if self.noise is None or self.noise.membership is not node.noise:
+                self.noise = decompose(node.noise, source.lattice.t_norm)
+            return before_prediction(source.lattice, known, node.mapping, self.noise, source.universe)
+        if _adds_nothing(node):
+            return known
+        known = _on_axes_of(node, known)
+        message = before_update(node.belief.lattice, known, node.prior.lattice, node.possibility)
+        if node.before.verb == "predict" or _adds_nothing(node.before):
+            return message
+        return message.on(source.lattice.axes)
 
     def estimate(self, node: Node, known: Message) -> tuple[Message, Estimate]:
         """Return centroid, spread and bounds."""
         belief: GridBelief = node.belief
+        known = _on_axes_of(node, known)
         found = smoothed(belief.lattice, known)
         if found is None:
             contradiction(self.on_empty, *(bound.tolist() for bound in belief.bounds()))
@@ -296,6 +313,20 @@ class GridWayBack:
         if note not in self.noted:
             self.noted.add(note)
             warnings.warn(f"smooth: {note}", SupportWarning, stacklevel=6)
+
+
+def _adds_nothing(node: Node) -> bool:
+    """Whether a node is a box on a lattice that ends with it, so that no message goes beyond."""
+    if node.verb != "constrain" or not is_crisp(node.noise) or node.belief.universe.domain is not None:
+        return False
+    return node.possibility == 1.0 or bool(node.belief.lattice.t_norm.scale == "log")
+
+
+def _on_axes_of(node: Node, message: Message) -> Message:
+    """Return a message on the axes of the belief of a node."""
+    axes = node.belief.lattice.axes
+    same = all(np.array_equal(one, other) for one, other in zip(axes, message.axes, strict=True))
+    return message if same else message.on(axes)
 
 
 def _cut_off(lattice: Lattice, belief: GridBelief) -> list[str]:

@@ -36,18 +36,18 @@ class Node:
 
     Attributes
     ----------
-    verb : {"start", "predict", "update", "restart"}
+    verb : {"start", "predict", "update", "constrain", "restart"}
     belief : Belief or None
         None where it is to be made again.
     before : Node or None
         None at the start.
     mapping, noise, z
-        What the verb was given.
+        What the verb was given; the constraint is the noise of its verb.
     prior, possibility
         What an update found, see `Outcome`.
     """
 
-    verb: Literal["start", "predict", "update", "restart"]
+    verb: Literal["start", "predict", "update", "constrain", "restart"]
     belief: Any
     before: Node | None = None
     mapping: Any = None
@@ -62,8 +62,9 @@ class Node:
         past: Belief = self.before.belief
         if self.verb == "predict":
             self.belief = past.predict(self.mapping, self.noise).belief
-        elif self.verb == "update":
-            outcome = past.update(self.mapping, self.noise, self.z)
+        elif self.verb in ("update", "constrain"):
+            given = (self.noise,) if self.verb == "constrain" else (self.mapping, self.noise, self.z)
+            outcome = getattr(past, self.verb)(*given)
             self.belief, self.prior = outcome.belief, outcome.prior
         else:
             self.belief = past.restart(self.mapping, self.noise, self.z)
@@ -118,6 +119,15 @@ class Tracked:
         """Combine with a measurement; where they exclude each other nothing is added to the trail."""
         outcome = self.belief.update(measure, noise, z)
         node = Node("update", outcome.belief, self.node, measure, self._kept(noise), z)
+        node.prior, node.possibility = outcome.prior, outcome.possibility
+        return self._next(outcome, node)
+
+    def constrain(self, constraint: Membership) -> Outcome:
+        """Combine with a constraint; one that says nothing new leaves no trace."""
+        outcome = self.belief.constrain(constraint)
+        if outcome.belief is self.belief:
+            return replace(outcome, belief=self)
+        node = Node("constrain", outcome.belief, self.node, noise=constraint)
         node.prior, node.possibility = outcome.prior, outcome.possibility
         return self._next(outcome, node)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from fuzzykf.base import Filter
-from fuzzykf.errors import FuzzykfError, ShapeError
+from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
 from fuzzykf.results import FIELDS
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ class Case:
                 hasattr(first, "smooth") and getattr(first, "has_smoother", True),
                 "no method smooth",
             ),
-            "save": (hasattr(first, "save") and hasattr(type(first), "load"), "no methods save and load"),
+            "save": (_is_savable(first), "no methods save and load, or it holds what no file can"),
         }
         applies, reason = needs.get(name, (True, ""))
         if not applies:
@@ -191,3 +191,14 @@ class Case:
     def fields(self, result: Any) -> dict[str, FloatArray]:
         """Return what a result holds of the fields that are compared."""
         return {name: getattr(result, name) for name in COMPARED if getattr(result, name) is not None}
+
+
+def _is_savable(f: Any) -> bool:
+    """Whether a filter can be written to a file: it says so if it holds a function."""
+    if not (hasattr(f, "save") and hasattr(type(f), "load")):
+        return False
+    try:
+        getattr(f, "to_dict", dict)()
+    except ParameterError:
+        return False
+    return True

@@ -25,7 +25,7 @@ from fuzzykf.engine.selected import (
     refine,
     totals,
 )
-from fuzzykf.possibility.grid import conditioning
+from fuzzykf.possibility.grid import conditioning, constraining
 from fuzzykf.possibility.grid.lattice import Kernel, Lattice
 from fuzzykf.possibility.grid.meeting import meeting
 from fuzzykf.possibility.grid.noise import decompose, shear
@@ -118,6 +118,15 @@ class GridBelief:
         notes = found.notes or found.lattice.notes(follows=self.universe.domain is None)
         prior = None if found.prior is None else self._with(found.prior)
         return Outcome(self._with(found.lattice), found.possibility, found.reachable, notes, prior=prior)
+
+    def constrain(self, constraint: Membership) -> Outcome:
+        """Combine with a constraint, on a lattice that ends where a box does."""
+        found = constraining.constrain(self.lattice, constraint, self.universe)
+        if found.lattice is self.lattice:
+            return Outcome(self)
+        belief = None if found.lattice is None else self._with(found.lattice)
+        prior = None if found.prior is None else self._with(found.prior)
+        return Outcome(belief, found.possibility, found.reachable, found.notes, prior=prior)
 
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> GridBelief | None:
         """Return what the measurement alone says."""

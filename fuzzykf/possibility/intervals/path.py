@@ -116,13 +116,15 @@ class _Path:
 
     def _back(self, k: int) -> IntervalMembership | None:
         node = self.nodes[k]
-        if node.verb == "update":  # the same state
+        if node.verb != "predict":  # the same state
             return self.found[k]
         return boxes.retrace(self.found[k - 1], node.mapping, node.noise, self.found[k])
 
     def _forth(self, k: int) -> IntervalMembership | None:
         node, past = self.nodes[k], self.found[k - 1]
-        if node.verb == "update":
+        if node.verb != "predict":
             both = boxes.intersect(past, self.found[k])
+            if node.verb == "constrain":
+                return both
             return None if both is None else boxes.update(both, node.mapping, node.noise, node.z)
         return boxes.intersect(boxes.predict(past, node.mapping, node.noise), self.found[k])

@@ -2,11 +2,12 @@
 
 from fuzzykf.possibility.memberships.base import Membership
 from fuzzykf.possibility.memberships.bounded import (
+    BoxMembership,
     IntervalMembership,
     SingletonMembership,
     TriangularMembership,
 )
-from fuzzykf.possibility.memberships.derived import CutMembership, JointMembership, sampled
+from fuzzykf.possibility.memberships.derived import CutMembership, JointMembership, as_box, sampled
 from fuzzykf.possibility.memberships.elliptical import (
     CauchyMembership,
     EllipticalMembership,
@@ -16,6 +17,7 @@ from fuzzykf.possibility.memberships.elliptical import (
 from fuzzykf.possibility.memberships.sampled import FunctionMembership, GridMembership
 
 __all__ = [
+    "BoxMembership",
     "CauchyMembership",
     "CutMembership",
     "EllipticalMembership",
@@ -28,5 +30,6 @@ __all__ = [
     "ParabolicMembership",
     "SingletonMembership",
     "TriangularMembership",
+    "as_box",
     "sampled",
 ]

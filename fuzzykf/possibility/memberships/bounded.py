@@ -1,4 +1,4 @@
-"""Memberships of bounded support that are not smooth: triangles, intervals and points."""
+"""Memberships that are not smooth: triangles, intervals and boxes, points."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_numbers
 from fuzzykf.possibility.memberships.base import Membership, as_components, as_level, as_levels, as_vector
 from fuzzykf.reprs import reprs, shown, value_text
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["IntervalMembership", "SingletonMembership", "TriangularMembership"]
+__all__ = ["BoxMembership", "IntervalMembership", "SingletonMembership", "TriangularMembership"]
 
 
 @reprs("left", "peak", "right")
@@ -179,3 +180,74 @@ class SingletonMembership(IntervalMembership):
     @shown
     def __repr__(self) -> str:
         return f"{type(self).__name__}({value_text(self.lower)})"
+
+
+@reprs("lower", "upper")
+class BoxMembership(Membership):
+    """A crisp box that may be open to infinity: membership 1 inside, 0 outside.
+
+    It says where a state has to be (a constraint); as the membership of a state or of a noise expect
+    `IntervalMembership`, whose bounds are finite.
+
+    Parameters
+    ----------
+    lower, upper : float or array_like, shape (dim,)
+        Bounds, lower <= upper; -inf and inf where there is none.
+
+    Attributes
+    ----------
+    lower, upper : ndarray, shape (dim,)
+        The bounds.
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        Wrong shape; NaN, or a negative width.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> BoxMembership(0.0, np.inf)([-1.0, 0.0, 1e9])
+    array([0., 1., 1.])
+    """
+
+    def __init__(self, lower: ArrayLike, upper: ArrayLike) -> None:
+        self.lower, self.upper = (
+            np.atleast_1d(as_numbers(name, value)).astype(np.float64)
+            for name, value in (("lower", lower), ("upper", upper))
+        )
+        self.dim = self.lower.size
+        if self.lower.ndim != 1 or self.upper.shape != self.lower.shape or not self.dim:
+            raise ShapeError(
+                f"lower, upper: got shapes {self.lower.shape} and {self.upper.shape}, expected (dim,) twice"
+            )
+        wrong = ~((self.lower <= self.upper) & (self.lower < np.inf) & (self.upper > -np.inf))
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            raise ParameterError(
+                f"lower, upper: component {k} is [{self.lower[k]:.6g}, {self.upper[k]:.6g}], "
+                "expected lower <= upper"
+            )
+
+    @property
+    def peak(self) -> FloatArray:
+        """A point (dim,) inside: the center, or one beside the only bound."""
+        finite_lower, finite_upper = np.isfinite(self.lower), np.isfinite(self.upper)
+        lower, upper = np.where(finite_lower, self.lower, 0.0), np.where(finite_upper, self.upper, 0.0)
+        beside = np.where(finite_lower, lower + 1.0 + np.abs(lower), upper - 1.0 - np.abs(upper))
+        open_ = np.where(finite_lower | finite_upper, beside, 0.0)
+        return np.where(finite_lower & finite_upper, 0.5 * lower + 0.5 * upper, open_)
+
+    def _evaluate(self, x: FloatArray) -> FloatArray:
+        inside = np.asarray((x >= self.lower) & (x <= self.upper)).all(axis=-1)
+        return np.asarray(inside, dtype=np.float64)
+
+    def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        as_level("level", level, or_zero=True)
+        return self.lower, self.upper
+
+    def project(self, components: Sequence[int]) -> BoxMembership:
+        """Return the membership of some components."""
+        index = as_components(components, self.dim)
+        return BoxMembership(self.lower[index], self.upper[index])

@@ -16,7 +16,7 @@ from fuzzykf.possibility.memberships.base import (
     as_levels,
     as_points,
 )
-from fuzzykf.possibility.memberships.bounded import SingletonMembership
+from fuzzykf.possibility.memberships.bounded import BoxMembership, IntervalMembership, SingletonMembership
 from fuzzykf.possibility.memberships.sampled import GridMembership
 from fuzzykf.possibility.norms import as_t_norm
 from fuzzykf.reprs import ENTRIES, reprs, shown, value_text
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["CutMembership", "JointMembership", "as_membership", "sampled"]
+__all__ = ["CutMembership", "JointMembership", "as_box", "as_membership", "sampled"]
 
 #: Memberships on the very edge of a cut may fall below its level by rounding.
 ROUNDING = 1e-12
@@ -245,6 +245,11 @@ def as_membership(
     if isinstance(value, Membership):
         if value.dim != dim:
             raise ParameterError(f"{name}: got a membership of {value.dim} dimensions, expected {dim}")
+        if isinstance(value, BoxMembership):
+            raise ParameterError(
+                f"{name}: got {value!r}, which a constraint may be; expected an IntervalMembership or "
+                "another membership"
+            )
         return value
     try:
         components: list[Any] = list(value)
@@ -259,6 +264,20 @@ def as_membership(
             raise ParameterError(f"{name}[{k}]: got {component!r}, expected a scalar membership or None")
     filled = [SingletonMembership(0.0) if c is None else c for c in components]
     return filled[0] if dim == 1 else JointMembership(filled, t_norm)
+
+
+def as_box(membership: Membership) -> IntervalMembership | None:
+    """Return a crisp membership as a box; None if it is not crisp."""
+    if isinstance(membership, IntervalMembership):
+        return membership
+    if isinstance(membership, JointMembership):
+        boxes = [
+            component for component in membership.components if isinstance(component, IntervalMembership)
+        ]
+        if len(boxes) == membership.dim:
+            lower, upper = membership.support()
+            return IntervalMembership(lower, upper)
+    return None
 
 
 def sampled(membership: Membership, level: float = 1e-8) -> GridMembership:
