@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["as_constraint", "as_measurement", "is_crisp"]
+__all__ = ["as_constraint", "as_measurement", "is_crisp", "narrowed"]
 
 
 def as_constraint(value: Any, dim: int, t_norm: TNorm) -> Membership:
@@ -90,3 +90,23 @@ def as_measurement(constraint: Membership) -> tuple[Mapping, Membership, FloatAr
     """Return the map, the noise and the z of a measurement that says the same: 0 = -x + v, v in C."""
     d = constraint.dim
     return Mapping("constraint", d, d, matrix=-np.eye(d)), constraint, np.zeros(d)
+
+
+def narrowed(
+    lower: FloatArray, upper: FloatArray, constraint: Membership | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return bounds of a state no further than a box goes: those of a grid end at the node beyond.
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (..., dim)
+    constraint : Membership or None
+        Bounds outside of it, which ``on_empty`` may have kept, stay as they are.
+    """
+    if constraint is None or not is_crisp(constraint):
+        return lower, upper
+    low, high = constraint.support()
+    return (
+        np.where((lower < low) & (low <= upper), low, lower),
+        np.where((upper > high) & (high >= lower), high, upper),
+    )

@@ -24,7 +24,7 @@ from fuzzykf.possibility.arguments import (
 from fuzzykf.possibility.beliefs import QuadraticBelief, believe
 from fuzzykf.possibility.closed_form import over_all
 from fuzzykf.possibility.conjunction import assigned, explained, restrained
-from fuzzykf.possibility.constraint import as_constraint, is_crisp
+from fuzzykf.possibility.constraint import as_constraint, is_crisp, narrowed
 from fuzzykf.possibility.describe import describe
 from fuzzykf.possibility.mapping import as_map
 from fuzzykf.possibility.memberships.derived import as_membership
@@ -621,12 +621,12 @@ class FuzzyRelationEstimator(Filter, Document):
     @property
     def lower(self) -> FloatArray:
         """Lower bounds (dim_x,) of the states that are possible at all (grid: above the floor)."""
-        return self._belief.bounds()[0]
+        return narrowed(*self._belief.bounds(), self._constraint)[0]
 
     @property
     def upper(self) -> FloatArray:
         """Upper bounds (dim_x,) of the states that are possible at all (grid: above the floor)."""
-        return self._belief.bounds()[1]
+        return narrowed(*self._belief.bounds(), self._constraint)[1]
 
     def defuzzify(self, method: Literal["centroid", "mean_of_maximum", "peak"] = "centroid") -> FloatArray:
         """Turn the membership into one state.

@@ -26,6 +26,9 @@ E = TypeVar("E")
 
 FUNCTIONS = ("fx", "hx", "fx_inverse", "fx_interval", "hx_interval")
 
+#: No grid of a file has more nodes.
+MOST_NODES = 1e8
+
 #: What the latest verbs found, besides the belief: matrices (of any number of axes) and numbers.
 FOUND = ("x_prior", "P_prior", "x_post", "P_post", "y", "S", "SI", "K")
 NUMBERS = ("possibility", "log_likelihood", "likelihood", "mahalanobis")
@@ -111,11 +114,12 @@ def from_values(cls: type[E], values: Mapping[str, Any]) -> E:
 
 
 def _set(est: Any, name: str, known: tuple[str, ...], value: Any) -> None:
-    """Set what a verb found, of the shape that it had in a new estimator."""
-    if name not in known or np.size(value) != np.size(getattr(est, name)):
-        raise FileFormatError(
-            f"{name}: got {value_text(value)}, expected {value_text(getattr(est, name))} or alike"
-        )
+    """Set what a verb found, of the shape that it has in a new estimator; a column may be flat."""
+    shape = np.shape(getattr(est, name, None))
+    flat = shape[:1] if shape[1:] == (1,) else shape
+    if name not in known or np.shape(value) not in (shape, flat) or (shape and value is None):
+        text = f"of shape {shape}" if name in known else f"one of {', '.join(known)}"
+        raise FileFormatError(f"{name}: got {value_text(value)}, expected {text}")
     setattr(est, name, value)
 
 
@@ -207,6 +211,7 @@ def _universe_from_values(values: Mapping[str, Any], dim_x: int) -> Universe:
     points = tuple(whole("points", one, 5) for one in values["points"])
     domain, limit, bounded = decode(values["domain"], 2), number(values["limit"]), values["bounded"]
     sound = len(points) == dim_x <= 3 and 0.0 < limit < np.inf and isinstance(bounded, bool)
+    sound = sound and float(np.prod(np.array(points, dtype=np.float64))) <= MOST_NODES
     if domain is not None:
         sound = sound and domain.shape == (dim_x, 2) and np.isfinite(domain).all()
         sound = sound and bool((domain[:, 0] < domain[:, 1]).all())

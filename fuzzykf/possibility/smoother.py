@@ -22,7 +22,7 @@ from fuzzykf.gaussian import as_real
 from fuzzykf.overrides import attributes_of
 from fuzzykf.possibility import closed_form
 from fuzzykf.possibility.beliefs import BoxBelief, GridBelief, QuadraticBelief
-from fuzzykf.possibility.constraint import is_crisp
+from fuzzykf.possibility.constraint import is_crisp, narrowed
 from fuzzykf.possibility.grid.backward import Message, before_prediction, before_update, smoothed
 from fuzzykf.possibility.grid.noise import decompose
 from fuzzykf.possibility.intervals.path import Broken, contract_path
@@ -95,6 +95,7 @@ def smooth_series(
         forward = est._filter_noting(zs, trail.note, told=told, uneven=uneven)
         trail.stop()
         x, P, lower, upper = _look_back(trail, est)
+        lower, upper = narrowed(lower, upper, est._constraint)
     except BaseException:
         est.__dict__.clear()
         est.__dict__.update(before)

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import numpy as np
 
 from fuzzykf import (
+    CauchyMembership,
     CGOFMSModel,
     CGOMSMFilter,
     CGOMSModel,
     FadeLaw,
     FuzzyMarkovLaw,
+    FuzzyRelationEstimator,
+    GaussianMembership,
+    IntervalMembership,
     OFSRFilter,
     SwitchingKalmanFilter,
     SwitchingStateSpace,
     io,
 )
+from fuzzykf.errors import SupportWarning
+from fuzzykf.possibility.memberships import JointMembership
 from fuzzykf.switching import CGLSSM
 from fuzzykf.switching.laws.cells import CellLaw
 
@@ -52,6 +59,20 @@ def regressions(K):
     return parts | {"means": np.zeros((K, 2)), "covariances": np.broadcast_to(np.eye(2), (K, 2, 2))}
 
 
+def possibilistic(state, noise, error, **options):
+    """Return an estimator of a state that is not negative, by much."""
+    return FuzzyRelationEstimator(
+        1,
+        1,
+        H=1.0,
+        state=state,
+        process_noise=noise,
+        measurement_noise=error,
+        constraint=(-0.5, np.inf),
+        **options,
+    )
+
+
 def things():
     """Return one of each kind of thing that can be saved, by name."""
     rng = np.random.default_rng(0)
@@ -84,6 +105,14 @@ def things():
         "steady filter": CGOMSMFilter(steady),
         "moving filter": CGOMSMFilter(moving),
         "space filter": SwitchingKalmanFilter(space, method="gpb2", n_nodes=3),
+        "estimator": FuzzyRelationEstimator(1, 1, H=1.0, t_norm="hamacher"),
+        "box": possibilistic(*[IntervalMembership(-1.0, 1.0)] * 3),
+        "grid": possibilistic(
+            GaussianMembership(0.0, 1.0),
+            GaussianMembership(0.0, 1.0).cut(0.1),
+            JointMembership([CauchyMembership(0.0, 1.0)], "product"),
+            points=11,
+        ),
     }
     for name, f in filters.items():
         f.filter(rng.normal(size=70 if name == "moving filter" else 5))
@@ -168,8 +197,10 @@ def use(thing):
         thing.simulate(3, np.random.default_rng(0))
         return
     f = thing.filter() if hasattr(thing, "simulate") else thing
-    f.step(0.3 if f.dim_z == 1 else np.zeros(f.dim_z))
-    f.filter(np.zeros((3, f.dim_z)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SupportWarning)  # a grid of other numbers may be too coarse
+        f.step(0.3 if f.dim_z == 1 else np.zeros(f.dim_z))
+        f.filter(np.zeros((3, f.dim_z)))
 
 
 def changed(text, k, rng):

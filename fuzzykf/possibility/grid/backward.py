@@ -74,7 +74,11 @@ class Message:
 
     def at(self, points: FloatArray) -> FloatArray:
         """Costs (m,) at points (m, d), by interpolation; infinite outside the lattice."""
-        return _interpolated(self.axes, self.cost, points)
+        least = float(self.cost.min())
+        if not -np.inf < least < 0.0:
+            return _interpolated(self.axes, self.cost, points)
+        lift = LIFT - least
+        return _interpolated(self.axes, self.cost + lift, points) - lift
 
 
 def smoothed(lattice: Lattice, message: Message) -> tuple[Lattice, Message] | None:
