@@ -79,7 +79,13 @@ from fuzzykf.possibility import (
     controllability,
     observability,
 )
-from fuzzykf.possibility.memberships import CutMembership, EllipticalMembership, JointMembership, Membership
+from fuzzykf.possibility.memberships import (
+    BoxMembership,
+    CutMembership,
+    EllipticalMembership,
+    JointMembership,
+    Membership,
+)
 from fuzzykf.possibility.norms import HAMACHER, MAX, PRODUCT, TConorm, TNorm
 from fuzzykf.possibility.relations import Rule
 from fuzzykf.reprs import LINES, value_text
@@ -277,7 +283,7 @@ SPECIMENS = {
     StateMap: [lambda: StateMap([[1.0], [0.0]]), lambda: StateMap(np.eye(40)[:, :30], mean=np.eye(40)[39])],
     FuzzyRelationEstimator: [
         lambda: FuzzyRelationEstimator(2, 1),
-        lambda: stepped(FuzzyRelationEstimator(1, 1, state=Cone(), measurement_noise=Cone(), points=21)),
+        lambda: stepped(FuzzyRelationEstimator(1, 1, H=1, state=Cone(), measurement_noise=Cone(), points=21)),
         lambda: FuzzyRelationEstimator(
             1,
             1,
@@ -295,6 +301,7 @@ SPECIMENS = {
     EllipticalMembership: [lambda: EllipticalMembership(np.zeros(1), np.eye(1))],
     TriangularMembership: [lambda: TriangularMembership([-1.0, -1.0], [0.0, 0.0], [2.0, 2.0])],
     IntervalMembership: [lambda: IntervalMembership([0.0, 1.0], [2.0, 3.0])],
+    BoxMembership: [lambda: BoxMembership([0.0, -np.inf], np.full(2, np.inf))],
     SingletonMembership: [lambda: SingletonMembership([0.0, 1.0])],
     GridMembership: [
         lambda: GridMembership([0.0, 1.0, 2.0], [0.0, 1.0, 0.5]),

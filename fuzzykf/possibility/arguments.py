@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array, as_numbers, is_whole
-from fuzzykf.possibility.mapping import Mapping, as_map, control
+from fuzzykf.possibility.mapping import as_map
 from fuzzykf.possibility.memberships import Membership
 from fuzzykf.possibility.memberships.derived import as_membership
 from fuzzykf.possibility.representation import FAMILIES, as_center, as_matrix, as_used, no_matrix
 
 if TYPE_CHECKING:
-    from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.arrays import FloatArray
 
 __all__ = [
     "check_given",
     "given_maps",
     "is_membership",
-    "measurement",
-    "motion",
+    "noise_of_step",
     "set_matrices",
     "with_noise",
 ]
@@ -83,44 +82,27 @@ def set_matrices(est: Any, **given: Any) -> None:
             setattr(est, name, np.array(as_numbers(name, value)))
 
 
-def motion(
-    est: Any, u: Any, B: Any, F: Any, Q: Any, fx_arguments: dict[str, Any]
-) -> tuple[Mapping, Membership]:
-    """Return the map and the noise of a prediction (the parameters are those of `predict`)."""
-    d, noise = est.dim_x, est._process_noise
-    if is_membership(Q):
-        noise, Q = as_used("Q", as_membership("Q", Q, d, est.t_norm), est.representation), None
-    if est.fx is None:
-        _refuse("predict", fx_arguments, "fx")
-        matrix = as_map("F", est.F if F is None else F, (d, d))
-        shift = control(u, est.B if B is None else B, d)
-        noise = noise if Q is None else with_noise("Q", noise, Q, est.representation)
-        return Mapping("F", d, d, matrix=matrix, shift=shift), noise
-    given = {k: v for k, v in (("u", u), ("B", B), ("F", F), ("Q", Q)) if v is not None} | fx_arguments
-    function, inverse, interval = est.fx, est.fx_inverse, est.fx_interval
-    return Mapping("fx", d, d, function=function, inverse=inverse, interval=interval, arguments=given), noise
+def noise_of_step(est: Any, name: Literal["Q", "R"], value: Any) -> tuple[Membership, Any]:
+    """Return the noise of one prediction or measurement, and what is left of the argument for a function.
 
-
-def measurement(
-    est: Any, seen: IntArray, R: Any, H: Any, hx_arguments: dict[str, Any]
-) -> tuple[Mapping, Membership]:
-    """Return the map to the components seen, and the noise of all (the parameters are those of `update`)."""
-    d, q, noise = est.dim_x, est.dim_z, est._measurement_noise
-    if is_membership(R):
-        noise, R = as_used("R", as_membership("R", R, q, est.t_norm), est.representation), None
-    if est.hx is None:
-        _refuse("update", hx_arguments, "hx")
-        if H is None and est.H is est._blank_H and not np.any(est.H):
-            raise ParameterError(
-                "H: got no matrix, so that z would say nothing of the state; expected one of shape "
-                f"({q}, {d}), by H=... or est.H = ..., or a function hx"
-            )
-        matrix = as_map("H", est.H if H is None else H, (q, d))
-        noise = noise if R is None else with_noise("R", noise, R, est.representation)
-        return Mapping("H", d, q, matrix=matrix, components=seen), noise
-    given = {k: v for k, v in (("R", R), ("H", H)) if v is not None} | hx_arguments
-    interval = est.hx_interval
-    return Mapping("hx", d, q, function=est.hx, interval=interval, arguments=given, components=seen), noise
+    Parameters
+    ----------
+    est : FuzzyRelationEstimator
+    name : {"Q", "R"}
+        Of the argument, by which the noise is known.
+    value : Membership, sequence of (Membership or None), or array_like
+        A matrix beside a function is not the noise, but an argument of that.
+    """
+    noise, dim, function = (
+        (est._process_noise, est.dim_x, est.fx)
+        if name == "Q"
+        else (est._measurement_noise, est.dim_z, est.hx)
+    )
+    if is_membership(value):
+        return as_used(name, as_membership(name, value, dim, est.t_norm), est.representation), None
+    if function is not None:
+        return noise, value
+    return with_noise(name, noise, value, est.representation), None
 
 
 def is_membership(value: Any) -> bool:
@@ -141,11 +123,3 @@ def with_noise(name: str, noise: Membership, value: Any, representation: Any) ->
     if representation not in FAMILIES:
         raise no_matrix(name, representation, "process_noise" if name == "Q" else "measurement_noise")
     return FAMILIES[representation](noise.peak, as_matrix(name, value, noise.dim))
-
-
-def _refuse(verb: str, arguments: dict[str, Any], function: str) -> None:
-    if arguments:
-        raise TypeError(
-            f"{verb}() got an unexpected keyword argument {next(iter(arguments))!r}; "
-            f"only {function} could use it"
-        )

@@ -11,13 +11,12 @@ import numpy as np
 from fuzzykf.errors import EmptyIntersectionError, ParameterError, SupportWarning
 from fuzzykf.possibility.beliefs import nothing_explains
 from fuzzykf.possibility.constraint import as_measurement, is_crisp
-from fuzzykf.possibility.protocol import Outcome
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import Membership
-    from fuzzykf.possibility.protocol import Belief
+    from fuzzykf.possibility.protocol import Belief, Outcome
 
 __all__ = ["assigned", "explained", "restrained"]
 
@@ -49,13 +48,13 @@ def assigned(belief: Belief, constraint: Membership | None) -> Belief:
     return outcome.belief
 
 
-def restrained(belief: Belief, constraint: Membership | None, on_empty: str) -> Outcome:
+def restrained(belief: Belief, constraint: Membership, on_empty: str) -> Outcome:
     """Combine a prediction with a constraint.
 
     Parameters
     ----------
     belief : Belief
-    constraint : Membership or None
+    constraint : Membership
     on_empty : {"raise", "keep", "reset"}
         If they exclude each other: raise; keep the prediction; take all states of the constraint.
 
@@ -69,8 +68,6 @@ def restrained(belief: Belief, constraint: Membership | None, on_empty: str) -> 
     EmptyIntersectionError
         If nothing is left, and ``on_empty`` is "raise" or there is nothing to restart from.
     """
-    if constraint is None:
-        return Outcome(belief)
     outcome = belief.constrain(constraint)
     if outcome.belief is not None:
         return outcome

@@ -39,11 +39,12 @@ def describe(est: Any) -> str:
 def _state(belief: Belief) -> str:
     if not isinstance(belief, GridBelief):
         return value_text(belief.as_membership(), LONGEST)
-    lower, upper = belief.lattice.bounds(belief.universe.limit)
-    size = " x ".join(str(axis.size) for axis in belief.lattice.axes)
-    return (
-        f"{size} nodes within {value_text(lower)} and {value_text(upper)}, peak {value_text(belief.peak())}"
-    )
+    axes, cost = belief.lattice.axes, belief.lattice.cost  # and nothing that is computed once and kept
+    best = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    first, last = (np.array([axis[k] for axis in axes]) for k in (0, -1))
+    likeliest = np.array([axis[k] for axis, k in zip(axes, best, strict=True)])
+    size = " x ".join(str(axis.size) for axis in axes)
+    return f"{size} nodes, {value_text(first)} to {value_text(last)}, the likeliest {value_text(likeliest)}"
 
 
 def _map(est: Any, function: str, matrix: str) -> str:

@@ -16,8 +16,7 @@ from fuzzykf.many import read_many
 from fuzzykf.possibility.arguments import (
     check_given,
     given_maps,
-    measurement,
-    motion,
+    noise_of_step,
     set_matrices,
     with_noise,
 )
@@ -26,7 +25,7 @@ from fuzzykf.possibility.closed_form import over_all
 from fuzzykf.possibility.conjunction import assigned, explained, restrained
 from fuzzykf.possibility.constraint import as_constraint, is_crisp, narrowed
 from fuzzykf.possibility.describe import describe
-from fuzzykf.possibility.mapping import as_map
+from fuzzykf.possibility.mapping import as_map, motion, sight
 from fuzzykf.possibility.memberships.derived import as_membership
 from fuzzykf.possibility.norms import as_t_conorm, as_t_norm
 from fuzzykf.possibility.representation import (
@@ -102,6 +101,16 @@ class FuzzyRelationEstimator(Filter, Document):
         for no noise, per component.  Without process_noise there is none.  Linear
         models of the closed forms below may leave out any membership: as in filterpy,
         it is then the one of center zero and unit matrix.
+    constraint : Membership, sequence of scalar Membership, or (lower, upper), optional
+        What the state is known to satisfy at every step, by default nothing: a box, with
+        bounds that are numbers or of shape (dim_x,), infinite where there is none, or any
+        membership.  What is known at the start, and after each prediction, is combined with
+        it by the t-norm and divided by its peak.  A box goes with intervals and grids, a
+        membership of a closed family with that family, anything with grids.  If it excludes
+        a prediction, ``on_empty`` says what is done.
+    x, P, F, H, Q, R, B : array_like, optional
+        Initial values of the attributes of these names, as if they were assigned at once; they are
+        copied.  ``F``, ``B`` and ``H`` go in place of fx and hx; the others with the closed forms only.
     t_norm : {"product", "min", "lukasiewicz", "hamacher"} or TNorm
         Combines memberships.
     t_conorm : {"max"}
@@ -109,7 +118,8 @@ class FuzzyRelationEstimator(Filter, Document):
     on_empty : {"raise", "keep", "reset"}
         If prediction and measurement exclude each other: raise
         `EmptyIntersectionError`; keep the prediction; or restart from the measurement
-        alone.  The possibility of the measurement is then 0.
+        alone.  The possibility of the measurement is then 0.  Likewise if the constraint
+        excludes a prediction: raise, keep it, or restart from the constraint alone.
     points : int or sequence of int, optional
         Nodes of the grid per axis, by default 401, 101 or 41 in 1, 2 or 3 dimensions.
     domain : sequence of (lo, hi), optional
@@ -137,7 +147,10 @@ class FuzzyRelationEstimator(Filter, Document):
     x_prior, P_prior, x_post, P_post : ndarray
         Copies from before and after the latest update.
     F, H, B : ndarray or None
-        Matrices of a linear model.
+        Matrices of a linear model.  H is zero at first, and as long as nobody has given another one,
+        `update` refuses to take a measurement that would say nothing.
+    constraint : Membership or None
+        May be assigned; x, P that are assigned are taken as they are.
     Q, R : ndarray or None
         Matrices of the noise in the closed forms.
     y, S, SI, K : ndarray
@@ -166,12 +179,19 @@ class FuzzyRelationEstimator(Filter, Document):
     For all t-norms but the product and the minimum, the result depends on the order of
     several measurements of one instant.
 
+    The closed form for Cauchy memberships and the Hamacher product is not robust: its
+    gain is that of the Kalman filter, whatever z is, so that outliers draw x as far, and P
+    grows with surprise besides.  For noise with outliers take a Cauchy ``measurement_noise``
+    on a grid (``points=``), or beside a Gaussian state, which leads to a grid by itself.
+
+    `save` writes all memberships that are given by numbers, and what is known; it refuses
+    functions, and names them.
+
     Examples
     --------
     >>> import numpy as np
     >>> from fuzzykf import FuzzyRelationEstimator, GaussianMembership, IntervalMembership
-    >>> est = FuzzyRelationEstimator(2, 1)
-    >>> est.F, est.H = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]])
+    >>> est = FuzzyRelationEstimator(2, 1, F=[[1.0, 1.0], [0.0, 1.0]], H=[[1.0, 0.0]])
     >>> est.step(1.5).round(3).tolist(), est.representation
     ([[1.125], [0.375]], 'gaussian')
 
@@ -182,6 +202,9 @@ class FuzzyRelationEstimator(Filter, Document):
     >>> _ = walk.step(0.1)
     >>> walk.membership
     IntervalMembership(lower=[-3.], upper=[3.])
+    >>> walk.constraint = 0.0, np.inf
+    >>> walk.membership
+    IntervalMembership(lower=[0.], upper=[3.])
 
     >>> curve = FuzzyRelationEstimator(
     ...     1, 1, fx=lambda x: x + 0.5 * np.sin(x), hx=lambda x: x**2 / 4,
@@ -295,15 +318,19 @@ class FuzzyRelationEstimator(Filter, Document):
         SupportLostError
             All states have left the domain.
         """
-        move, noise = motion(self, u, B, F, Q, fx_arguments)
+        noise = self._process_noise
+        if Q is not None:
+            noise, Q = noise_of_step(self, "Q", Q)
+        move = motion(self, u, B, F, Q, fx_arguments)
         outcome = self._belief.predict(move, noise)
         assert outcome.belief is not None
-        inner = restrained(outcome.belief, self._constraint, self.on_empty)
         _warn(outcome)
-        _warn(inner)
+        if self._constraint is not None:
+            outcome = restrained(outcome.belief, self._constraint, self.on_empty)
+            _warn(outcome)
         self.remember_origin()
-        assert inner.belief is not None
-        self._belief = inner.belief
+        assert outcome.belief is not None
+        self._belief = outcome.belief
         self.x_prior, self.P_prior = self._estimate()
 
     def update(
@@ -340,7 +367,10 @@ class FuzzyRelationEstimator(Filter, Document):
             self._skip()
             return
         seen = np.flatnonzero(~np.isnan(value))
-        measure, noise = measurement(self, seen, R, H, hx_arguments)
+        noise = self._measurement_noise
+        if R is not None:
+            noise, R = noise_of_step(self, "R", R)
+        measure = sight(self, seen, R, H, hx_arguments)
         S = np.zeros((self.dim_z, self.dim_z))
         if self.is_closed_form:
             full = as_map("H", self.H if H is None else H, (self.dim_z, self.dim_x))
@@ -440,7 +470,7 @@ class FuzzyRelationEstimator(Filter, Document):
         >>> from fuzzykf import FuzzyRelationEstimator, IntervalMembership
         >>> est = FuzzyRelationEstimator(1, 1, H=1.0)
         >>> est.filter([1.0, None, 2.0], Rs=[None, None, 4.0]).x.ravel().round(3).tolist()
-        [0.667, 0.667, 1.19]
+        [0.667, 0.667, 1.2]
         >>> bounds = FuzzyRelationEstimator(
         ...     dim_x=1,
         ...     dim_z=1,

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from fuzzykf.arrays import BoolArray, FloatArray, Numbers
+    from fuzzykf.arrays import BoolArray, FloatArray, IntArray, Numbers
 
-__all__ = ["Mapping", "as_map", "control", "grid_points", "matrix_of"]
+__all__ = ["Mapping", "as_map", "control", "grid_points", "matrix_of", "motion", "sight"]
 
 
 class Mapping:
@@ -257,6 +257,48 @@ def control(u: Numbers, B: Numbers, dim: int) -> FloatArray:
     matrix = as_numbers("B", B)
     matrix = matrix * np.eye(dim) if matrix.ndim == 0 else matrix
     return as_array("B", matrix, (dim, vector.size)) @ as_array("u", vector, (None,))
+
+
+def motion(est: Any, u: Any, B: Any, F: Any, Q: Any, fx_arguments: dict[str, Any]) -> Mapping:
+    """Return the map f of one prediction of an estimator (the parameters are those of `predict`)."""
+    d = est.dim_x
+    if est.fx is None:
+        _refuse("predict", fx_arguments, "fx")
+        matrix = as_map("F", est.F if F is None else F, (d, d))
+        return Mapping("F", d, d, matrix=matrix, shift=control(u, est.B if B is None else B, d))
+    given = {k: v for k, v in (("u", u), ("B", B), ("F", F), ("Q", Q)) if v is not None} | fx_arguments
+    inverse, interval = est.fx_inverse, est.fx_interval
+    return Mapping("fx", d, d, function=est.fx, inverse=inverse, interval=interval, arguments=given)
+
+
+def sight(est: Any, seen: IntArray, R: Any, H: Any, hx_arguments: dict[str, Any]) -> Mapping:
+    """Return the map h to the components seen by an estimator (the parameters are those of `update`).
+
+    Raises
+    ------
+    ParameterError
+        If neither a matrix nor a function was ever given.
+    """
+    d, q = est.dim_x, est.dim_z
+    if est.hx is None:
+        _refuse("update", hx_arguments, "hx")
+        if H is None and est.H is est._blank_H and not np.any(est.H):
+            raise ParameterError(
+                "H: got no matrix, so that z would say nothing of the state; expected one of shape "
+                f"({q}, {d}), by H=... or est.H = ..., or a function hx"
+            )
+        return Mapping("H", d, q, matrix=as_map("H", est.H if H is None else H, (q, d)), components=seen)
+    given = {k: v for k, v in (("R", R), ("H", H)) if v is not None} | hx_arguments
+    interval = est.hx_interval
+    return Mapping("hx", d, q, function=est.hx, interval=interval, arguments=given, components=seen)
+
+
+def _refuse(verb: str, arguments: dict[str, Any], function: str) -> None:
+    if arguments:
+        raise TypeError(
+            f"{verb}() got an unexpected keyword argument {next(iter(arguments))!r}; "
+            f"only {function} could use it"
+        )
 
 
 def matrix_of(mapping: Mapping) -> FloatArray:

@@ -115,7 +115,7 @@ def from_values(cls: type[E], values: Mapping[str, Any]) -> E:
 
 def _set(est: Any, name: str, known: tuple[str, ...], value: Any) -> None:
     """Set what a verb found, of the shape that it has in a new estimator; a column may be flat."""
-    shape = np.shape(getattr(est, name, None))
+    shape = np.shape(getattr(est, name, 0.0))
     flat = shape[:1] if shape[1:] == (1,) else shape
     if name not in known or np.shape(value) not in (shape, flat) or (shape and value is None):
         text = f"of shape {shape}" if name in known else f"one of {', '.join(known)}"

@@ -157,7 +157,10 @@ def test_a_series_of_intervals_is_drawn_with_its_bounds():
     assert (heights.min(), heights.max()) == (result.lower.min(), result.upper.max())
     assert band.get_label() == "possible"
     # memberships of unbounded support have no such bounds
-    assert FuzzyRelationEstimator(1, 1).filter([0.5, 1.0]).plot().collections[0].get_label() == "90 % band"
+    assert (
+        FuzzyRelationEstimator(1, 1, H=1.0).filter([0.5, 1.0]).plot().collections[0].get_label()
+        == "90 % band"
+    )
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ def test_a_grid_of_functions() -> None:
         2, 1, fx=np.sin, hx=np.cos, state=box, measurement_noise=error, points=11, constraint=(-np.inf, 1.5)
     )
     assert repr(est).splitlines()[1:4] == [
-        "  state: 11 x 11 nodes within [0., -1.] and [1.5, 1.], peak [0., -1.]",
+        "  state: 11 x 11 nodes, [0., -1.] to [1.5, 1.], the likeliest [0., -1.]",
         "  dynamics: sin",
         "  measurement: cos",
     ]
