@@ -180,9 +180,10 @@ class FuzzyRelationEstimator(Filter, Document):
     several measurements of one instant.
 
     The closed form for Cauchy memberships and the Hamacher product is not robust: its
-    gain is that of the Kalman filter, whatever z is, so that outliers draw x as far, and P
-    grows with surprise besides.  For noise with outliers take a Cauchy ``measurement_noise``
-    on a grid (``points=``), or beside a Gaussian state, which leads to a grid by itself.
+    update is linear in z, and after a surprise P and the next gains are larger, so that
+    outliers draw x further than in a Kalman filter.  For noise with outliers take a Cauchy
+    ``measurement_noise`` on a grid (``points=``), or beside a Gaussian state, which leads to a
+    grid by itself.
 
     `save` writes all memberships that are given by numbers, and what is known; it refuses
     functions, and names them.
@@ -478,9 +479,9 @@ class FuzzyRelationEstimator(Filter, Document):
         ...     state=IntervalMembership(-9.0, 9.0),
         ...     measurement_noise=IntervalMembership(-1.0, 1.0),
         ... )
-        >>> found = bounds.filter([1.0, 1.5], Rs=[None, IntervalMembership(-0.25, 0.25)])
+        >>> found = bounds.filter([1.5, 2.0], Rs=[None, IntervalMembership(-0.25, 0.25)])
         >>> found.lower.ravel().round(2).tolist(), found.upper.ravel().round(2).tolist()
-        ([0.0, 1.25], [2.0, 1.75])
+        ([0.5, 1.75], [2.5, 2.25])
         """
         told = {"us": us, "Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "fx_args": fx_args, "hx_args": hx_args}
         series, steps = read_steps(zs, self.dim_z, told)

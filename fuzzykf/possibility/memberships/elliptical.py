@@ -209,6 +209,9 @@ class CauchyMembership(_ScaledMembership):
     -----
     Layne and Passino (2001), equations (92) and (93).
 
+    Where state and noises are all of this shape and the t-norm is Hamacher's, the estimator has a
+    closed form, which is not robust to outliers; on a grid it is (see `FuzzyRelationEstimator`).
+
     Examples
     --------
     >>> CauchyMembership(0.0, 15.0)(15.0)
