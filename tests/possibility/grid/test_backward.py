@@ -486,3 +486,26 @@ def test_it_works_with_a_function_of_several_measurements() -> None:
     filtered, back = est.copy().filter(zs), est.smooth(zs)
     np.testing.assert_allclose(back.x[-1], filtered.x[-1], atol=1e-9)
     assert (back.upper - back.lower <= filtered.upper - filtered.lower + 1e-9).all()
+
+
+class Twice(FuzzyRelationEstimator):
+    """Sees every measurement twice, the second time with another error."""
+
+    def update(self, z, *args, **kwargs):
+        super().update(z, *args, **kwargs)
+        super().update(None if z is None else z + 0.3, *args, **kwargs)
+
+
+def test_a_state_that_is_updated_twice_is_that_of_the_closed_form() -> None:
+    # The message between the two updates is below zero where the second one makes states more possible.
+    given = {"x": [0.3], "F": 0.9, "H": 1.0, "Q": 0.6, "R": 0.8}
+    shapes = {
+        "state": GaussianMembership(0.3, 1.0),
+        "process_noise": GaussianMembership(0.0, 0.6),
+        "measurement_noise": GaussianMembership(0.0, 0.8),
+    }
+    zs = [0.5, -0.8, None, -1.0, 0.9]
+    closed = Twice(1, 1, **given).smooth(zs)
+    on_grid = Twice(1, 1, F=0.9, H=1.0, points=201, **shapes).smooth(zs)
+    np.testing.assert_allclose(on_grid.x, closed.x, atol=1e-6)
+    np.testing.assert_allclose(on_grid.P, closed.P, atol=1e-6)
