@@ -144,7 +144,7 @@ def test_a_measurement_that_contradicts_the_state_is_refused_likewise() -> None:
 def test_a_series_that_is_refused_half_way_leaves_a_filter_as_it_was():
     one = IntervalMembership
     f = FuzzyRelationEstimator(
-        1, 1, state=one(-2.0, 2.0), process_noise=one(-0.2, 0.2), measurement_noise=one(-1.0, 1.0)
+        1, 1, state=one(-2.0, 2.0), process_noise=one(-0.2, 0.2), measurement_noise=one(-1.0, 1.0), H=1.0
     )
     f.step(0.5)
     x, P = f.x.copy(), f.P.copy()

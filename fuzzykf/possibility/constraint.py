@@ -16,8 +16,8 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers, brief
 from fuzzykf.possibility.mapping import Mapping
-from fuzzykf.possibility.memberships import BoxMembership, IntervalMembership, Membership, as_box
-from fuzzykf.possibility.memberships.derived import as_membership
+from fuzzykf.possibility.memberships import BoxMembership, IntervalMembership, Membership
+from fuzzykf.possibility.memberships.derived import as_box, as_membership
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray

@@ -20,9 +20,8 @@ from fuzzykf.possibility.memberships import (
     Membership,
     ParabolicMembership,
     SingletonMembership,
-    as_box,
 )
-from fuzzykf.possibility.memberships.derived import as_membership
+from fuzzykf.possibility.memberships.derived import as_box, as_membership
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

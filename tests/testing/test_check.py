@@ -139,7 +139,7 @@ FILTERS = {
     "SwitchingKalmanFilter": lambda: fuzzykf.SwitchingKalmanFilter(state_space(), n_nodes=2),
     "KnownSwitchFilter": lambda: AtOneSwitch(fuzzy_model()),
     # on grids and intervals: tests/possibility/test_estimator.py
-    "FuzzyRelationEstimator, Gaussian": lambda: fuzzykf.FuzzyRelationEstimator(2, 2),
+    "FuzzyRelationEstimator, Gaussian": lambda: fuzzykf.FuzzyRelationEstimator(2, 2, H=np.eye(2)),
 }
 
 

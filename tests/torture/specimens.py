@@ -145,7 +145,12 @@ def linear_estimator() -> Any:
     """Return an estimator in closed form."""
     g = memberships.GaussianMembership
     return fuzzykf.FuzzyRelationEstimator(
-        1, 1, state=g([0.0], [[1.0]]), process_noise=g([0.0], [[0.1]]), measurement_noise=g([0.0], [[0.5]])
+        1,
+        1,
+        state=g([0.0], [[1.0]]),
+        process_noise=g([0.0], [[0.1]]),
+        measurement_noise=g([0.0], [[0.5]]),
+        H=1.0,
     )
 
 
@@ -153,7 +158,7 @@ def box_estimator() -> Any:
     """Return an estimator on intervals."""
     one = memberships.IntervalMembership
     return fuzzykf.FuzzyRelationEstimator(
-        1, 1, state=one(-2.0, 2.0), process_noise=one(-0.2, 0.2), measurement_noise=one(-1.0, 1.0)
+        1, 1, state=one(-2.0, 2.0), process_noise=one(-0.2, 0.2), measurement_noise=one(-1.0, 1.0), H=1.0
     )
 
 

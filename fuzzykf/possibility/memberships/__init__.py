@@ -7,7 +7,7 @@ from fuzzykf.possibility.memberships.bounded import (
     SingletonMembership,
     TriangularMembership,
 )
-from fuzzykf.possibility.memberships.derived import CutMembership, JointMembership, as_box, sampled
+from fuzzykf.possibility.memberships.derived import CutMembership, JointMembership, sampled
 from fuzzykf.possibility.memberships.elliptical import (
     CauchyMembership,
     EllipticalMembership,
@@ -30,6 +30,5 @@ __all__ = [
     "ParabolicMembership",
     "SingletonMembership",
     "TriangularMembership",
-    "as_box",
     "sampled",
 ]
