@@ -7,6 +7,7 @@ import pytest
 
 from fuzzykf import IntervalMembership, SingletonMembership, TriangularMembership
 from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.possibility.memberships import BoxMembership
 
 
 def test_triangle():
@@ -58,3 +59,31 @@ def test_bad_arguments():
         IntervalMembership([0.0, 2.0], [1.0])
     with pytest.raises(ParameterError, match=r"upper: entry \(0,\) is inf"):
         IntervalMembership(0.0, np.inf)
+
+
+# ------------------------------------------------------------------ boxes that are open
+
+
+def test_an_open_box_is_one_up_to_its_bounds() -> None:
+    box = BoxMembership([0.0, -np.inf, -np.inf], [np.inf, 2.0, np.inf])
+    assert box([[0.0, 2.0, 1e300], [-1e-9, 0.0, 0.0], [1.0, 2.1, 0.0]]).tolist() == [1.0, 0.0, 0.0]
+    assert box(box.peak) == 1.0
+    assert not box.is_bounded
+    assert repr(box.project([1])) == "BoxMembership(lower=[-inf], upper=[2.])"
+    assert BoxMembership(-3.0, 5.0).peak.tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "message"),
+    [
+        (1.0, 0.0, r"component 0 is \[1, 0\]"),
+        ([0.0, np.nan], [1.0, 1.0], r"component 1 is \[nan, 1\]"),
+        (np.inf, np.inf, "component 0"),
+        (-np.inf, -np.inf, "component 0"),
+        ([0.0, 0.0], 1.0, r"got shapes \(2,\) and \(1,\)"),
+        ([], [], "got shapes"),
+    ],
+)
+def test_an_open_box_has_a_side_that_can_be_reached(lower, upper, message) -> None:
+    with pytest.raises(ParameterError, match=message):
+        BoxMembership(lower, upper)
