@@ -16,6 +16,7 @@ from fuzzykf import (
     Filter,
     FilterResult,
     FuzzyRelationEstimator,
+    GaussianMembership,
     IMMEstimator,
     KalmanFilter,
     KnownSwitchFilter,
@@ -114,6 +115,10 @@ def results(
     assert_type(hard.filter([1.0], keep_nodes=True, resume=True), FilterResult)
     assert_type(known.filter([1.0], [0.5], resume=True), FilterResult)
     assert_type(est.filter([1.0], resume=True), FilterResult)
+    assert_type(est.filter([1.0], [[0.1]], Rs=[GaussianMembership(0.0, 1.0)], Qs=[None]), FilterResult)
+    assert_type(est.smooth(np.ones(3), Rs=[1.0, None, 2.0]), FilterResult)
+    FuzzyRelationEstimator(1, 1, F=0.9, H=[[1.0]], Q=np.eye(1), R=1, constraint=(0, np.inf))
+    FuzzyRelationEstimator(2, 1, constraint=([0.0, -np.inf], np.inf), points=21)
     assert_type(own.filter_many([[1.0]], resume=True), FilterResult)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from fuzzykf import (
     CauchyMembership,
@@ -41,7 +42,7 @@ def moments(x, mu):
     return mean, ((x - mean) ** 2 * mu).sum() / mu.sum()
 
 
-def by_definition(shape, t_norm, constraint, low=-9.0, high=9.0, n=1801):
+def by_definition(shape, t_norm, constraint, low=-9.0, high=9.0, n=901):
     """Rows of centroid, spread and possibility: conjunction after each prediction."""
     T, x = T_NORMS[t_norm], np.linspace(low, high, n)
     c, noise = constraint(x), shape(*PROCESS)(x[:, None] - move(x))
@@ -77,15 +78,15 @@ def estimator(shape, t_norm, constraint, **options):
 @pytest.mark.parametrize("bounds", [(0.0, np.inf), (0.0, 0.7)], ids=["half-open", "box"])
 def test_a_box_is_the_definition(t_norm, bounds) -> None:
     domain = [(-9.0, 9.0)] if t_norm == "hamacher" else None  # spread of an uncut Cauchy depends on its end
-    est = estimator(SHAPES[t_norm], t_norm, bounds, points=401 if domain is None else 1801, domain=domain)
+    est = estimator(SHAPES[t_norm], t_norm, bounds, points=401 if domain is None else 901, domain=domain)
     found = est.filter(ZS)
     expected = by_definition(SHAPES[t_norm], t_norm, crisp(*bounds))
-    # A domain ends the box at a node, and counts half a cell beyond.
-    tolerance = 2e-3 if domain is None else 1.5e-2
+    # A domain ends the box at a node, and counts half a cell beyond; minima meet between the nodes of either.
+    tolerance = {"min": 4e-3, "hamacher": 1.5e-2}.get(t_norm, 2e-3)
     np.testing.assert_allclose(found.x[:, 0], expected[:, 0], atol=tolerance)
     np.testing.assert_allclose(found.P[:, 0, 0], expected[:, 1], atol=tolerance)
     # Under the minimum memberships meet between the nodes of the universe.
-    np.testing.assert_allclose(found.possibility, expected[:, 2], atol=4e-3)
+    np.testing.assert_allclose(found.possibility, expected[:, 2], atol=1e-2 if t_norm == "min" else 4e-3)
     assert found.lower.min() >= bounds[0]
     assert found.upper.max() <= bounds[1]
 
@@ -96,10 +97,10 @@ def test_a_membership_is_the_definition() -> None:
     expected = by_definition(GaussianMembership, "product", constraint)
     np.testing.assert_allclose(found.x[:, 0], expected[:, 0], atol=1e-4)
     np.testing.assert_allclose(found.P[:, 0, 0], expected[:, 1], atol=1e-4)
-    np.testing.assert_allclose(found.possibility, expected[:, 2], atol=2e-4)
+    np.testing.assert_allclose(found.possibility, expected[:, 2], atol=1e-3)
 
 
-def smoothed_by_definition(constraint, low=-9.0, high=9.0, n=1801):
+def smoothed_by_definition(constraint, low=-9.0, high=9.0, n=901):
     """Minima of the cost of whole trajectories that end at each state, of Gaussian memberships."""
     x = np.linspace(low, high, n)
     with np.errstate(divide="ignore"):
@@ -135,8 +136,6 @@ def test_the_smoother_is_the_cheapest_trajectory(constraint, function) -> None:
 
 def test_a_tail_is_extended_to_the_constraint() -> None:
     # Six standard deviations are kept, of which the box leaves one: the mean of what is beyond five is known.
-    from scipy.stats import norm
-
     est = FuzzyRelationEstimator(
         1,
         1,
@@ -148,7 +147,7 @@ def test_a_tail_is_extended_to_the_constraint() -> None:
     )
     with pytest.warns(UserWarning, match="constraint: it lies beyond the states that the grid kept"):
         est.constraint = (5.0, np.inf)
-    assert est.x.item() == pytest.approx(np.exp(norm.logpdf(5.0) - norm.logsf(5.0)), abs=1e-4)
+    assert est.x.item() == pytest.approx(np.exp(-12.5) / np.sqrt(2.0 * np.pi) / ndtr(-5.0), abs=1e-4)
     assert est.lower.item() == 5.0
 
 
