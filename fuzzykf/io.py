@@ -206,7 +206,7 @@ class Document(ABC):
         Raises
         ------
         ParameterError
-            If the model holds functions (a law made by `FuzzyMarkovLaw.from_density`).
+            If it holds functions (a law made by `FuzzyMarkovLaw.from_density`, an ``fx``).
         """
         write_document(path, type(self).__name__, self.to_dict())
 
@@ -282,14 +282,14 @@ def load_model(path: str | PathLike[str], cls: type[M] | None = None, *, max_byt
 
 
 def save_filter(filter_: Any, path: str | PathLike[str]) -> None:
-    """Write a switching filter, model and state, to a file; see `Document.save`."""
+    """Write a filter, model and state, to a file; see `Document.save`."""
     if type(filter_).__name__ not in FILTERS:
         raise ParameterError(f"filter_: got {type(filter_).__name__}, expected {either(FILTERS)}")
     filter_.save(path)
 
 
 def load_filter(path: str | PathLike[str], cls: type[M] | None = None, *, max_bytes: int | None = None) -> M:
-    """Read a switching filter from a file; by default any, otherwise one of the class ``cls``."""
+    """Read a filter from a file; by default any, otherwise one of the class ``cls``."""
     loaded: M = _load(path, _expected(cls, FILTERS, MODELS), max_bytes)
     return loaded
 

@@ -138,7 +138,9 @@ def test_a_prediction_beyond_the_constraint_follows_on_empty(points) -> None:
     est = falling("reset", (0.0, 1.0), points)
     est.predict()
     np.testing.assert_allclose([est.lower.item(), est.upper.item()], [0.0, 1.0])
-    assert len(est.smooth([0.2, None, 0.4])) == 3  # each prediction leaves it again
+    found = est.smooth([0.2, None, 0.4])  # each prediction leaves it again, and nothing is told of before
+    np.testing.assert_allclose(found.lower[:, 0], [0.0, 0.0, 0.0], atol=0.02)
+    np.testing.assert_allclose(found.upper[:, 0], [0.7, 1.0, 0.9], atol=0.02)
 
     with pytest.raises(EmptyIntersectionError, match="nothing to restart from"):
         falling("reset", (0.0, np.inf), points).predict()
