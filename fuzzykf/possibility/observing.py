@@ -282,7 +282,8 @@ def observability(
     est : FuzzyRelationEstimator
         With a linear model, and noises of a closed family, or crisp, or, under the minimum, with cuts that
         are boxes; its membership of the state does not matter then.  Or on a grid, with any model; the
-        states considered are those within its ``lower`` and ``upper``.  It stays as it is.
+        states considered are those within its ``lower`` and ``upper``.  It stays as it is.  A
+        ``constraint`` of later steps is not taken into account.
     n : int
         Number of measurements.
     level : float
