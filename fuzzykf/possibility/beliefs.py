@@ -8,13 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from fuzzykf.errors import EmptyIntersectionError, UnreachableMeasurementError
 from fuzzykf.possibility import closed_form
 from fuzzykf.possibility.constraint import as_measurement
 from fuzzykf.possibility.grid.belief import GridBelief
 from fuzzykf.possibility.intervals import boxes
+from fuzzykf.possibility.intervals.box import Box
 from fuzzykf.possibility.mapping import matrix_of
 from fuzzykf.possibility.memberships import IntervalMembership
 from fuzzykf.possibility.protocol import Belief, Outcome
@@ -108,7 +107,8 @@ class BoxBelief:
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Center, and the variances width^2 / 12 of a uniform density."""
-        return self.box.peak.reshape(-1, 1), np.diag((self.box.upper - self.box.lower) ** 2 / 12.0)
+        x, P = boxes.moments(self.box.lower, self.box.upper)
+        return x.reshape(-1, 1), P
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Bounds (d,)."""
@@ -128,14 +128,16 @@ class BoxBelief:
 
     def predict(self, move: Mapping, noise: Membership) -> Outcome:
         """Image of the box, enlarged by the noise."""
-        return Outcome(BoxBelief(boxes.predict(self.box, move, required_box("noise", noise))))
+        found = boxes.predict(self._bounds, move, required_box("noise", noise))
+        return Outcome(BoxBelief(found.as_membership()))
 
     def update(self, measure: Mapping, noise: Membership, z: FloatArray) -> Outcome:
         """Part of the box that explains a measurement."""
-        found = boxes.update(self.box, measure, required_box("noise", noise), z)
+        error = required_box("noise", noise)
+        found = boxes.update(self._bounds, measure, error, z)
         if found is None:
-            return Outcome(None, 0.0, boxes.is_reachable(self.box, measure, required_box("noise", noise), z))
-        return Outcome(BoxBelief(found))
+            return Outcome(None, 0.0, boxes.is_reachable(self._bounds, measure, error, z))
+        return Outcome(BoxBelief(found.as_membership()))
 
     def constrain(self, constraint: Membership) -> Outcome:
         """Part of the box within another one, which may be open."""
@@ -149,8 +151,12 @@ class BoxBelief:
 
     def restart(self, measure: Mapping, noise: Membership, z: FloatArray) -> BoxBelief | None:
         """All states that explain the measurement."""
-        found = boxes.restart(self.box, measure, required_box("noise", noise), z)
-        return None if found is None else BoxBelief(found)
+        found = boxes.restart(self._bounds, measure, required_box("noise", noise), z)
+        return None if found is None else BoxBelief(found.as_membership())
+
+    @property
+    def _bounds(self) -> Box:
+        return Box(self.box.lower, self.box.upper)
 
 
 def believe(

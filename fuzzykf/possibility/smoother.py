@@ -25,6 +25,7 @@ from fuzzykf.possibility.beliefs import BoxBelief, GridBelief, QuadraticBelief
 from fuzzykf.possibility.constraint import is_crisp, narrowed
 from fuzzykf.possibility.grid.backward import Message, before_prediction, before_update, smoothed
 from fuzzykf.possibility.grid.noise import decompose
+from fuzzykf.possibility.intervals import boxes
 from fuzzykf.possibility.intervals.path import Broken, contract_path
 from fuzzykf.possibility.mapping import matrix_of
 from fuzzykf.possibility.representation import required_quadratic
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray, ManyNumbers
     from fuzzykf.possibility.grid.lattice import Lattice
+    from fuzzykf.possibility.intervals.box import Box
     from fuzzykf.possibility.trail import Node
 
     #: x (d,), P (d, d), lower and upper bounds (d,).
@@ -224,7 +226,7 @@ class QuadraticWayBack:
 class BoxWayBack:
     """Boxes that go back and forth over the whole series at once.
 
-    What is known of a node is a `BoxBelief`.
+    What is known of a node is a `Box`.
 
     Parameters
     ----------
@@ -244,20 +246,20 @@ class BoxWayBack:
                 box = nodes[broken.place - 1].belief.box
                 contradiction(on_empty, box.lower.tolist(), box.upper.tolist())
                 cuts.add(broken.place)
-        self.known = {node: BoxBelief(box) for node, box in zip(nodes, found, strict=True)}
+        self.known: dict[Node, Box] = dict(zip(nodes, found, strict=True))
 
-    def last(self, node: Node) -> BoxBelief:
+    def last(self, node: Node) -> Box:
         """Return what is left of the box of the filter."""
         return self.known[node]
 
-    def back(self, node: Node, known: BoxBelief) -> BoxBelief:
+    def back(self, node: Node, known: Box) -> Box:
         """Return what is left before a verb."""
         return known if node.before is None else self.known[node.before]
 
-    def estimate(self, node: Node, known: BoxBelief) -> tuple[BoxBelief, Estimate]:
+    def estimate(self, node: Node, known: Box) -> tuple[Box, Estimate]:
         """Return the center, that of a uniform density for P, and bounds."""
-        x, P = known.moments()
-        return known, (x.ravel(), P, *known.bounds())
+        x, P = boxes.moments(known.lower, known.upper)
+        return known, (x, P, known.lower, known.upper)
 
 
 class GridWayBack:

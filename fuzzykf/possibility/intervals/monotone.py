@@ -1,8 +1,8 @@
-"""Intervals and boxes: images and pre-images with guaranteed bounds.
+"""Intervals and boxes under functions: images and pre-images with guaranteed bounds.
 
 Crisp memberships are the same under every t-norm.  For scalar monotone functions the
-bounds are exact; for linear maps and functions with an interval extension in several
-dimensions they are boxes around the exact sets.
+bounds are exact; for functions with an interval extension in several dimensions they are
+boxes around the exact sets.  Linear maps have a module of their own.
 """
 
 from __future__ import annotations
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     Bounds: TypeAlias = tuple[FloatArray, FloatArray]
 
 __all__ = [
-    "contract",
-    "linear_image",
     "monotone_image",
     "monotone_preimage",
     "monotone_range",
@@ -184,64 +182,6 @@ def monotone_preimage(g: Function, lower: FloatArray, upper: FloatArray, least: 
         if above.size:
             k = int(above[0])
             upper = -_below(lambda x: -g(-x), -points[k], -points[k - 1], -most) if k else -upper
-    return lower, upper
-
-
-def linear_image(A: FloatArray, lower: FloatArray, upper: FloatArray) -> Bounds:
-    """Smallest box around the image of a box under x -> A x.
-
-    Bounds are widened by the rounding error of the sums, unless there is none: rows
-    with a single entry.
-    """
-    center, radius = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    middle, half = A @ center, np.abs(A) @ radius
-    terms = (A != 0.0).sum(axis=1)
-    rounding = np.finfo(float).eps * (terms + 2) * (np.abs(A) @ np.maximum(np.abs(lower), np.abs(upper)))
-    single = terms <= 1
-    plus, minus = np.maximum(A, 0.0), np.minimum(A, 0.0)
-    low = np.where(single, plus @ lower + minus @ upper, middle - half - rounding)
-    high = np.where(single, plus @ upper + minus @ lower, middle + half + rounding)
-    return low, high
-
-
-def contract(
-    A: FloatArray, lower: FloatArray, upper: FloatArray, least: FloatArray, most: FloatArray
-) -> Bounds | None:
-    """Box around the points of a box with least <= A x <= most.
-
-    Each row bounds each component, given the bounds of the others; this is repeated
-    until nothing moves.  For a single row the box is the smallest one.  Several rows
-    are joined by those of the pseudo-inverse times A, which also bound what no single
-    row does.
-
-    Returns
-    -------
-    lower, upper : ndarray, or None
-        None if there is certainly no such point.
-    """
-    if A.shape[0] > 1:
-        inverse = np.asarray(np.linalg.pinv(A))
-        low, high = linear_image(inverse, least, most)
-        A = np.vstack([A, inverse @ A])
-        least, most = np.concatenate([least, low]), np.concatenate([most, high])
-    lower, upper = lower.copy(), upper.copy()
-    slack = 4.0 * np.finfo(float).eps * A.shape[1]
-    for _ in range(SWEEPS):
-        before = lower.copy(), upper.copy()
-        for row, a, b in zip(A, least, most, strict=True):
-            for k in np.flatnonzero(row):
-                rest = row.copy()
-                rest[k] = 0.0
-                size = np.abs(row) @ np.maximum(np.abs(lower), np.abs(upper)) + max(abs(a), abs(b))
-                high = b - float(np.minimum(rest * lower, rest * upper).sum()) + slack * size
-                low = a - float(np.maximum(rest * lower, rest * upper).sum()) - slack * size
-                ends = sorted((low / row[k], high / row[k]))
-                lower[k], upper[k] = max(lower[k], ends[0]), min(upper[k], ends[1])
-                if lower[k] > upper[k]:
-                    return None
-        moved = max(float((lower - before[0]).max()), float((before[1] - upper).max()))
-        if moved <= 1e-12 * float(np.maximum(np.abs(lower), np.abs(upper)).max(initial=1e-300)):
-            break
     return lower, upper
 
 

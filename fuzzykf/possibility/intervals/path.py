@@ -12,11 +12,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fuzzykf.possibility.intervals import boxes
+from fuzzykf.possibility.intervals.box import Box
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from fuzzykf.possibility.memberships import IntervalMembership
     from fuzzykf.possibility.trail import Node
 
 __all__ = ["Broken", "contract_path"]
@@ -39,7 +39,7 @@ class Broken(Exception):
         self.place = place
 
 
-def contract_path(nodes: Sequence[Node], cuts: Collection[int]) -> list[IntervalMembership]:
+def contract_path(nodes: Sequence[Node], cuts: Collection[int]) -> list[Box]:
     """Contract the boxes of a series.
 
     Parameters
@@ -51,7 +51,7 @@ def contract_path(nodes: Sequence[Node], cuts: Collection[int]) -> list[Interval
 
     Returns
     -------
-    list of IntervalMembership
+    list of Box
         One for each node, within that of the filter.
 
     Raises
@@ -79,12 +79,12 @@ class _Path:
 
     Attributes
     ----------
-    found : list of IntervalMembership
+    found : list of Box
     """
 
     def __init__(self, nodes: Sequence[Node], cuts: Collection[int]) -> None:
         self.nodes, self.links = nodes, [k for k in range(1, len(nodes)) if k not in cuts]
-        self.found: list[IntervalMembership] = [node.belief.box for node in nodes]
+        self.found: list[Box] = [Box(node.belief.box.lower, node.belief.box.upper) for node in nodes]
         self._time = 0
         self._moved = [1] * len(nodes)
         self._done = {"back": [0] * len(nodes), "forth": [0] * len(nodes)}
@@ -102,29 +102,34 @@ class _Path:
         done = self._done[way]
         if max(self._moved[k - 1], self._moved[k]) <= done[k]:
             return False
-        box = getattr(self, f"_{way}")(k)
+        box = self._back(k) if way == "back" else self._forth(k)
         if box is None:
             raise Broken(k)
         before, self.found[target] = self.found[target], box
         self._time += 1
         done[k] = self._time + 1
-        wide = before.upper - before.lower
-        shrunk = bool((box.upper - box.lower < (1.0 - GAIN) * wide).any())
+        shrunk = _shrinks(before, box)
         if shrunk:
             self._moved[target] = done[k]
         return shrunk
 
-    def _back(self, k: int) -> IntervalMembership | None:
+    def _back(self, k: int) -> Box | None:
         node = self.nodes[k]
         if node.verb != "predict":  # the same state
             return self.found[k]
         return boxes.retrace(self.found[k - 1], node.mapping, node.noise, self.found[k])
 
-    def _forth(self, k: int) -> IntervalMembership | None:
+    def _forth(self, k: int) -> Box | None:
         node, past = self.nodes[k], self.found[k - 1]
         if node.verb != "predict":
             both = boxes.intersect(past, self.found[k])
-            if node.verb == "constrain":
+            if both is None or node.verb == "constrain" or boxes.tells_no_more(node.mapping):
                 return both
-            return None if both is None else boxes.update(both, node.mapping, node.noise, node.z)
+            return boxes.update(both, node.mapping, node.noise, node.z)
         return boxes.intersect(boxes.predict(past, node.mapping, node.noise), self.found[k])
+
+
+def _shrinks(before: Box, after: Box) -> bool:
+    """Whether some side of a box is shorter than it was, by more than a small part of it."""
+    sides = zip(*(bound.tolist() for bound in (*before, *after)), strict=True)
+    return any(d - c < (1.0 - GAIN) * (b - a) for a, b, c, d in sides)

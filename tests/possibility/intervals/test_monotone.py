@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.possibility.intervals import monotone as intervals
@@ -91,73 +90,6 @@ def test_range_and_preimage_on_the_real_line():
     np.testing.assert_allclose(
         np.ravel(intervals.monotone_preimage(np.log, vec(1), vec(2), 0.0, 1.0)), [1.0, np.e]
     )
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_linear_image_is_the_smallest_box(seed):
-    # a linear map takes its extremes in the corners
-    rng = np.random.default_rng(seed)
-    A = rng.normal(size=(3, 3))
-    lower = rng.normal(size=3)
-    upper = lower + rng.random(3)
-    corners = np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1)
-    low, high = intervals.linear_image(A, lower, upper)
-    np.testing.assert_allclose(low, (A @ corners).min(axis=1), rtol=1e-13, atol=1e-13)
-    np.testing.assert_allclose(high, (A @ corners).max(axis=1), rtol=1e-13, atol=1e-13)
-    # guaranteed: not even rounding puts a point outside
-    points = A @ (lower[:, None] + (upper - lower)[:, None] * rng.random((3, 10_000)))
-    assert (points >= low[:, None]).all()
-    assert (points <= high[:, None]).all()
-
-
-def test_linear_image_is_exact_for_permutations():
-    low, high = intervals.linear_image(np.array([[0.0, -1.0], [2.0, 0.0]]), vec(-1, 0), vec(3, 0.1))
-    np.testing.assert_array_equal([low, high], [[-0.1, -2.0], [0.0, 6.0]])
-
-
-def hull(A, lower, upper, least, most):
-    """Smallest box around {x in box: least <= A x <= most}, by linear programming."""
-    stacked, bound = np.vstack([A, -A]), np.concatenate([most, -least])
-    box, ends = list(zip(lower, upper, strict=True)), []
-    for k in range(lower.size):
-        for sign in (1, -1):
-            c = np.zeros(lower.size)
-            c[k] = sign
-            result = linprog(c, A_ub=stacked, b_ub=bound, bounds=box)
-            if result.status == 2:
-                return None
-            ends.append(sign * result.fun)
-    return np.array(ends).reshape(-1, 2).T
-
-
-@pytest.mark.parametrize("seed", range(20))
-@pytest.mark.parametrize("rows", [1, 2, 3])
-def test_contraction_contains_the_solutions(seed, rows):
-    # oracle: linear programming; for one row the box is the smallest one
-    rng = np.random.default_rng(seed)
-    A = rng.normal(size=(rows, 3))
-    lower, upper = -rng.random(3) - 0.2, rng.random(3) + 0.2
-    least = A @ rng.uniform(-1.2, 1.2, 3) - 0.1
-    most = least + 0.3
-    found, exact = (
-        intervals.contract(A, lower, upper, least, most),
-        hull(A, lower, upper, least, most),
-    )
-    if exact is None:
-        assert rows > 1 or found is None
-        return
-    assert found is not None
-    assert (found[0] <= exact[0] + 1e-8).all()
-    assert (found[1] >= exact[1] - 1e-8).all()
-    if rows == 1:
-        np.testing.assert_allclose(found, exact, atol=1e-8)
-
-
-def test_rows_together_bound_what_none_bounds_alone():
-    # z = (x1 + x2, x1 - x2) tells x1 and x2; from either row alone nothing follows
-    A = np.array([[1.0, 1.0], [1.0, -1.0]])
-    lower, upper = intervals.contract(A, vec(-100, -100), vec(100, 100), vec(2.9, 0.9), vec(3.1, 1.1))
-    np.testing.assert_allclose([lower, upper], [[1.9, 0.9], [2.1, 1.1]], atol=1e-9)
 
 
 def square(lower, upper):
