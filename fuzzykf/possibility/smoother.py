@@ -21,7 +21,7 @@ from fuzzykf.errors import EmptyIntersectionError, ParameterError, SupportWarnin
 from fuzzykf.gaussian import as_real
 from fuzzykf.overrides import attributes_of
 from fuzzykf.possibility import closed_form
-from fuzzykf.possibility.beliefs import BoxBelief, GridBelief, QuadraticBelief
+from fuzzykf.possibility.beliefs import GridBelief, QuadraticBelief
 from fuzzykf.possibility.constraint import is_crisp, narrowed
 from fuzzykf.possibility.grid.backward import Message, before_prediction, before_update, smoothed
 from fuzzykf.possibility.grid.noise import decompose

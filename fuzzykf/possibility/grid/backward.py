@@ -191,7 +191,8 @@ def before_prediction(
     axes, cost = list(message.axes), message.cost
     for k, kernel in enumerate(kernels):
         if kernel is not None:
-            target = _spanned(image[..., k][live], axes[k], universe.points[k], universe.domain is not None)
+            points = max(universe.points[k], source.axes[k].size, axes[k].size)  # as fine as either
+            target = _spanned(image[..., k][live], axes[k], points, universe.domain is not None)
             cost = convolve_axis(cost, k, axes[k], target, _Reflected(kernel))
             axes[k] = target
     return Message(source.axes, _looked_up(source, move, image, live, tuple(axes), cost) - lift)
@@ -259,7 +260,7 @@ def _in_basis(message: Message, basis: FloatArray, universe: Universe) -> Messag
     possible = np.isfinite(message.cost)
     there = grid_points(message.axes)[possible] @ back.T
     axes = tuple(
-        np.linspace(there[:, k].min(), there[:, k].max(), universe.points[k])
+        np.linspace(there[:, k].min(), there[:, k].max(), max(universe.points[k], message.axes[k].size))
         if there[:, k].max() > there[:, k].min()
         else there[:1, k]
         for k in range(d)

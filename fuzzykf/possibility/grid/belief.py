@@ -26,9 +26,10 @@ from fuzzykf.engine.selected import (
     totals,
 )
 from fuzzykf.possibility.grid import conditioning, constraining
-from fuzzykf.possibility.grid.lattice import Kernel, Lattice
+from fuzzykf.possibility.grid.lattice import BETWEEN, Kernel, Lattice
 from fuzzykf.possibility.grid.meeting import meeting
 from fuzzykf.possibility.grid.noise import decompose, shear
+from fuzzykf.possibility.grid.resolution import are_too_few, misses_peak, most_nodes, needed_nodes
 from fuzzykf.possibility.grid.scalar import predict_scalar
 from fuzzykf.possibility.grid.warp import landing, warp
 from fuzzykf.possibility.mapping import Mapping, grid_points
@@ -51,8 +52,8 @@ __all__ = ["GridBelief", "convolve_axis", "propagate"]
 #: memberships, which every domain cuts somewhere, and of bounded ones.
 LOSS_UNBOUNDED, LOSS_BOUNDED = 0.5, 0.01
 
-#: Tables up to this many entries are filled for a scalar state and a function without an inverse.
-DIRECT = 1_000_000
+#: A scalar state that moves by a function without an inverse has up to this many pairs of source and target.
+DIRECT = 16_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +69,18 @@ class GridBelief:
         """Sample a membership; components of zero width are kept as known exactly."""
         floor = 0.0 if membership.is_bounded else float(t_norm.membership(universe.limit))
         lower, upper = membership.support(floor)
-        axes = tuple(
-            np.array([low]) if low == high else universe.axis(k, float(low), float(high))
-            for k, (low, high) in enumerate(zip(lower, upper, strict=True))
-        )
-        return cls(Lattice.of(name, membership, axes, t_norm), universe)
+        counts = universe.points
+        while True:
+            fine = replace(universe, points=counts)
+            axes = tuple(
+                np.array([low]) if low == high else fine.axis(k, float(low), float(high))
+                for k, (low, high) in enumerate(zip(lower, upper, strict=True))
+            )
+            lattice = Lattice.of(name, membership, axes, t_norm)
+            needed = needed_nodes(axes, lattice.cost, t_norm, universe)
+            if not are_too_few(counts, needed, axes):
+                return cls(lattice, universe)
+            counts = needed
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Centroid and second central moments, by the trapezoidal rule."""
@@ -100,8 +108,19 @@ class GridBelief:
         t_norm, universe, parts = self.lattice.t_norm, self.universe, self.noise
         if parts is None or parts.membership is not noise:
             parts = decompose(noise, t_norm)
-        lattice, lost = propagate(self.lattice, move, parts, universe)
-        notes = lattice.notes(follows=universe.domain is None)
+        # What resolves a state mostly resolves its prediction.
+        counts = needed_nodes(self.lattice.axes, self.lattice.cost, t_norm, universe)
+        follows = universe.domain is None
+        while True:
+            lattice, lost = propagate(self.lattice, move, parts, replace(universe, points=counts))
+            missed = follows and misses_peak(self.lattice.cost, lattice.cost, t_norm)
+            needed = (
+                most_nodes(universe) if missed else needed_nodes(lattice.axes, lattice.cost, t_norm, universe)
+            )
+            if not are_too_few(counts, needed, lattice.axes):
+                break
+            counts = tuple(max(both) for both in zip(counts, needed, strict=True))
+        notes = [BETWEEN] if missed else lattice.notes(follows=follows)
         level = 0.0 if np.isinf(lost) else float(t_norm.membership(lost))
         if level > (LOSS_BOUNDED if universe.bounded else LOSS_UNBOUNDED):
             notes.append(

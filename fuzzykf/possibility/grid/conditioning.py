@@ -10,7 +10,7 @@ near h(x) = z would win by accident; there a node counts as its whole cell.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,7 @@ from scipy.ndimage import minimum_filter
 from fuzzykf.engine.selected import CUT, QUIET, continue_tails, subgrid_minimum
 from fuzzykf.errors import NumericalRangeError
 from fuzzykf.possibility.grid.lattice import Lattice
+from fuzzykf.possibility.grid.resolution import are_too_few, needed_nodes
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
@@ -194,7 +195,7 @@ def _fitted(
             base = prior = _extended(prior, sides, universe)
             extended = True
             continue
-        axes = _refined(prior, in_cell, best, universe)
+        axes = _refined(prior, in_cell, best, universe) or _finer(prior, cost, universe)
         if axes is None:
             break
         prior = base.resampled(axes)
@@ -285,6 +286,17 @@ def _refined(
         fine = axis.size > 1 and axis[1] - axis[0] <= 1e-12 * np.abs(axis).max()
         smaller |= last - first < OCCUPIED * (axis.size - 1) and not fine
     return _spanning(prior, low, high, universe) if smaller else None
+
+
+def _finer(prior: Lattice, cost: FloatArray, universe: Universe) -> tuple[FloatArray, ...] | None:
+    """Axes with the same bounds and more nodes, if the likely part of the posterior has too few."""
+    needed = needed_nodes(prior.axes, cost, prior.t_norm, universe)
+    counts = tuple(axis.size for axis in prior.axes)
+    if not are_too_few(counts, needed, prior.axes):
+        return None
+    counts = tuple(max(both) for both in zip(counts, needed, strict=True))
+    bounds = [axis[0] for axis in prior.axes], [axis[-1] for axis in prior.axes]
+    return _spanning(prior, *bounds, replace(universe, points=counts))
 
 
 def _spanning(

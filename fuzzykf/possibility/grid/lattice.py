@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TNorm
 
-__all__ = ["Kernel", "Lattice", "Universe"]
+__all__ = ["BETWEEN", "Kernel", "Lattice", "Universe"]
 
 #: Nodes wanted per standard deviation of the sharpest direction, for integrals to 0.1 %.
 RESOLUTION = 0.7
@@ -32,6 +32,12 @@ MOST_PARTS = 6
 
 #: A node stands alone if the memberships beside it are below this.
 LONE = 0.1
+
+#: What is told of such a node.
+BETWEEN = (
+    "points: the likeliest states lie between neighbouring nodes of a grid that covers all states above the "
+    "floor; centroid and spread are inaccurate (ask for more points, or raise the floor)"
+)
 
 #: Costs beyond the best by more than this do not count in integrals.
 NEGLIGIBLE = 60.0
@@ -190,11 +196,7 @@ class Lattice:
     def notes(self, *, follows: bool) -> list[str]:
         """Warn of a membership that is far narrower than the cells of a grid that may follow it."""
         if follows and self._is_lone():
-            return [
-                "points: the likeliest states lie between neighbouring nodes of a grid that covers all "
-                "states above the floor; centroid and spread are inaccurate (ask for more points, or "
-                "raise the floor)"
-            ]
+            return [BETWEEN]
         if self.parts > MOST_PARTS:
             return [
                 "points: in some direction the membership is narrower than a tenth of the cells; centroid "

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["predict_scalar"]
 
+#: Pairs of source and target worked on at a time.
+PAIRS = 1 << 20
+
 #: Where the parabola is wrong by more than this cost, the likeliest source is sought by such steps.
 ROUGH, HALVINGS = 1e-3, tuple(0.5**k for k in range(1, 9))
 
@@ -48,10 +51,19 @@ def predict_scalar(
     -------
     ndarray, shape (m,)
     """
-    t_norm = kernel.t_norm
     with np.errstate(all="ignore"):
         image = move(axis[:, None])[:, 0]
     image = np.where(np.isfinite(image), image, np.nan)
+    rows = max(1, PAIRS // axis.size)
+    parts = [target[start : start + rows] for start in range(0, target.size, rows)]
+    return np.concatenate([_predict_some(axis, cost, move, image, part, kernel) for part in parts])
+
+
+def _predict_some(
+    axis: FloatArray, cost: FloatArray, move: Mapping, image: FloatArray, target: FloatArray, kernel: Kernel
+) -> FloatArray:
+    """Predict the costs (m,) of some targets."""
+    t_norm = kernel.t_norm
     offset = target[:, None] - image
     table = kernel.cost(offset)
     table[~(table < t_norm.impossible)] = np.inf

@@ -526,20 +526,6 @@ def test_a_measurement_finer_than_the_cells_is_told():
     np.testing.assert_allclose(coarse.P, fine.P, atol=0.06)
 
 
-def test_a_grid_stretched_by_its_tails_is_told():
-    # squares carry the tails so far out that the cells become wider than what is likely
-    est = scalar(
-        fx=lambda x: x**2 / 4 - 1,
-        state=GaussianMembership(0.5, 1.0),
-        process_noise=GaussianMembership(0.0, 0.05),
-        measurement_noise=CauchyMembership(0.0, 0.3),
-    )
-    for z in (None, 0.5, None):
-        est.step(z)
-    with pytest.warns(SupportWarning, match="points: the likeliest states lie between neighbouring nodes"):
-        est.predict()
-
-
 def test_too_thin_a_ridge_is_told():
     # two components that are almost the same: no grid along the axes can resolve that
     P = [[1.0, 0.99999], [0.99999, 1.0]]
