@@ -290,7 +290,7 @@ class GridWayBack:
             return before_prediction(source.lattice, known, node.mapping, self.noise, source.universe)
         if _adds_nothing(node):
             return known
-        known = _on_axes_of(node, known)
+        known = known.on(node.belief.lattice.axes)
         message = before_update(node.belief.lattice, known, node.prior.lattice, node.possibility)
         if node.before.verb == "predict" or _adds_nothing(node.before):
             return message
@@ -299,12 +299,13 @@ class GridWayBack:
     def estimate(self, node: Node, known: Message) -> tuple[Message, Estimate]:
         """Return centroid, spread and bounds."""
         belief: GridBelief = node.belief
-        known = _on_axes_of(node, known)
-        found = smoothed(belief.lattice, known)
+        here = known.on(belief.lattice.axes)  # a prediction may have been refined by its update
+        found = smoothed(belief.lattice, here)
         if found is None:
             contradiction(self.on_empty, *(bound.tolist() for bound in belief.bounds()))
             return self.estimate(node, self.last(node))
-        lattice, known = found
+        lattice, normalised = found
+        known = normalised if here is known else known
         for note in [*lattice.notes(follows=belief.universe.domain is None), *_cut_off(lattice, belief)]:
             self._warn(note)
         result = GridBelief(lattice, belief.universe)
@@ -323,13 +324,6 @@ def _adds_nothing(node: Node) -> bool:
     if node.verb != "constrain" or not is_crisp(node.noise) or node.belief.universe.domain is not None:
         return False
     return node.possibility == 1.0 or bool(node.belief.lattice.t_norm.scale == "log")
-
-
-def _on_axes_of(node: Node, message: Message) -> Message:
-    """Return a message on the axes of the belief of a node."""
-    axes = node.belief.lattice.axes
-    same = all(np.array_equal(one, other) for one, other in zip(axes, message.axes, strict=True))
-    return message if same else message.on(axes)
 
 
 def _cut_off(lattice: Lattice, belief: GridBelief) -> list[str]:

@@ -68,6 +68,8 @@ class Message:
 
     def on(self, axes: tuple[FloatArray, ...]) -> Message:
         """Return the same on other axes."""
+        if all(np.array_equal(ours, theirs) for ours, theirs in zip(self.axes, axes, strict=True)):
+            return self
         points = grid_points(axes)
         cost = self.at(points.reshape(-1, len(axes))).reshape(points.shape[:-1])
         return Message(axes, cost)

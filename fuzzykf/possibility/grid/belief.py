@@ -39,8 +39,10 @@ if TYPE_CHECKING:
     from typing import TypeAlias
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.possibility.grid.folds import Fold
     from fuzzykf.possibility.grid.lattice import Universe
     from fuzzykf.possibility.grid.noise import Noise
+    from fuzzykf.possibility.grid.warp import Image
     from fuzzykf.possibility.memberships import GridMembership, Membership
     from fuzzykf.possibility.norms import TNorm
 
@@ -224,7 +226,22 @@ def _propagate(source: Lattice, move: Mapping, kernels: Kernels, universe: Unive
             axes[k], cost = _wider(axes[k], cost, k, universe.limit)
         cost = convolve_axis(cost, k, axes[k], target, kernel)
         axes[k] = target
+    if image.fold is not None:
+        for k, kernel in enumerate(kernels):
+            if kernel is not None and k not in image.convolved:
+                cost = np.minimum(cost, _from_fold(image, image.fold, k, axes, kernels))
     return Lattice(tuple(axes), cost, source.t_norm), lost
+
+
+def _from_fold(image: Image, fold: Fold, k: int, axes: list[FloatArray], kernels: Kernels) -> FloatArray:
+    """Costs of what the noise of one axis, and that of the other, carry from a fold of the plane."""
+    other, kernel = 1 - k, kernels[k]
+    assert kernel is not None
+    cost = fold.spread(k, image.axes[other], axes[k], kernel)
+    beside = kernels[other]
+    if beside is None or other in image.convolved:
+        return cost
+    return convolve_axis(cost, other, image.axes[other], axes[other], beside)
 
 
 def _propagate_scalar(

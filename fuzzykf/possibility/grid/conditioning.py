@@ -195,7 +195,9 @@ def _fitted(
             base = prior = _extended(prior, sides, universe)
             extended = True
             continue
-        axes = _refined(prior, in_cell, best, universe) or _finer(prior, cost, universe)
+        axes = _refined(prior, in_cell, best, universe)
+        if axes is None and not extended:  # what is extrapolated does not get better by more nodes
+            axes = _finer(prior, in_cell, universe)
         if axes is None:
             break
         prior = base.resampled(axes)
@@ -288,9 +290,9 @@ def _refined(
     return _spanning(prior, low, high, universe) if smaller else None
 
 
-def _finer(prior: Lattice, cost: FloatArray, universe: Universe) -> tuple[FloatArray, ...] | None:
+def _finer(prior: Lattice, in_cell: FloatArray, universe: Universe) -> tuple[FloatArray, ...] | None:
     """Axes with the same bounds and more nodes, if the likely part of the posterior has too few."""
-    needed = needed_nodes(prior.axes, cost, prior.t_norm, universe)
+    needed = needed_nodes(prior.axes, in_cell, prior.t_norm, universe)
     counts = tuple(axis.size for axis in prior.axes)
     if not are_too_few(counts, needed, prior.axes):
         return None

@@ -34,6 +34,7 @@ from fuzzykf.engine.selected import (
     tangents,
 )
 from fuzzykf.errors import SupportLostError
+from fuzzykf.possibility.grid.folds import Fold
 from fuzzykf.possibility.grid.lattice import Kernel
 from fuzzykf.possibility.mapping import grid_points
 from fuzzykf.possibility.memberships import GaussianMembership, ParabolicMembership
@@ -50,6 +51,9 @@ __all__ = ["Image", "Landing", "landing", "warp"]
 
 #: A spread of images below this part of their size is none.
 CONSTANT = 1e-13
+
+#: Folds are followed in so many dimensions.
+PLANE = 2
 
 #: Nodes pulled back at a time.
 SLAB = 1 << 15
@@ -144,6 +148,8 @@ class Image:
         Axes the noise of which is in the image already.
     lost : float
         Least cost of a state mapped out of the domain.
+    fold : Fold or None
+        Where a map of the plane folds.
     """
 
     axes: tuple[FloatArray, ...]
@@ -151,6 +157,7 @@ class Image:
     reached: list[tuple[float, float]]
     convolved: set[int]
     lost: float
+    fold: Fold | None = None
 
 
 def warp(
@@ -197,7 +204,7 @@ def warp(
         else:
             axes[k] = universe.axis(k, float(low[k]), float(high[k]))
     shape = tuple(axis.size for axis in axes)
-    cost = np.array(np.inf)
+    cost, fold = np.array(np.inf), None
     if not moving:
         cost = np.full(shape, float(source.cost[live].min()))
     elif invertible:
@@ -207,7 +214,9 @@ def warp(
         cost = _pull_back(source, move, tuple(axes)).reshape(shape)
     if not (cost < source.t_norm.impossible).any():
         # No inverse, or an image so small that it falls between the nodes.
-        cost = _Drawing(source, move, image, universe, extra).draw(moving, axes).reshape(shape)
+        drawing = _Drawing(source, move, image, universe, extra)
+        cost = drawing.draw(moving, axes).reshape(shape)
+        fold = drawing.fold(axes) if len(moving) == d == PLANE and move.matrix is None else None
     if universe.domain is None and not universe.bounded:
         cost = continue_tails(cost, universe.limit)
     if universe.domain is not None and found.lost <= source.cost.min():
@@ -216,7 +225,7 @@ def warp(
         cost = np.full(shape, np.inf) if any(outside) else cost
     if not (cost < source.t_norm.impossible).any():
         raise found.nothing_left(universe)
-    return Image(tuple(axes), cost, reached, set(extra), found.lost)
+    return Image(tuple(axes), cost, reached, set(extra), found.lost, fold)
 
 
 def _extra_axes(
@@ -347,6 +356,13 @@ class _Drawing:
         if (flat.size or thin.any()) and best < self.t_norm.impossible:
             out = self.t_norm.renormalise(out, best)
         return out
+
+    def fold(self, axes: list[FloatArray]) -> Fold | None:
+        """Return where a map of two axes to the plane folds, if it does."""
+        if len(self.axes) != PLANE:
+            return None
+        step = np.array([axis[1] - axis[0] for axis in axes])
+        return Fold.of(self.image, self.live, step, self.cost, self.t_norm.scale, self._map)
 
     def _splat(
         self, image: FloatArray, cells: np.ndarray, shape: tuple[int, ...], out: FloatArray, where: np.ndarray

@@ -47,7 +47,8 @@ def tracked_back(est, zs):
     known, found = way.last(nodes[-1]), []
     for node in reversed(nodes):
         known, _ = way.estimate(node, known)
-        found.append((node, smoothed(node.belief.lattice, known)[0]))
+        lattice = node.belief.lattice
+        found.append((node, smoothed(lattice, known.on(lattice.axes))[0]))
         known = way.back(node, known)
     return found[::-1]
 
