@@ -40,6 +40,9 @@ LIFT = 1.0
 #: Nodes along the axis of an image without width.
 FEW = 5
 
+#: The steps of a message are fine enough for images if they give them this part of the nodes of a lattice.
+COARSE = 0.5
+
 #: A message is continued by so many times its width for a noise without axes.
 WIDEST = 2
 
@@ -201,14 +204,22 @@ def before_prediction(
 
 
 def _spanned(there: FloatArray, axis: FloatArray, points: int, in_domain: bool) -> FloatArray:
-    """Return an axis over images; in a domain by whole steps of its axis, so that nodes stay nodes."""
+    """Return an axis over images, by whole steps of the axis of a message where these are fine enough.
+
+    In a domain nodes stay nodes; and the costs of a noise between equidistant nodes are few.
+    """
     low, high = float(there.min()), float(there.max())
     step = float(axis[-1] - axis[0]) / max(axis.size - 1, 1)
-    if in_domain and step > 0.0:
-        below, above = (int(np.ceil(beyond / step - ROUNDING)) for beyond in (axis[0] - low, high - axis[-1]))
-        if max(below, above) <= axis.size:
-            steps = np.arange(-max(below, 0), axis.size + max(above, 0))
-            return np.asarray(axis[0] + step * steps, dtype=np.float64)
+    if step > 0.0:
+        first, last = (
+            int(np.floor((low - axis[0]) / step + ROUNDING)),
+            int(np.ceil((high - axis[0]) / step - ROUNDING)),
+        )
+        if in_domain:
+            first, last = min(first, 0), max(last, axis.size - 1)
+        size = last - first + 1
+        if (in_domain or size >= COARSE * points) and size <= 3 * axis.size:
+            return np.asarray(axis[0] + step * np.arange(first, last + 1), dtype=np.float64)
     if high > low:
         return np.linspace(low, high, points)
     step = step or max(abs(low), 1.0) * 1e-6

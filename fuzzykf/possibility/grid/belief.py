@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from fuzzykf.engine.selected import (
     best_sources,
@@ -53,6 +54,9 @@ __all__ = ["GridBelief", "convolve_axis", "propagate"]
 #: The loss of states at an edge is reported from this membership on: of unbounded
 #: memberships, which every domain cuts somewhere, and of bounded ones.
 LOSS_UNBOUNDED, LOSS_BOUNDED = 0.5, 0.01
+
+#: Steps are the same if they differ by less than this part of them.
+SAME = 1e-12
 
 #: A scalar state that moves by a function without an inverse has up to this many pairs of source and target.
 DIRECT = 16_000_000
@@ -322,8 +326,7 @@ def _convolve_tabulated(
 ) -> FloatArray:
     """Convolve lines with a kernel of any other shape."""
     t_norm = kernel.t_norm
-    table = kernel.cost(target[:, None] - axis)
-    table[table >= t_norm.impossible] = np.inf
+    table = _table(axis, target, kernel)
     source = best_sources(lines, table, t_norm.combine)
     step = axis[1] - axis[0]
     if t_norm.additive:
@@ -342,6 +345,21 @@ def _convolve_tabulated(
             between = interpolate_lines(lines, (target - end - axis[0]) / step, t_norm.scale)
             out = np.minimum(out, t_norm.combine(between, np.full(1, extra)))
     return out
+
+
+def _table(axis: FloatArray, target: FloatArray, kernel: Kernel) -> FloatArray:
+    """Costs (m, n) of the noise that leads from each source to each target; infinite where impossible."""
+    n, m = axis.size, target.size
+    step, other = (float(line[-1] - line[0]) / max(line.size - 1, 1) for line in (axis, target))
+    if abs(step - other) <= SAME * step:
+        # One number a diagonal.
+        offset = np.concatenate([target[0] - axis[::-1], target[1:] - axis[0]])
+        cost = kernel.cost(offset)
+        cost[~(cost < kernel.t_norm.impossible)] = np.inf
+        return np.ascontiguousarray(sliding_window_view(cost, n)[:m, ::-1])
+    table = kernel.cost(target[:, None] - axis)
+    table[table >= kernel.t_norm.impossible] = np.inf
+    return table
 
 
 def _propagate_joint(
