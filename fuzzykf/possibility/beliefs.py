@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fuzzykf.errors import EmptyIntersectionError, UnreachableMeasurementError
 from fuzzykf.possibility import closed_form
 from fuzzykf.possibility.constraint import as_measurement

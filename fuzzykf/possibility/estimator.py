@@ -121,7 +121,9 @@ class FuzzyRelationEstimator(Filter, Document):
         alone.  The possibility of the measurement is then 0.  Likewise if the constraint
         excludes a prediction: raise, keep it, or restart from the constraint alone.
     points : int or sequence of int, optional
-        Nodes of the grid per axis, by default 401, 101 or 41 in 1, 2 or 3 dimensions.
+        Nodes of the grid per axis, by default 401, 101 or 41 in 1, 2 or 3 dimensions.  A moving grid that
+        is stretched by its tails has more, so that the likely states keep a tenth of them: at most 8, 4
+        or 2 times as many.
     domain : sequence of (lo, hi), optional
         A fixed universe.  By default the grid moves and refines with the live region.
     floor : float, optional

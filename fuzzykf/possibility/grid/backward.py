@@ -237,15 +237,7 @@ def _looked_up(
     """Costs at the images of the nodes of ``source``, infinite for nodes that are impossible."""
     d = len(axes)
     if move.matrix is not None and len(source.free) == d and all(axis.size > 1 for axis in axes):
-        first = np.array([axis[0] for axis in source.axes])
-        origin, step = np.array([[a[0], (a[-1] - a[0]) / (a.size - 1)] for a in axes]).T
-        found = pull_back(
-            cost,
-            move.matrix * source.step / step[:, None],
-            (move.matrix @ first + move.shift - origin) / step,
-            source.cost.shape,
-            "log",
-        )
+        found = _pulled(axes, cost, source.axes, move.matrix, move.shift)
         return np.where(live, found, np.inf)
     out = np.full(source.cost.shape, np.inf)
     out[live] = _interpolated(axes, cost, image[live])
@@ -278,9 +270,30 @@ def _in_basis(message: Message, basis: FloatArray, universe: Universe) -> Messag
         else there[:1, k]
         for k in range(d)
     )
+    if all(axis.size > 1 for axis in (*axes, *message.axes)):
+        return Message(axes, _pulled(message.axes, message.cost, axes, basis, np.zeros(d)))
     points = grid_points(axes)
     cost = message.at(points.reshape(-1, d) @ basis.T).reshape(points.shape[:-1])
     return Message(axes, cost)
+
+
+def _pulled(
+    axes: tuple[FloatArray, ...],
+    cost: FloatArray,
+    others: tuple[FloatArray, ...],
+    matrix: FloatArray,
+    shift: FloatArray,
+) -> FloatArray:
+    """Costs at matrix x + shift for the nodes x of other axes, all of several nodes."""
+    origin, step = np.array([[a[0], (a[-1] - a[0]) / (a.size - 1)] for a in axes]).T
+    first, stride = np.array([[a[0], (a[-1] - a[0]) / (a.size - 1)] for a in others]).T
+    return pull_back(
+        cost,
+        matrix * stride / step[:, None],
+        (matrix @ first + shift - origin) / step,
+        tuple(a.size for a in others),
+        "log",
+    )
 
 
 def _before_joint(source: Lattice, message: Message, move: Mapping, joint: Membership) -> FloatArray:
