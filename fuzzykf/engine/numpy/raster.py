@@ -25,6 +25,7 @@ __all__ = [
     "cover",
     "flat_cells",
     "live_cells",
+    "orientations",
     "samples",
     "span",
     "stranded",
@@ -278,6 +279,28 @@ def flat_cells(image: FloatArray, alive: BoolArray) -> IntArray:
     size = np.trace(gram, axis1=1, axis2=2)
     flat: IntArray = base[_determinant(gram) <= (FLATNESS**2) * size**d]
     return flat
+
+
+def orientations(image: FloatArray) -> FloatArray:
+    """Find on which side the images of the cells of a plane lie: they turn where a map folds.
+
+    Parameters
+    ----------
+    image : ndarray, shape (n_1, n_2, 2)
+
+    Returns
+    -------
+    ndarray, shape (2, n_1 - 1, n_2 - 1)
+        Of both triangles of each cell, 1.0 or -1.0; 0.0 if the image is flat, or not finite.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        right, up = np.diff(image, axis=0), np.diff(image, axis=1)
+        one = np.stack([right[:, :-1], right[:, 1:]])
+        other = np.stack([up[1:], up[:-1]])
+        area = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
+        size = np.hypot(one[..., 0], one[..., 1]) * np.hypot(other[..., 0], other[..., 1])
+        thick = (np.abs(area) > FLATNESS * size) & np.isfinite(area)
+    return np.where(thick, np.sign(area), 0.0)
 
 
 def tangents(image: FloatArray, alive: BoolArray) -> FloatArray:

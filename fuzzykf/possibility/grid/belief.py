@@ -114,19 +114,11 @@ class GridBelief:
         t_norm, universe, parts = self.lattice.t_norm, self.universe, self.noise
         if parts is None or parts.membership is not noise:
             parts = decompose(noise, t_norm)
-        # What resolves a state mostly resolves its prediction.
-        counts = needed_nodes(self.lattice.axes, self.lattice.cost, t_norm, universe)
-        follows = universe.domain is None
-        while True:
-            lattice, lost = propagate(self.lattice, move, parts, replace(universe, points=counts))
-            missed = follows and misses_peak(self.lattice.cost, lattice.cost, t_norm)
-            needed = (
-                most_nodes(universe) if missed else needed_nodes(lattice.axes, lattice.cost, t_norm, universe)
-            )
-            if not are_too_few(counts, needed, lattice.axes):
-                break
-            counts = tuple(max(both) for both in zip(counts, needed, strict=True))
-        notes = [BETWEEN] if missed else lattice.notes(follows=follows)
+        if universe.domain is None:
+            lattice, lost, notes = _refined(self.lattice, move, parts, universe)
+        else:
+            lattice, lost = propagate(self.lattice, move, parts, universe)
+            notes = lattice.notes(follows=False)
         level = 0.0 if np.isinf(lost) else float(t_norm.membership(lost))
         if level > (LOSS_BOUNDED if universe.bounded else LOSS_UNBOUNDED):
             notes.append(
@@ -160,6 +152,24 @@ class GridBelief:
 
     def _with(self, lattice: Lattice) -> GridBelief:
         return GridBelief(lattice, self.universe, self.noise)
+
+
+def _refined(
+    source: Lattice, move: Mapping, noise: Noise, universe: Universe
+) -> tuple[Lattice, float, list[str]]:
+    """Predict on a moving grid with as many nodes as its likely states ask for; with what is to be told."""
+    t_norm = source.t_norm
+    # What resolves a state mostly resolves its prediction.
+    counts = needed_nodes(source.axes, source.cost, t_norm, universe)
+    while True:
+        lattice, lost = propagate(source, move, noise, replace(universe, points=counts))
+        missed = misses_peak(source.cost, lattice.cost, t_norm)
+        needed = needed_nodes(lattice.axes, lattice.cost, t_norm, universe)
+        if missed:
+            needed = most_nodes(universe)
+        if not are_too_few(counts, needed, lattice.axes):
+            return lattice, lost, [BETWEEN] if missed else lattice.notes(follows=True)
+        counts = tuple(max(both) for both in zip(counts, needed, strict=True))
 
 
 def propagate(source: Lattice, move: Mapping, noise: Noise, universe: Universe) -> tuple[Lattice, float]:

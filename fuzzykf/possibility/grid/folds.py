@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter, uniform_filter
 
-from fuzzykf.engine.selected import interpolate
+from fuzzykf.engine.selected import interpolate, orientations
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,9 +33,6 @@ PARTS, PARTS_BESIDE = 16, 2
 
 #: Images are next to a fold if they are no further from it than so many steps.
 NEXT = 2.0
-
-#: An image has an orientation if it is thicker than this part of its length.
-FLATNESS = 1e-9
 
 #: A point is on a line of nodes if it is off by less than this, in steps.
 SLACK = 1e-9
@@ -62,11 +59,11 @@ def folded_cells(image: FloatArray, live: BoolArray, step: FloatArray) -> tuple[
         Their lowest corners.
     """
     none = np.zeros((0, 2), dtype=np.intp)
+    signs = orientations(image)
+    low, high = signs.min(axis=0), signs.max(axis=0)
     with np.errstate(invalid="ignore"):
         right, up = np.diff(image, axis=0) / step, np.diff(image, axis=1) / step
-        signs = [_orientation(right[:, :-1], up[1:]), _orientation(right[:, 1:], up[:-1])]
         centre = 0.25 * (image[1:, 1:] + image[1:, :-1] + image[:-1, 1:] + image[:-1, :-1]) / step
-    low, high = np.minimum(*signs), np.maximum(*signs)
     turned = (minimum_filter(low, 3) < 0.0) & (maximum_filter(high, 3) > 0.0)
     if not turned.any():
         return none, none
@@ -83,13 +80,6 @@ def _normals(right: FloatArray, up: FloatArray) -> FloatArray:
     edges = np.nan_to_num(np.stack([right, up], axis=-1), nan=0.0, posinf=0.0, neginf=0.0)
     mean = uniform_filter(edges, size=(3, 3, 1, 1))
     return np.asarray(np.linalg.svd(mean)[0][..., :, 1])
-
-
-def _orientation(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Signs of the areas between pairs of edges (..., 2); zero if flat or nowhere."""
-    area = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
-    size = np.hypot(one[..., 0], one[..., 1]) * np.hypot(other[..., 0], other[..., 1])
-    return np.where(np.abs(area) > FLATNESS * size, np.sign(area), 0.0)
 
 
 @dataclass(frozen=True, eq=False)

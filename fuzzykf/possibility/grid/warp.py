@@ -26,6 +26,7 @@ from fuzzykf.engine.selected import (
     interpolate,
     least_outside,
     live_cells,
+    orientations,
     pull_back,
     samples,
     scaled,
@@ -360,6 +361,9 @@ class _Drawing:
     def fold(self, axes: list[FloatArray]) -> Fold | None:
         """Return where a map of two axes to the plane folds, if it does."""
         if len(self.axes) != PLANE:
+            return None
+        signs = orientations(self.image)
+        if not signs.min() < 0.0 < signs.max():
             return None
         step = np.array([axis[1] - axis[0] for axis in axes])
         return Fold.of(self.image, self.live, step, self.cost, self.t_norm.scale, self._map)
