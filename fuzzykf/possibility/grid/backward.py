@@ -197,16 +197,20 @@ def before_prediction(
     for k, kernel in enumerate(kernels):
         if kernel is not None:
             points = max(universe.points[k], source.axes[k].size, axes[k].size)  # as fine as either
-            target = _spanned(image[..., k][live], axes[k], points, universe.domain is not None)
+            there, tabulated = image[..., k][live], _Reflected(kernel).curvature is None
+            target = _spanned(there, axes[k], points, tabulated, universe.domain is not None)
             cost = convolve_axis(cost, k, axes[k], target, _Reflected(kernel))
             axes[k] = target
     return Message(source.axes, _looked_up(source, move, image, live, tuple(axes), cost) - lift)
 
 
-def _spanned(there: FloatArray, axis: FloatArray, points: int, in_domain: bool) -> FloatArray:
+def _spanned(
+    there: FloatArray, axis: FloatArray, points: int, tabulated: bool, in_domain: bool
+) -> FloatArray:
     """Return an axis over images, by whole steps of the axis of a message where these are fine enough.
 
-    In a domain nodes stay nodes; and the costs of a noise between equidistant nodes are few.
+    In a domain nodes stay nodes; and the costs of a noise between equidistant nodes, if they are to be
+    tabulated, are few.
     """
     low, high = float(there.min()), float(there.max())
     step = float(axis[-1] - axis[0]) / max(axis.size - 1, 1)
@@ -218,7 +222,7 @@ def _spanned(there: FloatArray, axis: FloatArray, points: int, in_domain: bool) 
         if in_domain:
             first, last = min(first, 0), max(last, axis.size - 1)
         size = last - first + 1
-        if (in_domain or size >= COARSE * points) and size <= 3 * axis.size:
+        if (in_domain or (tabulated and size >= COARSE * points)) and size <= 3 * axis.size:
             return np.asarray(axis[0] + step * np.arange(first, last + 1), dtype=np.float64)
     if high > low:
         return np.linspace(low, high, points)
