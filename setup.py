@@ -5,6 +5,8 @@ core is optional: where it cannot be compiled, installation goes on and fuzzykf 
 """
 
 import os
+import platform
+import shutil
 from pathlib import Path
 
 import numpy
@@ -22,6 +24,11 @@ class BuildOptional(build_ext):
 
     def run(self):
         """Build what can be built."""
+        print(  # pip shows it with -v
+            f"fuzzykf: compiling {len(self.extensions)} modules for {platform.machine()}, which takes a minute "
+            "or some; where they cannot be compiled fuzzykf is installed all the same, and runs on NumPy",
+            flush=True,
+        )
         super().run()
         missing = [extension.name for extension in self.extensions if not self.built(extension)]
         if missing:
@@ -32,6 +39,21 @@ class BuildOptional(build_ext):
                 f"{', '.join(missing)} could not be compiled (see the messages above): fuzzykf is installed "
                 "without the compiled core and runs on NumPy, many times slower (see fuzzykf.engine.info())"
             )
+
+    def build_extensions(self):
+        """Take Clang on Windows, where there is one: the core has vectors that MSVC does not know."""
+        clang = shutil.which("clang-cl")
+        if self.compiler.compiler_type == "msvc" and clang:
+            self.compiler.initialize()
+            self.compiler.cc = clang
+            for extension in self.extensions:
+                extension.extra_compile_args = ["/clang:-O3", "-Wno-unused-command-line-argument"]
+        super().build_extensions()
+
+    def build_extension(self, extension):
+        """Say which module comes next."""
+        print(f"fuzzykf: compiling {extension.name}", flush=True)
+        super().build_extension(extension)
 
     def places(self, extension):
         """Where the library of an extension may be."""

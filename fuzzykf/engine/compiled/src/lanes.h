@@ -13,7 +13,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#if !defined(__GNUC__)
+#if !defined(__GNUC__) && !defined(__clang__)
 #error "the compiled core of fuzzykf needs GCC or Clang"
 #endif
 
