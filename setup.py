@@ -25,8 +25,8 @@ class BuildOptional(build_ext):
     def run(self):
         """Build what can be built."""
         print(  # pip shows it with -v
-            f"fuzzykf: compiling {len(self.extensions)} modules for {platform.machine()}, which takes a minute "
-            "or some; where they cannot be compiled fuzzykf is installed all the same, and runs on NumPy",
+            f"fuzzykf: compiling {len(self.extensions)} modules for {platform.machine()}, which takes some "
+            "minutes; where they cannot be compiled fuzzykf is installed all the same, and runs on NumPy",
             flush=True,
         )
         super().run()

@@ -17,9 +17,7 @@ print(f"fuzzykf {fuzzykf.__version__} in {Path(fuzzykf.__file__).parent}, Python
 print(engine.info())
 assert engine.info().name == expected, f"expected the engine {expected!r}"
 assert fuzzykf.__version__ == version("fuzzykf")
-assert Path(fuzzykf.__file__).parents[1] != Path(__file__).resolve().parents[1], (
-    "the source"
-)
+assert Path(fuzzykf.__file__).parents[1] != Path(__file__).resolve().parents[1], "the source"
 
 # a Kalman filter, against Bayes' rule by hand: variances 1 and 1 meet half way
 kf = fuzzykf.KalmanFilter(1, 1, x=[0.0], P=1.0, H=[[1.0]], Q=0.0, R=1.0)

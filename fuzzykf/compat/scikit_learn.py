@@ -21,7 +21,8 @@ from fuzzykf.observations import index_of
 from fuzzykf.registry import either
 from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.chain import SwitchChain
-from fuzzykf.switching.laws.registry import LAWS
+from fuzzykf.switching.laws.chains import as_law
+from fuzzykf.switching.laws.registry import learned_laws
 from fuzzykf.times import check_increasing
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
 
     Parameters
     ----------
-    switch : {"fmc1", "fmc2", "fade", "free", "hard"}, or a law
+    switch : {"hard", "fmc1", "fmc2", "free", "fade", "graph"}, or a law
         How the switch moves.  "hard": it jumps between regimes, a `CGOMSModel` is learned.  Else a
         `CGOFMSModel` with a law of that family, or of the structure of the given law.
     n_switches : int, optional
@@ -79,14 +80,14 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
     >>> import numpy as np
     >>> from fuzzykf.compat import SwitchingRegressor
     >>> rng = np.random.default_rng(0)
-    >>> r = (np.arange(400) // 50) % 2
-    >>> Y = 4.0 * r + rng.normal(size=400)
-    >>> x = np.where(r == 1, 3.0 - Y, 0.5 * Y) + 0.3 * rng.normal(size=400)
-    >>> estimator = SwitchingRegressor("hard", form="regression").fit(Y[:300, None], x[:300])
-    >>> mean, std = estimator.predict(Y[300:, None], return_std=True)
+    >>> r = (np.arange(600) // 5) % 2
+    >>> Y = (4.0 * r + rng.normal(size=600))[:, None]
+    >>> x = np.where(r == 1, 8.0 - Y[:, 0], Y[:, 0]) + 0.3 * rng.normal(size=600)
+    >>> estimator = SwitchingRegressor("hard", form="regression").fit(Y[:400], x[:400])
+    >>> mean, std = estimator.predict(Y[400:], return_std=True)
     >>> mean.shape, std.shape
-    ((100,), (100,))
-    >>> bool(estimator.score(Y[300:, None], x[300:]) > 0.8)
+    ((200,), (200,))
+    >>> bool(estimator.score(Y[400:], x[400:]) > 0.75)
     True
     """
 
@@ -158,6 +159,11 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
     def _learn(self, x: FloatArray, y: FloatArray) -> FitResult[Any]:
         from fuzzykf.switching import CGOFMSModel, CGOMSModel
 
+        if self.random_state is None and is_whole(self.n_starts) and self.n_starts > 4:
+            raise ParameterError(
+                "random_state: got None, expected a whole number or a numpy.random.Generator: more than 4 "
+                "starts are drawn at random"
+            )
         options: dict[str, Any] = {
             "form": self.form,
             "n_starts": self.n_starts,
@@ -167,21 +173,20 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
             "rng": _as_generator(self.random_state),
             "progress": False,
         }
-        if isinstance(self.switch, str) and self.switch == "hard":
+        K, switch = self.n_switches, self.switch
+        if isinstance(switch, str) and switch == "hard":
             if self.n_nodes is not None:
                 raise ParameterError(f"n_nodes: got {self.n_nodes!r} with switch='hard', expected None")
-            K = 2 if self.n_switches is None else self.n_switches
-            return CGOMSModel.fit(x, y, n_switches=K, **options)
-        if isinstance(self.switch, str) and self.switch not in LAWS:
+            return CGOMSModel.fit(x, y, n_switches=2 if K is None else K, **options)
+        names = ("hard", *learned_laws())
+        if switch not in names if isinstance(switch, str) else not isinstance(switch, Law | SwitchChain):
+            raise ParameterError(f"switch: got {brief(switch)}, expected {either(names)}, or a law")
+        own = 2 if isinstance(switch, str) else as_law(switch).n_classes
+        if K is not None and own != K:
             raise ParameterError(
-                f"switch: got {brief(self.switch)}, expected {either(['hard', *LAWS])}, or a law"
+                f"n_switches: got {brief(K)}, expected None, or {own} as the law of the switch has"
             )
-        K = 2 if isinstance(self.switch, str) else getattr(self.switch, "n_classes", None)
-        if self.n_switches is not None and self.n_switches != K:
-            raise ParameterError(
-                f"n_switches: got {self.n_switches!r}, expected None, or {K} as the law of the switch has"
-            )
-        return CGOFMSModel.fit(x, y, law=self.switch, n_nodes=self.n_nodes, **options)
+        return CGOFMSModel.fit(x, y, law=switch, n_nodes=self.n_nodes, **options)
 
     @overload
     def predict(self, X: Any, return_std: Literal[False] = False) -> FloatArray: ...
@@ -218,9 +223,7 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
         check_is_fitted(self)
         wants_std = as_flag("return_std", return_std)
         _check_order("X", X)
-        observations = validate_data(
-            self, X, dtype=np.float64, ensure_all_finite="allow-nan", reset=False
-        )
+        observations = validate_data(self, X, dtype=np.float64, ensure_all_finite="allow-nan", reset=False)
         nodes = {} if self.n_nodes is None else {"n_nodes": self.n_nodes}
         found = self.model_.filter(**nodes).filter(observations)
         mean, std = found.x, np.sqrt(np.diagonal(found.P, axis1=-2, axis2=-1))
@@ -263,7 +266,12 @@ def _as_states(y: Any, estimator: object) -> FloatArray:
             f"This {type(estimator).__name__} estimator requires y to be passed, but the target y is None."
         )
     states: FloatArray = check_array(
-        y, dtype=np.float64, ensure_2d=False, ensure_all_finite="allow-nan", input_name="y", estimator=estimator
+        y,
+        dtype=np.float64,
+        ensure_2d=False,
+        ensure_all_finite="allow-nan",
+        input_name="y",
+        estimator=estimator,
     )
     return states
 
