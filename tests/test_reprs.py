@@ -52,6 +52,7 @@ from fuzzykf import (
     TriangularMembership,
     engine,
 )
+from fuzzykf.compat import SwitchingRegressor
 from fuzzykf.comparison import (
     Bootstrap,
     Candidate,
@@ -324,6 +325,7 @@ SPECIMENS = {
     ],
     Observability: [lambda d=d: observability(FuzzyRelationEstimator(d, 1), 40) for d in (1, 30)],
     Controllability: [lambda d=d: controllability(FuzzyRelationEstimator(d, 1), 40) for d in (1, 30)],
+    SwitchingRegressor: [SwitchingRegressor, lambda: SwitchingRegressor(FadeLaw.between(40, 10), n_nodes=3)],
     Standardizer: [
         Standardizer,
         lambda: Standardizer().fit([1.0, 2.0]),

@@ -19,6 +19,7 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_flag, brief, is_whole
 from fuzzykf.observations import index_of
 from fuzzykf.registry import either
+from fuzzykf.reprs import shown
 from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.chain import SwitchChain
 from fuzzykf.switching.laws.chains import as_law
@@ -113,6 +114,10 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
         self.max_iter = max_iter
         self.tolerance = tolerance
         self.random_state = random_state
+
+    @shown
+    def __repr__(self) -> str:
+        return str(super().__repr__())
 
     def __sklearn_tags__(self) -> Any:
         """Tell scikit-learn that observations and states may be missing, and states may be vectors."""
