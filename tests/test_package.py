@@ -68,6 +68,8 @@ def test_the_version_is_the_same_everywhere() -> None:
     assert fuzzykf.__version__ == metadata["version"] == version("fuzzykf")
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {fuzzykf.__version__}\n" in citation
+    recipe = (ROOT / "recipe" / "recipe.yaml").read_text(encoding="utf-8")
+    assert f'\n  version: "{fuzzykf.__version__}"\n' in recipe
 
 
 def test_the_page_on_versions_names_what_is_needed() -> None:
@@ -76,6 +78,23 @@ def test_the_page_on_versions_names_what_is_needed() -> None:
     told = dict(re.findall(r"(Python|NumPy|SciPy) (\d+\.\d+)", page))
     needed = [f"python{metadata['requires-python']}", *metadata["dependencies"]]
     assert [f"{name.lower()}>={version}" for name, version in told.items()] == needed
+
+
+def test_the_recipe_asks_for_what_the_package_needs() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    recipe = (ROOT / "recipe" / "recipe.yaml").read_text(encoding="utf-8").partition("\nrequirements:")[2]
+    blocks = (re.search(rf"^  {part}:\n((?:    - .+\n)+)", recipe, re.MULTILINE) for part in ("host", "run"))
+    host, run = (set(block[1].replace(" ", "").strip("-\n").split("\n-")) for block in blocks)
+    python = f"python{project['project']['requires-python']}"
+    needed = {python, *project["project"]["dependencies"]}
+    assert run == needed
+    assert host == {python, "pip", *project["build-system"]["requires"]}
+
+
+def test_wheels_are_built_for_every_python_that_is_promised() -> None:
+    tool = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    names = (one.partition("Python :: 3.")[2] for one in tool["project"]["classifiers"])
+    assert tool["tool"]["cibuildwheel"]["build"] == [f"cp3{minor}-*" for minor in names if minor]
 
 
 def test_whoever_cites_and_archives_the_package_is_told_the_same() -> None:

@@ -52,7 +52,6 @@ from fuzzykf import (
     TriangularMembership,
     engine,
 )
-from fuzzykf.compat import SwitchingRegressor
 from fuzzykf.comparison import (
     Bootstrap,
     Candidate,
@@ -67,6 +66,7 @@ from fuzzykf.comparison import (
     Task,
 )
 from fuzzykf.comparison.prepare import ClockSwitch
+from fuzzykf.compat import SwitchingRegressor
 from fuzzykf.datasets import Building, Table, Traffic, Victoria, load_victoria
 from fuzzykf.estimation import LikelihoodFit, LocalMaximum
 from fuzzykf.experiments import Experiment, Outcome

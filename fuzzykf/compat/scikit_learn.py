@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, overload
 import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.metrics import r2_score
+from sklearn.utils import estimator_html_repr
 from sklearn.utils.validation import (
     _check_sample_weight,
     check_array,
@@ -19,7 +20,7 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_flag, brief, is_whole
 from fuzzykf.observations import index_of
 from fuzzykf.registry import either
-from fuzzykf.reprs import shown
+from fuzzykf.reprs import shown, shown_html
 from fuzzykf.switching.laws.base import Law
 from fuzzykf.switching.laws.chain import SwitchChain
 from fuzzykf.switching.laws.chains import as_law
@@ -118,6 +119,10 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
     @shown
     def __repr__(self) -> str:
         return str(super().__repr__())
+
+    @shown_html
+    def _repr_html_(self) -> str:
+        return str(estimator_html_repr(self))
 
     def __sklearn_tags__(self) -> Any:
         """Tell scikit-learn that observations and states may be missing, and states may be vectors."""
