@@ -37,9 +37,7 @@ def test_the_kalman_filter_takes_the_switch_for_noise_of_its_variance() -> None:
         P = prior - prior**2 / (prior + R)
     single = scene(Settings(dwell=40, length=20, contrast=4.0, noise=0.5))["filters"][2]
     assert single["switch"] is None
-    assert single["std"][-1] == pytest.approx(
-        np.sqrt(P), rel=2e-3
-    )  # a fade has nine nodes
+    assert single["std"][-1] == pytest.approx(np.sqrt(P), rel=2e-3)  # a fade has nine nodes
 
 
 def test_the_picture_shows_the_equation_of_the_observation() -> None:
