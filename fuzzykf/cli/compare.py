@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -34,19 +35,23 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.comparison import Comparison
+    from fuzzykf.comparison import Comparison, Task
     from fuzzykf.times import Times
 
 __all__ = ["EXAMPLE", "command"]
 
-EXAMPLE = "Example: fuzzykf compare meters.csv --state demand --obs temperature --train 0.7 --out result"
+EXAMPLE = "Example: fuzzykf compare meters.csv --state demand --obs temperature --folds 5 --out result"
 
-#: Width of a terminal on which a figure and its standard error stand on one line of the table.
+#: Width of a terminal on which an interval stands on one line of the table.
 WIDE = 100
+
+#: Rows with a hidden switch from which it pays to share the folds between processes, of which each takes
+#: about two seconds to start.
+MANY_ROWS = 2000
 
 CSV_HEADER = (
     "method,rmse,rmse_low,rmse_high,coverage_90,log_likelihood_per_step,microseconds_per_step,"
-    "log_score,log_score_standard_error\n"
+    "log_score,log_score_standard_error,log_score_low,log_score_high\n"
 )
 
 
@@ -104,8 +109,25 @@ def command(
     ] = None,
     train: Annotated[
         float,
-        typer.Option(metavar="FRACTION", help="Share of the rows, from the beginning, to learn on."),
-    ] = 0.6,
+        typer.Option(metavar="FRACTION", help="Share of the rows, from the beginning, to learn on at first."),
+    ] = 0.5,
+    folds: Annotated[
+        int,
+        whole_option(
+            1,
+            help="Folds into which the other rows are cut; before each, all methods learn anew on all rows "
+            "before it.",
+        ),
+    ] = 5,
+    jobs: Annotated[
+        int | None,
+        whole_option(
+            1,
+            help="Processes between which the folds are shared; results do not depend on it. By default as "
+            "many as processors, if there is much to do.",
+            show_default=False,
+        ),
+    ] = None,
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for comparison.csv and comparison.png.")
     ] = Path("fuzzykf-compare"),
@@ -144,8 +166,8 @@ def command(
     law: Annotated[
         Law,
         typer.Option(
-            help="Family of the law of the fuzzy switch. auto: the one that filters best on the last quarter "
-            "of the learning part (fmc1, if the switch is not learned)."
+            help="Family of the law of the fuzzy switch. auto: the one of best log score on rolling "
+            "blocks of the learning part (fmc1, if the switch is not learned)."
         ),
     ] = Law.AUTO,
     nodes: Annotated[
@@ -167,8 +189,8 @@ def command(
 ) -> None:
     """Compare filters with fuzzy and hard switches, IMM, Kalman filter and regressions on one series.
 
-    The methods learn on the first rows, where state and observation are known, and then see the observation
-    alone. Prints a table, and writes it with a picture.
+    The methods learn on the first rows, where state and observation are known, and see the observation
+    alone on those after them, fold by fold. Prints a table, and writes it with a picture.
     """
     from fuzzykf import comparison
     from fuzzykf.comparison.report import check_installed, report_page
@@ -190,15 +212,22 @@ def command(
             profile=profile,
             switch=switch.value,
         )
-        methods = (*comparison.main_methods(law.value), *map(comparison.candidate, also or []))
+        main = comparison.main_methods(law.value, times=task.clock is not None)
+        methods = (*main, *map(comparison.candidate, also or []))
         check_folder(out)
         if report is not None:
             _check_report(report, data)
             check_installed()
-        pieces = sum(method.pieces for method in methods) + (2 if report is None else 3)
+        pieces = folds * sum(method.pieces for method in methods) + (2 if report is None else 3)
         with progress_bar(pieces) as progress:
             result = comparison.compare(
-                task, np.random.default_rng(seed), methods=methods, n_nodes=nodes, progress=progress
+                task,
+                np.random.default_rng(seed),
+                methods=methods,
+                n_folds=folds,
+                n_nodes=nodes,
+                n_jobs=_jobs(task, folds) if jobs is None else jobs,
+                progress=progress,
             )
             progress("picture")
             label = source.state_label + (", less its daily profile" if task.profile else "")
@@ -209,6 +238,7 @@ def command(
                 progress("report")
                 repeat = {
                     "--train": train,
+                    "--folds": folds,
                     "--switch": switch,
                     "--law": law,
                     "--nodes": nodes,
@@ -258,6 +288,14 @@ def _packaged(state: str | None, obs: str | None, reading: Reading) -> Source:
     )
 
 
+def _jobs(task: Task, folds: int) -> int:
+    """Return how many processes are worth starting."""
+    if task.switch is not None or len(task.state) < MANY_ROWS:
+        return 1
+    has_affinity = hasattr(os, "sched_getaffinity")  # the processors that this process may use
+    return min(folds, len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1)
+
+
 def _from_file(
     path: Path, state: str | None, obs: str | None, reading: Reading, *, needs_time: bool
 ) -> Source:
@@ -267,7 +305,7 @@ def _from_file(
         raise ParameterError(
             f"{missing}: name a column of {path.name}; its columns are {listed(table.columns)}"
         )
-    values, observation = table.numbers(state), table.numbers(obs)
+    values, observation = (table.numbers(name, gaps=True) for name in (state, obs))
     found = row_times(table, reading, needed=needs_time)
     workday = table.numbers("workday") == 1.0 if "workday" in table.columns else None
     return Source(
@@ -320,6 +358,7 @@ def _settings(
         "state": source.state_column,
         "observation": source.observation_column,
         "rows": f"{len(task.state):,}: the first {task.n_train:,} to learn on, {task.n_test:,} to compare on",
+        "folds": f"{len(result.folds)}, each learned anew on all rows before it",
         "daily profile of the state": "taken away" if task.profile else "left in",
         "switch": task.switch_source,
         "law of the fuzzy switch": str(options["--law"]),
@@ -337,13 +376,20 @@ def _as_csv(result: Comparison) -> str:
     for s in result.scores:
         likelihood = "" if s.log_likelihood is None else repr(s.log_likelihood)
         row = [s.rmse, s.rmse_low, s.rmse_high, s.coverage]
-        state = [repr(s.log_score), repr(s.log_score_standard_error)]
+        state = map(repr, (s.log_score, s.log_score_standard_error, s.log_score_low, s.log_score_high))
         writer.writerow([s.title, *map(repr, row), likelihood, f"{s.microseconds:.3g}", *state])
     return text.getvalue()
 
 
 def _print(result: Comparison, source: Source, label: str, files: list[Path]) -> None:
-    from fuzzykf.comparison.wording import about_choices, about_intervals, about_task, cells, labels
+    from fuzzykf.comparison.wording import (
+        about_choices,
+        about_failures,
+        about_intervals,
+        about_task,
+        cells,
+        labels,
+    )
 
     console = Console()
     say(console, f"{source.title}: {label}", "bold")
@@ -355,11 +401,11 @@ def _print(result: Comparison, source: Source, label: str, files: list[Path]) ->
     for s in result.scores:
         row: tuple[str, ...] = cells(s)
         if console.width < WIDE:  # else names of methods would be cut
-            row = tuple(cell.replace(" ± ", "\n±") for cell in row)
+            row = tuple(cell.replace(" to ", "\nto ").replace("–", "–\n") for cell in row)
         grid.add_row(Text(s.title, "bold" if s.name == result.best else ""), *row)
     console.print(grid)
     say(console, about_intervals(result), "dim")
-    for sentence in about_choices(result):
+    for sentence in (*about_failures(result), *about_choices(result)):
         say(console, sentence)
     for note in source.notes:
         say(console, f"Note: {note}.")

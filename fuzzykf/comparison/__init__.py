@@ -3,8 +3,8 @@
 A method is a `Candidate`: from a `LearningPart` it makes something `Learned`, which gives
 `Estimates` of any later stretch.  `candidate` knows those of fuzzykf by name.
 
-`compare_models` judges candidates on several held-out parts, `compare` on the one of a `Task`,
-into which `prepare` turns columns.  The command ``fuzzykf compare`` only reads, prints and writes.
+`compare_models` and `compare` judge candidates fold by fold; the second one those of the command line, on
+a `Task`, into which `prepare` turns columns.  The command ``fuzzykf compare`` only reads, prints and writes.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from fuzzykf import moved
 from fuzzykf.comparison.candidates import Candidate, Estimates, Learned, LearningPart, Restoration
 from fuzzykf.comparison.candidates.registry import candidate, candidate_names
+from fuzzykf.comparison.clock import Clock
 from fuzzykf.comparison.evaluation import Fold, ModelComparison, ModelScore
 from fuzzykf.comparison.models import compare_models
 from fuzzykf.comparison.picture import plot_comparison
@@ -31,6 +32,7 @@ from fuzzykf.comparison.scores import (
 __all__ = [
     "Bootstrap",
     "Candidate",
+    "Clock",
     "ClockSwitch",
     "Comparison",
     "Estimates",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import textwrap
 import time
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,8 +20,15 @@ from fuzzykf.comparison.scores import (
     Score,
     behind,
     bootstrap_rmse,
-    cells,
     normal_log_score,
+    row_of,
+)
+from fuzzykf.comparison.verdict import (
+    about_baseline,
+    about_error,
+    about_likelihood,
+    about_log_score,
+    by_log_score,
 )
 from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError
 from fuzzykf.gaussian import as_flag, brief
@@ -34,6 +41,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.comparison.candidates import Candidate, Learned, LearningPart, Named
+    from fuzzykf.comparison.clock import Clock
 
 __all__ = ["Fold", "HeldOut", "ModelComparison", "ModelScore", "microseconds", "restore", "summarise"]
 
@@ -44,7 +52,7 @@ TIMED_PASSES, TIMED_STEPS = 5, 500
 HEADER = ("candidate", "RMSE", "95 % interval", "90 % covers", "log score", "log-lik.", "behind the best")
 
 #: Rows of it, candidates that failed, and lines of the verdict: no more are shown than these.
-MOST_ROWS, MOST_FAILURES, MOST_VERDICT = 18, 4, 4
+MOST_ROWS, MOST_FAILURES, MOST_VERDICT = 18, 4, 8
 
 #: Longest name of a candidate in it.
 MOST_NAME = 18
@@ -116,8 +124,18 @@ class ModelComparison:
         """Whether the lead of the best candidate exceeds its uncertainty."""
         return len(self.scores) > 1 and self.ranked[1].difference_low > 0.0
 
+    @property
+    def best_on_log_score(self) -> str:
+        """The candidate of the largest log score of the state."""
+        return by_log_score(self.scores)[0].name
+
+    @property
+    def is_certain_on_log_score(self) -> bool:
+        """Whether the lead of the candidate of the largest log score exceeds its uncertainty."""
+        return len(self.scores) > 1 and by_log_score(self.scores)[1].log_score_behind_low > 0.0
+
     def verdict(self, unit: str = "") -> str:
-        """Say in one sentence what wins, and whether the difference exceeds its uncertainty.
+        """Say what wins on error and what on log score, and whether the differences are significant.
 
         Parameters
         ----------
@@ -127,26 +145,13 @@ class ModelComparison:
         given: Any = unit
         if not isinstance(given, str):
             raise ParameterError(f"unit: got {brief(given)}, expected a text")
-        told = self._lead("name", unit)
-        likelihood = np.array([score.log_likelihood for score in self.scores], dtype=np.float64)
-        if len(self.scores) > 1 and not np.isnan(likelihood).all():
-            likeliest = self.scores[int(np.nanargmax(likelihood))].name
-            told += f"; the observations are likeliest under {likeliest}"
-        return told + "."
-
-    def _lead(self, label: Literal["name", "title"], unit: str) -> str:
-        space = f" {unit}" if unit else ""
-        best, *others = self.ranked
-        if not others:
-            return f"{getattr(best, label)} is the only candidate, with an RMSE of {best.rmse:.4g}{space}"
-        second = others[0]
-        certainty = "more than its uncertainty" if self.is_certain else "no more than its uncertainty"
-        limits = f"{second.difference_low:.2g} to {second.difference_high:.2g}{space}"
-        return (
-            f"{getattr(best, label)} has the lowest RMSE, {best.rmse:.4g}{space}: "
-            f"{second.difference:.2g}{space} below {getattr(second, label)}, which is {certainty} "
-            f"(95 % interval of the difference {limits})"
+        sentences = (
+            about_error(self.ranked, "name", unit),
+            about_log_score(self.scores, "name"),
+            about_baseline(self.baseline_rmse, unit),
+            about_likelihood(self.scores),
         )
+        return " ".join(filter(None, sentences))
 
     def notes(self) -> dict[str, tuple[str, ...]]:
         """Return what a reader should know before trusting a candidate: notes of its last fold."""
@@ -204,7 +209,7 @@ class ModelComparison:
 
     def _rows(self) -> list[tuple[str, ...]]:
         """Return a row of `HEADER` for each candidate, best first."""
-        return [(cut(one.name, MOST_NAME), *cells(one)[:5], behind(one)) for one in self.ranked]
+        return [(cut(one.name, MOST_NAME), *row_of(one), behind(one)) for one in self.ranked]
 
 
 @reprs()
@@ -269,9 +274,7 @@ def restore(
     candidate: Candidate,
     part: LearningPart,
     zs: FloatArray,
-    *,
-    step: str = "held-out step",
-    timed: bool = False,
+    clock: Clock | None = None,
 ) -> Restoration:
     """Let a candidate learn, and say what the states of the rows after that part were.
 
@@ -281,10 +284,8 @@ def restore(
     part : LearningPart
     zs : ndarray, shape (n, q)
         Observations of the held-out part.
-    step : str
-        What an error calls a row of it.
-    timed : bool
-        Measure the time of a step as well.
+    clock : Clock or None
+        Their hours and days.
 
     Raises
     ------
@@ -294,7 +295,7 @@ def restore(
     begun = time.perf_counter()
     learned = candidate.learn(part)
     seconds = time.perf_counter() - begun
-    found = learned.restore(part.y, zs)
+    found = learned.at(clock).restore(part.y, zs)
     for quantity in ("mean", "std", "log_likelihood"):
         values = getattr(found, quantity)
         if values is None:
@@ -302,16 +303,16 @@ def restore(
         wrong = ~np.isfinite(values) | ((values < 0.0) & (quantity == "std"))
         if wrong.any():
             k = int(np.argwhere(wrong)[0, 0])
-            raise FuzzykfError(f"its {quantity} at {step} {k} is {np.squeeze(values[k])}")
+            raise FuzzykfError(f"its {quantity} at held-out step {k} is {np.squeeze(values[k])}")
     return Restoration(
         name=candidate.name,
         title=candidate.title,
         **{one.name: getattr(found, one.name) for one in fields(Estimates)},
         notes=learned.notes,
         description=learned.description,
+        choices=(learned.choice,) if learned.choice else (),
         learned=learned,
         seconds=seconds,
-        microseconds=microseconds(learned.stepper(), zs) if timed else float("nan"),
     )
 
 
@@ -377,9 +378,9 @@ def summarise(
     bootstrap = bootstrap_rmse(
         np.concatenate(squared), n_resamples, rng, beside=np.where(has_error, scored, 0.0)
     )
-    spread = np.std(bootstrap.beside, axis=0, ddof=1)
     best = int(np.argmin(bootstrap.rmse))
     low, high = np.quantile(bootstrap.resampled, LIMITS, axis=0)
+    log_scores = _log_scores(scored, bootstrap.beside, has_error)
     scores = []
     for k, one in enumerate(left):
         found = [(part, part.found[one.name]) for part in parts]
@@ -396,8 +397,7 @@ def summarise(
                 difference_low=difference_low,
                 difference_high=difference_high,
                 coverage=float(np.concatenate([part.inside(said) for part, said in found]).mean()),
-                log_score=float(-np.inf if np.isneginf(scored[:, k]).any() else scored[:, k].mean()),
-                log_score_standard_error=float(spread[k]) if has_error[k] else float("nan"),
+                **log_scores[k],
                 log_likelihood=float(steps.mean()) if steps.size else no_law,
                 seconds=sum(said.seconds for _, said in found),
                 microseconds=found[-1][1].microseconds,
@@ -418,3 +418,27 @@ def summarise(
         baseline_rmse=float(np.sqrt(np.concatenate(mean).mean())),
         block_length=bootstrap.block_length,
     )
+
+
+def _log_scores(scored: FloatArray, resampled: FloatArray, has_error: BoolArray) -> list[dict[str, float]]:
+    """Return the fields of `Score` on the log score, for each column of rows (n, k) and their resamples."""
+    means = np.array([-np.inf if np.isneginf(column).any() else column.mean() for column in scored.T])
+    best = int(np.argmax(np.where(has_error, means, -np.inf)))
+    low, high = np.quantile(resampled, LIMITS, axis=0)
+    behind_low, behind_high = np.quantile(resampled[:, [best]] - resampled, LIMITS, axis=0)
+    spread = np.std(resampled, axis=0, ddof=1)
+    found = []
+    for k, mean in enumerate(means):
+        fields = {
+            "log_score_standard_error": spread[k],
+            "log_score_low": low[k],
+            "log_score_high": high[k],
+            "log_score_behind": means[best] - mean,
+            "log_score_behind_low": behind_low[k],
+            "log_score_behind_high": behind_high[k],
+        }
+        known = bool(has_error[k])
+        found.append(
+            {"log_score": float(mean)} | {n: float(v) if known else float("nan") for n, v in fields.items()}
+        )
+    return found

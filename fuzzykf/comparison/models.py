@@ -8,24 +8,24 @@ errors leave.
 
 from __future__ import annotations
 
-from functools import partial
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from fuzzykf.comparison.candidates import LearningPart
 from fuzzykf.comparison.candidates.registry import chosen
-from fuzzykf.comparison.evaluation import Fold, HeldOut, restore, summarise
+from fuzzykf.comparison.clock import Clock
+from fuzzykf.comparison.evaluation import Fold, summarise
+from fuzzykf.comparison.folds import Round, cut_folds, go_through
 from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN
-from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError, ShapeError
+from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_choice, as_count, as_flag, as_real, check_generator
 from fuzzykf.observations import check_aligned
 from fuzzykf.preprocessing import DailyProfile, as_columns, as_days, as_times, mean_and_scale
 from fuzzykf.progress import progress_bar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import ArrayLike
 
@@ -56,6 +56,7 @@ def compare_models(
     max_iter: int = 200,
     tolerance: float = 1e-5,
     n_resamples: int = 2000,
+    n_jobs: int = 1,
     progress: bool | None = None,
 ) -> ModelComparison:
     """Compare models of a state by the error of their filters on later, held-out data.
@@ -68,7 +69,8 @@ def compare_models(
     Parameters
     ----------
     x, y : array_like, shapes (n, m) and (n, q), or (n,)
-        States and observations, in the order of time; NaN where missing.
+        States and observations, in the order of time; NaN where missing.  Rows without x do not count for
+        learning, nor for the scores; rows without y are gaps, which filters cross.
     rng : numpy.random.Generator
         For the bootstrap.
     candidates : sequence of str or Candidate
@@ -84,12 +86,16 @@ def compare_models(
     profile : bool
         Take its daily profile from x, learned anew in each fold (see `DailyProfile`).
     time, workday : array_like, shape (n,), optional
-        For the profile; by default the index of x, and Mondays to Fridays.  Times are read as in
+        For the profile, and for candidates that know the time of day ("boosting", "daily-profile"); for the
+        profile by default the index of x, and Mondays to Fridays.  Times are read as in
         `DailyProfile.fit`, and have to increase, whether there is a profile or not.
     n_nodes, max_iter, tolerance
         As in `CGOFMSModel.fit`.
     n_resamples : int
         Resamples of the bootstrap.
+    n_jobs : int
+        Processes between which the folds are shared; results do not depend on it.  With more than one, a
+        script keeps its work below ``if __name__ == "__main__"``, as always with `multiprocessing`.
     progress : bool, optional
         Whether to show a progress bar (needs rich).  By default one appears after two seconds if
         standard error is a terminal, or in a notebook.
@@ -141,45 +147,40 @@ def compare_models(
         raise ParameterError(f"n_resamples: got {n_resamples}, expected at least 100")
     scale = np.ones(1) if states.shape[1] == 1 else mean_and_scale("x", states[: folds[0].split])[1]
 
+    n_jobs = as_count("n_jobs", n_jobs, 1)
     progress = None if progress is None else as_flag("progress", progress)
     pieces = n_folds * sum(method.pieces for method in methods) + 1
-    parts: list[HeldOut] = []
-    with progress_bar(pieces, progress) as tell:
-        for number, fold in enumerate(folds, 1):
-            target = states[fold.begin : fold.end]
-            if profile and times is not None:
-                target = _without_profile(target, times, days, fold)
-            split = fold.split - fold.begin
-            part = LearningPart(
-                x=target[:split],
-                y=observations[fold.begin : fold.split],
-                n_nodes=n_nodes,
-                max_iter=max_iter,
-                tolerance=tolerance,
-                progress=partial(_tell_fold, tell, number, n_folds),
+    clock = None if times is None else Clock.of(times, days)
+    rounds = []
+    for number, fold in enumerate(folds, 1):
+        target = states[fold.begin : fold.end]
+        if profile and times is not None:
+            target = _without_profile(target, times, days, fold)
+        split = fold.split - fold.begin
+        part = LearningPart(
+            x=target[:split],
+            y=observations[fold.begin : fold.split],
+            clock=None if clock is None else clock[fold.begin : fold.split],
+            n_nodes=n_nodes,
+            max_iter=max_iter,
+            tolerance=tolerance,
+        )
+        rounds.append(
+            Round(
+                name=f"fold {number} of {n_folds}",
+                part=part,
+                truth=target[split:],
+                zs=observations[fold.split : fold.end],
+                clock=None if clock is None else clock[fold.split : fold.end],
             )
-            parts.append(_hold_out(part, target[split:], observations[fold.split : fold.end], methods))
+        )
+    with progress_bar(pieces, progress) as tell:
+        parts = go_through(rounds, methods, tell, n_jobs=n_jobs)
         tell("bootstrap")
         known = sum(int(part.known.sum()) for part in parts)
         if known < MIN_TEST:
             raise ParameterError(f"x: {known} held-out states are known, expected at least {MIN_TEST}")
         return summarise(methods, folds, parts, scale, n_resamples, rng, no_law=float("nan"))
-
-
-def _hold_out(part: LearningPart, truth: FloatArray, zs: FloatArray, methods: Sequence[Candidate]) -> HeldOut:
-    """Let the candidates learn on a part and restore the one after it; failures are kept."""
-    if not np.isfinite(part.x).any(axis=0).all():
-        raise ParameterError(f"x: a component is missing in all {len(part)} rows to learn on")
-    result = HeldOut(truth=truth, zs=zs, centre=np.nanmean(part.x, axis=0))
-    for method in methods:
-        part.progress(method.name)
-        try:
-            result.found[method.name] = restore(method, part, zs)
-        except MissingDependencyError:
-            raise  # says nothing of the data, and what to do
-        except FuzzykfError as error:
-            result.failures[method.name] = str(error)
-    return result
 
 
 # --------------------------------------------------------------------------- arguments
@@ -196,11 +197,7 @@ def _folds(n: int, n_folds: int, first: float, window: str) -> tuple[Fold, ...]:
             f"first: {first:g} of {n} rows are {start} to learn on at first and {n - start} to hold out, "
             f"expected at least {MIN_TRAIN} and {max(MIN_TEST, n_folds)}"
         )
-    bounds = np.linspace(start, n, n_folds + 1).round().astype(int).tolist()
-    return tuple(
-        Fold(begin=0 if window == "expanding" else split - start, split=split, end=end)
-        for split, end in pairwise(bounds)
-    )
+    return cut_folds(n, start, n_folds, window)
 
 
 def _without_profile(target: FloatArray, time: Times, workday: Any, fold: Fold) -> FloatArray:
@@ -211,7 +208,3 @@ def _without_profile(target: FloatArray, time: Times, workday: Any, fold: Fold) 
     profile = DailyProfile().fit(target[:split], moments[:split], None if days is None else days[:split])
     result: FloatArray = profile.transform(target, moments, days)
     return result
-
-
-def _tell_fold(tell: Callable[[str], None], number: int, n_folds: int, name: str) -> None:
-    tell(f"fold {number} of {n_folds}: {name}")

@@ -54,7 +54,7 @@ def plot_comparison(
     if steps < 2:
         raise ParameterError(f"steps: got {steps}, expected at least 2")
     task = comparison.task
-    truth = task.state[task.n_train :]
+    truth = comparison.truth
     n = len(truth)
     time: Any = np.arange(task.n_train, len(task.state)) if task.time is None else task.time[task.n_train :]
     begin = max(0, (n - steps) // 2)

@@ -1,4 +1,4 @@
-"""From columns to a task: what is learned on the first part is fixed before the second is seen."""
+"""From columns to a task: what is learned on the first part is fixed before the rest is seen."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError
+from fuzzykf.comparison.clock import Clock
+from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_choice, as_real
 from fuzzykf.observations import check_aligned
-from fuzzykf.preprocessing import DailyProfile, as_days, as_times, hour_of_day, is_constant
+from fuzzykf.preprocessing import DailyProfile, as_columns, as_days, as_times, hour_of_day, is_constant
 from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
@@ -69,13 +70,15 @@ class ClockSwitch:
         time : array_like of times, shape (n,)
             As in `DailyProfile.fit`; the hours are those of the clock on the spot.
         values : ndarray, shape (n,)
+            NaN where missing.
 
         Raises
         ------
         ParameterError
             If some window of four hours has no row.
         """
-        hour = hour_of_day(time)
+        known = ~np.isnan(values)
+        hour, values = hour_of_day(time)[known], values[known]
         means = np.empty(24)
         for start in range(24):
             inside = (hour - start) % 24.0 <= PLATEAU
@@ -144,15 +147,15 @@ def quantile_switch(learning: FloatArray) -> tuple[float, float]:
 @reprs()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
-    """A series cut into a part to learn on and a part to be restored.
+    """A series cut into a part to learn on and a part to be restored, which folds divide.
 
     Attributes
     ----------
     state, observation : ndarray, shape (n,)
-        The methods learn on the first ``n_train`` rows; of the others they see the
-        observation alone.
+        NaN where missing.  The methods learn on the first ``n_train`` rows, and in later folds on those
+        after them too; of the others they see the observation alone.
     n_train : int
-        Rows to learn on.
+        Rows to learn on at first.
     switch : ndarray, shape (n,), or None
         The switch, if it is given on the rows to learn on; else it is learned as well.
     switch_source : str
@@ -160,7 +163,9 @@ class Task:
     time : ndarray of datetime64, shape (n,), or None
         What the clock on the spot shows, for the axis of pictures.
     profile : DailyProfile or None
-        What was taken from the state, if anything.
+        What was taken from the state, if anything; learned on the first ``n_train`` rows.
+    clock : Clock or None
+        Times and kinds of day, for methods that know them.
     """
 
     state: FloatArray
@@ -170,18 +175,37 @@ class Task:
     switch_source: str = LEARNED
     time: NDArray[np.datetime64] | None = None
     profile: DailyProfile | None = None
+    clock: Clock | None = None
 
     @property
     def n_test(self) -> int:
         """Rows to be restored."""
         return len(self.state) - self.n_train
 
+    def target(self, split: int, end: int) -> FloatArray:
+        """Return the state of the first ``end`` rows, less the profile of those before ``split``.
+
+        Parameters
+        ----------
+        split : int
+            Rows to learn on, at least ``n_train``.  Without a profile it does not matter.
+        end : int
+        """
+        state = self.state[:end]
+        if self.profile is None or self.clock is None:
+            return state
+        clock = self.clock[:end]
+        # The means of what is left are what more rows add to the profile.
+        more = DailyProfile(self.profile.slot_).fit(state[:split], clock.times[:split], clock.workday[:split])
+        found: FloatArray = more.transform(state, clock.times, clock.workday)
+        return found
+
 
 def prepare(
     state: ArrayLike,
     observation: ArrayLike,
     *,
-    train: float = 0.6,
+    train: float = 0.5,
     time: Any = None,
     workday: ArrayLike | None = None,
     profile: bool = False,
@@ -192,9 +216,9 @@ def prepare(
     Parameters
     ----------
     state, observation : array_like, shape (n,)
-        What is to be restored, and what it is restored from.
+        What is to be restored, and what it is restored from; NaN where missing.
     train : float
-        Share of the rows, from the beginning, to learn on.
+        Share of the rows, from the beginning, to learn on at first.
     time : array_like of times, shape (n,), optional
         Needed by the profile and by the switch that follows the clock; read as in `DailyProfile.fit`.
     workday : array_like of bool, shape (n,), optional
@@ -219,27 +243,35 @@ def prepare(
         If the columns differ in length.
     ParameterError
         If ``train`` is no share, leaves too few rows on either side, a column is
-        constant, a time is needed and not given, or one is not later than the one before it.
+        constant or missing in the rows to learn on, a time is needed and not given, one is not later than
+        the one before it, or the observation is to make the switch and has gaps.
     """
     check_aligned(state=state, observation=observation, time=time, workday=workday)
-    x = as_array("state", state, (None,))
+    x = _series("state", state, None)
     n = len(x)
-    y = as_array("observation", observation, (n,))
+    y = _series("observation", observation, n)
     times = None if time is None else as_times(time, None, n)
     days = None if workday is None else as_days(workday, n)
     n_train = _split(n, train)
     for name, values in (("state", x), ("observation", y)):
-        if is_constant(values[:n_train]):
-            raise ParameterError(f"{name}: it is {values[0]:g} in all {n_train} rows to learn on")
+        known = values[:n_train][~np.isnan(values[:n_train])]
+        if not known.size or is_constant(known):
+            told = f"{known[0]:g}" if known.size else "missing"
+            raise ParameterError(f"{name}: it is {told} in all {n_train} rows to learn on")
     as_choice("switch", switch, ("learned", "clock", "quantiles"))
     if times is None and (profile or switch == "clock"):
         needs = "profile" if profile else "switch"
         raise ParameterError(f"{needs}: the time of day needs a column of times, and there is none")
     r, source = None, LEARNED
     if switch == "clock" and times is not None:
-        clock = ClockSwitch.learn(times[:n_train], x[:n_train])
-        r, source = clock(times), str(clock)
+        rule = ClockSwitch.learn(times[:n_train], x[:n_train])
+        r, source = rule(times), str(rule)
     elif switch == "quantiles":
+        if np.isnan(y).any():
+            raise ParameterError(
+                f"switch: the observation is missing in row {int(np.isnan(y).argmax())}, so it cannot make "
+                "the switch there; let it be learned"
+            )
         low, high = quantile_switch(y[:n_train])
         r = np.clip((y - low) / (high - low), 0.0, 1.0)
         source = f"the observation, 0 below {low:g}, 1 above {high:g}, linear in between"
@@ -255,7 +287,18 @@ def prepare(
         time=None if times is None else times.clock,
         switch_source=source,
         profile=learned,
+        clock=None if times is None else Clock.of(times, days),
     )
+
+
+def _series(name: str, values: ArrayLike, n: int | None) -> FloatArray:
+    """Return one column of numbers, NaN where missing."""
+    columns = as_columns(name, values)
+    given: Any = values
+    if np.ndim(given) != 1 or (n is not None and len(columns) != n):
+        expected = "(n,)" if n is None else f"({n},)"
+        raise ShapeError(f"{name}: got shape {np.shape(given)}, expected {expected}")
+    return columns[:, 0]
 
 
 def _split(n: int, train: float) -> int:

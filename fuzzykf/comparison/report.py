@@ -6,7 +6,14 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from fuzzykf.comparison.report_picture import draw, plotly_script
-from fuzzykf.comparison.wording import about_choices, about_intervals, about_task, cells, labels
+from fuzzykf.comparison.wording import (
+    about_choices,
+    about_failures,
+    about_intervals,
+    about_task,
+    cells,
+    labels,
+)
 from fuzzykf.errors import MissingDependencyError
 
 if TYPE_CHECKING:
@@ -74,7 +81,7 @@ def report_page(
         about_task=about_task(comparison, unit),
         about_intervals=about_intervals(comparison),
         labels=[label.replace("\n", " ") for label in labels(unit)],
-        choices=about_choices(comparison),
+        choices=(*about_failures(comparison), *about_choices(comparison)),
         best=comparison.ranked[0].title,
         rows=[{"name": s.title, "cells": cells(s), "bar": bar} for s, bar in _bars(comparison)],
         baseline=_Scale(comparison).place(comparison.baseline_rmse),

@@ -130,7 +130,7 @@ def draw(comparison: Comparison, *, state_label: str, unit: str) -> Picture:
             line.visible = is_shown
         traces.extend(lines)
 
-    add("measured", _TRUTH, True, [_line(task.state[task.n_train :][part], "measured", _TRUTH)])
+    add("measured", _TRUTH, True, [_line(comparison.truth[part], "measured", _TRUTH)])
     shown = _shown_at_first(comparison)
     for k, one in enumerate(comparison.restorations):
         style = _STYLES[k % len(_STYLES)]

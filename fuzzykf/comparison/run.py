@@ -1,48 +1,70 @@
-"""All of `compare`: candidates on one held-out part, and who won."""
+"""All of `compare`: candidates on the rows of a task that are held out, fold by fold, and who won."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fuzzykf.comparison.candidates import LearningPart, Restoration
+from fuzzykf.comparison.candidates.boosting import check_installed
 from fuzzykf.comparison.candidates.linear import learn_kalman
 from fuzzykf.comparison.candidates.registry import candidate, chosen
 from fuzzykf.comparison.candidates.switching import LAWS
-from fuzzykf.comparison.evaluation import Fold, HeldOut, ModelComparison, restore, summarise
+from fuzzykf.comparison.evaluation import Fold, HeldOut, ModelComparison, microseconds, summarise
+from fuzzykf.comparison.folds import Round, cut_folds, go_through
+from fuzzykf.comparison.prepare import MIN_TEST
+from fuzzykf.comparison.verdict import about_baseline, about_error, about_log_score
 from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError
-from fuzzykf.gaussian import check_generator
+from fuzzykf.gaussian import as_count, brief, check_generator
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import Candidate
     from fuzzykf.comparison.prepare import Task
 
 __all__ = ["RIVALS", "Comparison", "Restoration", "compare", "main_methods", "score"]
 
 #: What `compare` sets beside the filter on a fuzzy switch, in the order of its table.
-RIVALS = ("hard2", "imm", "kalman", "line", "regression", "piecewise")
+RIVALS = (
+    # switching models that are learned jointly with their switch
+    "hard2",
+    "hard2-memoryless",
+    # filters with feedback
+    "imm",
+    "kalman",
+    # no model of the dynamics
+    "line",
+    "regression",
+    "piecewise",
+    "boosting",
+    # no observation either; it needs times
+    "daily-profile",
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Comparison(ModelComparison):
     """The scores of all methods on one task, and how far the best two are apart.
 
-    All of a `ModelComparison` of one fold, and:
+    All of a `ModelComparison`, and:
 
     Attributes
     ----------
     task : Task
     restorations : tuple of Restoration
-        What each method said.
+        What each method said, of all folds one after the other.
+    truth : ndarray, shape (n_test,)
+        The states that were held out; less their profile, if there is one, that of each fold.
     """
 
     task: Task
     restorations: tuple[Restoration, ...]
+    truth: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @property
     def second(self) -> str:
@@ -65,31 +87,41 @@ class Comparison(ModelComparison):
         return self.ranked[1].difference_high
 
     def verdict(self, unit: str = "") -> str:
-        """Say in one sentence which method won and whether the difference means anything.
+        """Say what wins on error and what on log score, and whether the differences are significant.
 
         Parameters
         ----------
         unit : str
             Unit of the state.
         """
-        return self._lead("title", unit) + "."
+        given: object = unit
+        if not isinstance(given, str):
+            raise ParameterError(f"unit: got {brief(given)}, expected a text")
+        sentences = (
+            about_error(self.ranked, "title", unit),
+            about_log_score(self.scores, "title"),
+            about_baseline(self.baseline_rmse, unit),
+        )
+        return " ".join(filter(None, sentences))
 
 
-def main_methods(law: str = "auto") -> tuple[Candidate, ...]:
+def main_methods(law: str = "auto", *, times: bool = True) -> tuple[Candidate, ...]:
     """Return the candidates that `compare` sets side by side, in the order of its table.
 
     Parameters
     ----------
     law : {"auto", "fmc1", "fmc2", "free"}
-        Family of the law of the fuzzy switch; "auto" is the one that filters best on
-        the last quarter of the learning part, which takes four times as long.
+        Family of the law of the fuzzy switch; "auto" is the one whose filter gives the state the best
+        log score on rolling blocks of the learning part, which takes some times as long.
+    times : bool
+        Whether the times of the rows are known; without them the mean of the time of day is left out.
 
     Raises
     ------
     ParameterError
         If ``law`` is none of these.
     MissingDependencyError
-        If filterpy is not installed.
+        If filterpy or scikit-learn is not installed.
     """
     try:
         from filterpy.kalman import KalmanFilter
@@ -102,7 +134,8 @@ def main_methods(law: str = "auto") -> tuple[Candidate, ...]:
     fuzzy = candidate("fuzzy")
     if law != "auto":
         fuzzy = replace(candidate(law), title=fuzzy.title)
-    rivals = {name: candidate(name) for name in RIVALS}
+    check_installed()
+    rivals = {name: candidate(name) for name in RIVALS if times or name != "daily-profile"}
     learn = partial(learn_kalman, kalman_filter=KalmanFilter)  # whose time of a step is of interest
     rivals["kalman"] = replace(rivals["kalman"], learn=learn, title="KalmanFilter (filterpy)")
     return (fuzzy, *rivals.values())
@@ -113,16 +146,22 @@ def compare(
     rng: np.random.Generator,
     *,
     methods: Sequence[str | Candidate] | None = None,
+    n_folds: int = 5,
     n_nodes: int = 5,
     n_resamples: int = 2000,
+    n_jobs: int = 1,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Restore the second part of a task by several methods and score them.
+    """Restore the held-out rows of a task by several methods, fold by fold, and score them.
 
-    The methods are `OFSRFilter` on fuzzy switches, `CGOMSMFilter` on two hard regimes,
-    `IMMEstimator` on one linear model per regime, filterpy's KalmanFilter on the best single
-    linear model, and regressions: on the observation, and on earlier ones as well, straight
-    and piecewise-linear.
+    The rows after the first ``n_train`` are cut into folds.  Before each of them all methods learn anew,
+    on all rows before it; then they restore its states from its observations.  All errors together make
+    the scores.
+
+    The methods are `OFSRFilter` on fuzzy switches, `CGOMSMFilter` on two hard regimes, with and without
+    memory of the state, `IMMEstimator` on one linear model per regime, filterpy's KalmanFilter on the
+    best single linear model, regressions on the observation and on earlier ones, straight and
+    piecewise-linear, gradient boosting, and the mean of the time of day.
 
     Parameters
     ----------
@@ -131,24 +170,32 @@ def compare(
         For the bootstrap.
     methods : sequence of str or Candidate
         By default those of `main_methods`; see `candidate_names`.
+    n_folds : int
+        Folds of equal size; 1 learns once, on the first part alone.
     n_nodes : int
         Nodes of the fuzzy switch between 0 and 1; time grows with the steps between them.
     n_resamples : int
         Resamples of the bootstrap.
+    n_jobs : int
+        Processes between which the folds are shared; results do not depend on it.  With more than one, a
+        script keeps its work below ``if __name__ == "__main__"``, as always with `multiprocessing`.
     progress : callable
-        Is told the name of each piece of work before it begins: all pieces of all methods,
-        and the bootstrap.
+        Is told the name of each piece of work before it begins: all pieces of all methods in all
+        folds, and the bootstrap.
 
     Returns
     -------
     Comparison
+        A method that fails in some fold is not in it, but in its ``failures``.
 
     Raises
     ------
+    ParameterError
+        If there are more folds than rows to hold out, or fewer than 50 states of them are known.
     MissingDependencyError
         If filterpy, or a package that a method needs, is not installed.
     FuzzykfError
-        If a method cannot be learned, or finds numbers that are not finite.
+        If fewer than two methods can be learned.
 
     Notes
     -----
@@ -156,28 +203,77 @@ def compare(
     earlier ones, so they may be compared; regressions have none.
     """
     check_generator(rng)
-    n = task.n_train
-    x, y = task.state[:, None], task.observation[:, None]
-    r = None if task.switch is None else task.switch[:n]
-    part = LearningPart(x=x[:n], y=y[:n], r=r, n_nodes=n_nodes, progress=progress)
-    restorations = []
-    for method in chosen(main_methods() if methods is None else methods):
-        progress(method.title)
-        try:
-            found = restore(method, part, y[n:], step="step", timed=True)
-        except MissingDependencyError:
-            raise  # says nothing of the data, and what to do
-        except FuzzykfError as error:
-            raise FuzzykfError(f"{method.title}: {error}") from error
-        restorations.append(replace(found, mean=found.mean[:, 0], std=found.std[:, 0]))
+    as_count("n_resamples", n_resamples, 100)
+    chosen_methods = chosen(main_methods(times=task.clock is not None) if methods is None else methods)
+    folds = cut_folds(len(task.state), task.n_train, n_folds)
+    rounds = [_round(task, number, fold, n_folds, n_nodes) for number, fold in enumerate(folds, 1)]
+    known = sum(int(np.isfinite(one.truth).sum()) for one in rounds)
+    if known < MIN_TEST:
+        raise ParameterError(f"state: {known} held-out states are known, expected at least {MIN_TEST}")
+    parts = go_through(rounds, chosen_methods, progress, n_jobs=n_jobs, titles=True)
     progress("bootstrap")
-    return score(task, tuple(restorations), rng, n_resamples=n_resamples)
+    failed = {name for part in parts for name in part.failures}
+    for method in chosen_methods:
+        if method.name not in failed:  # here, where nothing else is at work beside it
+            _time_step(parts[-1], rounds[-1], method.name)
+    found = summarise(chosen_methods, folds, parts, np.ones(1), n_resamples, rng)
+    if len(found.scores) < 2:
+        told = "; ".join(f"{name}, {why}" for name, why in found.failures.items())
+        raise FuzzykfError(f"there is nothing to compare {found.best} with" + (f": {told}" if told else ""))
+    return Comparison(
+        **vars(found),
+        task=task,
+        restorations=tuple(_joined(parts, one.name) for one in chosen_methods if one.name not in failed),
+        truth=np.concatenate([part.truth[:, 0] for part in parts]),
+    )
+
+
+def _round(task: Task, number: int, fold: Fold, n_folds: int, n_nodes: int) -> Round:
+    """Return what is learned on, and what is held out, in a fold."""
+    learned, held_out = slice(fold.split), slice(fold.split, fold.end)
+    x, y = task.target(fold.split, fold.end)[:, None], task.observation[:, None]
+    return Round(
+        name=f"fold {number} of {n_folds}" if n_folds > 1 else "",
+        part=LearningPart(
+            x=x[learned],
+            y=y[learned],
+            r=None if task.switch is None else task.switch[learned],
+            clock=None if task.clock is None else task.clock[learned],
+            n_nodes=n_nodes,
+        ),
+        truth=x[held_out],
+        zs=y[held_out],
+        clock=None if task.clock is None else task.clock[held_out],
+    )
+
+
+def _time_step(part: HeldOut, of: Round, name: str) -> None:
+    found = part.found[name]
+    if found.learned is not None:
+        step = found.learned.at(of.clock).stepper()
+        part.found[name] = replace(found, microseconds=microseconds(step, of.zs))
+
+
+def _joined(parts: Sequence[HeldOut], name: str) -> Restoration:
+    """Return what a method said of all folds, as of one stretch."""
+    found = [part.found[name] for part in parts]
+    likelihoods = [one.log_likelihood for one in found if one.log_likelihood is not None]
+    switches = [one.switch for one in found if one.switch is not None]
+    return replace(
+        found[-1],
+        mean=np.concatenate([one.mean[:, 0] for one in found]),
+        std=np.concatenate([one.std[:, 0] for one in found]),
+        log_likelihood=np.concatenate(likelihoods) if len(likelihoods) == len(found) else None,
+        switch=np.concatenate(switches) if len(switches) == len(found) else None,
+        choices=tuple(choice for one in found for choice in one.choices),
+        seconds=sum(one.seconds for one in found),
+    )
 
 
 def score(
     task: Task, restorations: tuple[Restoration, ...], rng: np.random.Generator, *, n_resamples: int = 2000
 ) -> Comparison:
-    """Score what methods said of the part to be restored.
+    """Score what methods said of the part to be restored, learned on the first part alone.
 
     Parameters
     ----------
@@ -215,9 +311,9 @@ def score(
     part = HeldOut(
         truth=task.state[n:, None],
         zs=task.observation[n:, None],
-        centre=task.state[:n].mean(keepdims=True),
+        centre=np.nanmean(task.state[:n], keepdims=True),
         found={one.name: one for one in restorations},
     )
     fold = Fold(begin=0, split=n, end=len(task.state))
     found = summarise(restorations, (fold,), [part], np.ones(1), n_resamples, rng)
-    return Comparison(**vars(found), task=task, restorations=restorations)
+    return Comparison(**vars(found), task=task, restorations=restorations, truth=task.state[n:])

@@ -31,6 +31,9 @@ __all__ = [
     "cells",
     "circular_block_means",
     "normal_log_score",
+    "row_of",
+    "significance",
+    "standard_error",
 ]
 
 #: Half the width of a central interval of 90 % of a normal law, in standard deviations.
@@ -40,7 +43,7 @@ INTERVAL_FACTOR = 1.6448536269514722
 LIMITS = (0.025, 0.975)
 
 #: Columns of numbers of the table, those of `cells`, with a break of the line where it may be narrow.
-COLUMNS = ("RMSE", "95 %\ninterval", "90 %\ncovers", "log\nscore", "log-lik.\nper step", "µs per\nstep")
+COLUMNS = ("RMSE", "95 %\ninterval", "90 %\ncovers", "log\nscore", "95 %\ninterval", "µs per\nstep")
 
 
 @reprs()
@@ -69,6 +72,12 @@ class Score(Named):
         if they were independent.  Larger is better.
     log_score_standard_error : float
         Of it, by the block bootstrap, with the blocks of `rmse`; NaN if it is infinite.
+    log_score_low, log_score_high : float
+        Its interval of 95 % by the same bootstrap.
+    log_score_behind : float
+        The largest log score of all candidates less this one.
+    log_score_behind_low, log_score_behind_high : float
+        Its interval of 95 % by the paired bootstrap.
     log_likelihood : float or None
         Mean over the steps of the log-density of each held-out observation given the earlier
         ones; from a candidate that has no law of the observation None in a `Comparison`, and
@@ -88,6 +97,11 @@ class Score(Named):
     coverage: float
     log_score: float = float("nan")
     log_score_standard_error: float = float("nan")
+    log_score_low: float = float("nan")
+    log_score_high: float = float("nan")
+    log_score_behind: float = float("nan")
+    log_score_behind_low: float = float("nan")
+    log_score_behind_high: float = float("nan")
     log_likelihood: float | None
     seconds: float = field(default=float("nan"), compare=False)
     microseconds: float = field(default=float("nan"), compare=False)
@@ -95,14 +109,27 @@ class Score(Named):
 
 def cells(score: Score) -> tuple[str, str, str, str, str, str]:
     """Return the numbers of a row of the table, as they are shown, in the order of `COLUMNS`."""
-    value, error = score.log_likelihood, score.log_score_standard_error
+    has_interval = not isnan(score.log_score_low)
     return (
         f"{score.rmse:.4g}",
         f"{score.rmse_low:#.3g}–{score.rmse_high:#.3g}",
         f"{100 * score.coverage:.1f} %",
-        f"{score.log_score:.3f}" + ("" if isnan(error) else f" ± {error:.2g}"),
-        "none" if value is None or isnan(value) else f"{value:.3f}",
+        f"{score.log_score:.3f}",
+        f"{score.log_score_low:.2f} to {score.log_score_high:.2f}" if has_interval else "",
         f"{score.microseconds:.2g}" if score.microseconds < 10 else f"{score.microseconds:.0f}",
+    )
+
+
+def row_of(score: Score) -> tuple[str, str, str, str, str]:
+    """Return a row without the time of a step: error, interval, coverage, log score, log-likelihood."""
+    value, error = score.log_likelihood, score.log_score_standard_error
+    rmse, interval, coverage, log_score, *_ = cells(score)
+    return (
+        rmse,
+        interval,
+        coverage,
+        log_score + ("" if isnan(error) else f" ± {error:.2g}"),
+        "none" if value is None or isnan(value) else f"{value:.3f}",
     )
 
 
@@ -261,6 +288,36 @@ def circular_block_means(
     sums = running[starts + lengths] - running[starts]
     means: FloatArray = centre + sums.sum(axis=1) / n
     return means
+
+
+def standard_error(series: FloatArray) -> float:
+    """Return the standard error of the mean of a dependent series.
+
+    It is the spread that the circular block bootstrap would give the mean (`circular_block_means`,
+    with blocks of `block_length`), without drawing: that of the means of all circular blocks of L rows is
+    known, and n / L of them make the mean.
+
+    Parameters
+    ----------
+    series : ndarray, shape (n,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> noise = np.random.default_rng(0).normal(size=10_000)
+    >>> bool(abs(standard_error(noise) - 0.01) < 0.001)
+    True
+    """
+    length, n = block_length(series), len(series)
+    deviation = series - series.mean()
+    running = np.concatenate([[0.0], np.cumsum(np.concatenate([deviation, deviation[: length - 1]]))])
+    means = (running[length:] - running[:-length]) / length  # n of them
+    return float(np.sqrt((means**2).mean() * length / n))
+
+
+def significance(is_certain: bool) -> str:
+    """Return the words for a difference whose interval of 95 % holds zero, or does not."""
+    return "a significant difference" if is_certain else "not a significant difference"
 
 
 @reprs()

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fuzzykf.comparison.scores import COLUMNS, cells
+from fuzzykf.comparison.verdict import about_baseline
 
 if TYPE_CHECKING:
+    from fuzzykf.comparison.candidates import Restoration
     from fuzzykf.comparison.run import Comparison
 
-__all__ = ["about_choices", "about_intervals", "about_task", "cells", "labels"]
+__all__ = ["about_choices", "about_failures", "about_intervals", "about_task", "cells", "labels"]
 
 
 def labels(unit: str) -> tuple[str, ...]:
@@ -20,29 +22,44 @@ def labels(unit: str) -> tuple[str, ...]:
 
 def about_task(comparison: Comparison, unit: str) -> str:
     """Say what was learned on and compared on, and how hard the task is."""
-    task = comparison.task
+    task, folds = comparison.task, comparison.folds
     when = "" if task.time is None else f", from {task.time[task.n_train].astype('datetime64[m]')}"
-    space = f" {unit}" if unit else ""
-    return (
-        f"Learned on {task.n_train:,} rows, compared on {task.n_test:,}{when}. "
-        f"Switch: {task.switch_source}. "
-        f"Always answering the mean of the learning part would have an RMSE of "
-        f"{comparison.baseline_rmse:.4g}{space}."
-    )
+    rows = f"Learned on {task.n_train:,} rows, compared on {task.n_test:,}{when}"
+    if len(folds) > 1:
+        rows = (
+            f"Learned on {task.n_train:,} rows at first, compared on {task.n_test:,} in {len(folds)} folds"
+            f"{when}; before each fold learned anew on all rows before it"
+        )
+    return f"{rows}. Switch: {task.switch_source}. {about_baseline(comparison.baseline_rmse, unit)}"
 
 
 def about_intervals(comparison: Comparison) -> str:
     """Say where intervals, log scores and log-likelihoods come from."""
+    folds = "" if len(comparison.folds) == 1 else "over all folds, "
     return (
-        f"Intervals: block bootstrap, blocks of {comparison.block_length} steps. Log score: log-density of "
-        "the state under the method's mean and standard deviation, ± its standard error by the same blocks. "
-        "Log-likelihood: of the observations, each given the earlier ones; regressions have no law of them."
+        f"Intervals of 95 %: block bootstrap, {folds}blocks of {comparison.block_length} steps. Log score: "
+        "log-density of the state under the method's mean and standard deviation. Log-likelihoods of the "
+        "observations do not stand here: regressions define no likelihood."
     )
 
 
 def about_choices(comparison: Comparison) -> tuple[str, ...]:
     """Say what was chosen while learning, and what a reader should know before trusting a method."""
     found = comparison.restorations
-    choices = [f"{one.title}: {one.description}." for one in found if one.description]
-    notes = [f"Note on {one.title}: {note}." for one in found for note in one.notes]
+    last = " (last fold)" if len(comparison.folds) > 1 else ""
+    choices = [f"{one.title}{last}: {one.description}.{_by_fold(one)}" for one in found if one.description]
+    notes = [f"Note on {one.title}{last}: {note}." for one in found for note in one.notes]
     return (*choices, *notes)
+
+
+def about_failures(comparison: Comparison) -> tuple[str, ...]:
+    """Say which methods could not be compared, and why."""
+    return tuple(f"Not compared: {name}, {why}." for name, why in comparison.failures.items())
+
+
+def _by_fold(one: Restoration) -> str:
+    if len(one.choices) < 2:
+        return ""
+    if len(set(one.choices)) == 1:
+        return f" The same in all {len(one.choices)} folds."
+    return f" In folds 1 to {len(one.choices)}: {', '.join(one.choices)}."

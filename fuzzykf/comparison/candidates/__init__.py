@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import FuzzykfError
-from fuzzykf.preprocessing import mean_and_scale
 from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import Self
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.comparison.clock import Clock
     from fuzzykf.results import FitResult
     from fuzzykf.switching import CGOFMSModel, CGOMSModel
 
 __all__ = [
-    "TRIAL_SHARE",
     "WARM_UP",
     "Candidate",
     "Estimates",
@@ -35,9 +35,6 @@ __all__ = [
 #: A filter is run over so many observations before those that it is judged on, so that it
 #: does not matter where it starts.
 WARM_UP = 100
-
-#: Share of a learning part on which what is to be chosen is tried; it is judged on the rest.
-TRIAL_SHARE = 0.75
 
 
 def _quiet(_: str) -> None:
@@ -55,6 +52,8 @@ class LearningPart:
         States and observations, NaN where missing.
     r : ndarray, shape (n,), or None
         The switch, if it is given; else it is learned as well.
+    clock : Clock or None
+        Hours and days of the rows, if they are known.
     n_nodes : int
         Nodes of a fuzzy switch between 0 and 1; time grows with the steps between them.
     max_iter : int
@@ -69,6 +68,7 @@ class LearningPart:
     x: FloatArray
     y: FloatArray
     r: FloatArray | None = None
+    clock: Clock | None = None
     n_nodes: int = 5
     max_iter: int = 200
     tolerance: float = 1e-5
@@ -82,7 +82,8 @@ class LearningPart:
     def first(self, n: int) -> LearningPart:
         """Return the first ``n`` rows as a part of their own."""
         r = None if self.r is None else self.r[:n]
-        return replace(self, x=self.x[:n], y=self.y[:n], r=r, _hard={})
+        clock = None if self.clock is None else self.clock[:n]
+        return replace(self, x=self.x[:n], y=self.y[:n], r=r, clock=clock, _hard={})
 
     def fuzzy(
         self, law: str, *, state_feedback: bool = True, objective: str = "joint"
@@ -124,11 +125,6 @@ class LearningPart:
             options |= self._effort
             self._hard[key] = _numerical(lambda: CGOMSModel.fit(self.x, self.y, r, **options))
         return self._hard[key]
-
-    def trial_error(self, learned: Learned, cut: int) -> float:
-        """Return the RMSE, in standard deviations, after ``cut`` rows, of what was learned on them."""
-        missed = learned.restore(self.y[:cut], self.y[cut:]).mean - self.x[cut:]
-        return float(np.sqrt(np.nanmean((missed / mean_and_scale("x", self.x)[1]) ** 2)))
 
     @property
     def _effort(self) -> dict[str, Any]:
@@ -178,11 +174,26 @@ class Learned(ABC):
     notes : tuple of str
         What a reader should know before trusting it.
     description : str
-        What was chosen while learning, in words; may be empty.
+        What was chosen while learning, in words, and how; may be empty.
+    choice : str
+        What was chosen, in a word: a law, a number of lags; empty where nothing was.
     """
 
     notes: tuple[str, ...] = ()
     description: str = ""
+    choice: str = ""
+
+    def at(self, clock: Clock | None) -> Self:
+        """Return this for rows of a clock: those that are restored next, one for each row.
+
+        Who knows no times ignores them, and is the same.
+
+        Parameters
+        ----------
+        clock : Clock or None
+            None where times are not known.
+        """
+        return self
 
     @abstractmethod
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
@@ -258,15 +269,18 @@ class Restoration(Estimates, Named):
     notes : tuple of str
         What a reader should know before trusting the method.
     description : str
-        What was chosen while learning, in words; may be empty.
+        What was chosen while learning, in words; may be empty.  Over several folds, that of the last one.
+    choices : tuple of str
+        What was chosen, in a word, in each fold.
     learned : Learned or None
-        What it has learned, if it is known.
+        What it has learned, if it is known; over several folds, in the last one.
     seconds, microseconds : float
         Time of learning, and of one step; NaN if it was not measured.
     """
 
     notes: tuple[str, ...] = ()
     description: str = ""
+    choices: tuple[str, ...] = ()
     learned: Learned | None = None
     seconds: float = float("nan")
     microseconds: float = float("nan")

@@ -1,23 +1,28 @@
-"""Gradient boosting on the latest observations: trees of scikit-learn, no model of the dynamics."""
+"""Gradient boosting on the latest observations and the clock: trees of scikit-learn, no dynamics."""
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cache
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.comparison.candidates import Candidate, Estimates, Learned
-from fuzzykf.comparison.candidates.regression import LAGS, chosen_lags, lagged, trial_rows
+from fuzzykf.comparison.candidates.choice import choose
+from fuzzykf.comparison.candidates.regression import LAGS, lagged, possible_lags
 from fuzzykf.errors import FuzzykfError, MissingDependencyError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from typing import Self
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import LearningPart
+    from fuzzykf.comparison.clock import Clock
 
-__all__ = ["CANDIDATES", "LEAST_ROWS", "LagBoosting", "learn_boosting"]
+__all__ = ["CANDIDATES", "LEAST_ROWS", "LagBoosting", "check_installed", "learn_boosting"]
 
 #: Fewest rows to learn on: two leaves of the size that scikit-learn asks for by default.
 LEAST_ROWS = 40
@@ -28,7 +33,7 @@ RANDOM_STATE = 0
 
 @cache
 def _library() -> tuple[Any, Any]:
-    """Return scikit-learn's regressor, and what holds its threads."""
+    """Return scikit-learn's regressor, and what holds its threads; it is the one place that imports them."""
     try:
         from sklearn.ensemble import HistGradientBoostingRegressor
         from threadpoolctl import ThreadpoolController
@@ -39,13 +44,23 @@ def _library() -> tuple[Any, Any]:
     return HistGradientBoostingRegressor, ThreadpoolController()
 
 
+def check_installed() -> None:
+    """Refuse, before any work is done, to go on without scikit-learn.
+
+    Raises
+    ------
+    MissingDependencyError
+    """
+    _library()
+
+
 def _one_thread() -> Any:
     """Hold scikit-learn to one thread: on a busy machine more are many times slower than one."""
     return _library()[1].limit(limits=1, user_api="openmp")
 
 
 class LagBoosting(Learned):
-    """Trees that are grown on the error of those before, from the observation and earlier ones.
+    """Trees that are grown on the error of those before, from the observation, earlier ones and the clock.
 
     Each component of the state has trees of its own.  A missing observation is a value like
     others to a tree, and is not replaced.
@@ -59,6 +74,9 @@ class LagBoosting(Learned):
     std : ndarray, shape (m,)
         The standard deviation that it claims.  Errors on the rows learned on would be too
         small, so it has to come from others.
+    clock : Clock, optional
+        Hour, day of the week and kind of day of each row; then those of the rows to restore are needed
+        too (`at`).
 
     Raises
     ------
@@ -81,9 +99,12 @@ class LagBoosting(Learned):
            [ 1.]])
     """
 
-    def __init__(self, x: FloatArray, y: FloatArray, lags: int, std: FloatArray) -> None:
+    def __init__(
+        self, x: FloatArray, y: FloatArray, lags: int, std: FloatArray, clock: Clock | None = None
+    ) -> None:
         self.lags, self.size, self.std = lags, y.shape[1], std
-        design, target = lagged(y, lags), x[lags:]
+        self.has_clock, self._clock = clock is not None, clock
+        design, target = self._design(lagged(y, lags), None if clock is None else clock[lags:]), x[lags:]
         self._trees = []
         for k, column in enumerate(target.T):
             used = np.isfinite(column)
@@ -95,25 +116,65 @@ class LagBoosting(Learned):
             trees = _library()[0](random_state=RANDOM_STATE)  # as the library has it, but for the seed
             with _one_thread():
                 self._trees.append(trees.fit(design[used], column[used]))
+        self._clock = None
+
+    def at(self, clock: Clock | None) -> Self:
+        """Return the same trees for rows of a clock."""
+        other = copy(self)
+        other._clock = clock
+        return other
 
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
-        """Apply the trees; the observations before serve as lags, and are missing before the first."""
+        """Apply the trees; the observations before serve as lags, and are missing before the first.
+
+        Raises
+        ------
+        FuzzykfError
+            If the trees know the time of day, and that of these rows is not told (`at`).
+        """
         unknown = np.full((self.lags, self.size), np.nan)
         known = np.concatenate([unknown, before, zs])
-        mean = self._mean(lagged(known[len(known) - len(zs) - self.lags :], self.lags))
+        mean = self._mean(
+            self._design(lagged(known[len(known) - len(zs) - self.lags :], self.lags), self._clock)
+        )
         return Estimates(mean=mean, std=np.tile(self.std, (len(zs), 1)))
 
     def stepper(self) -> Callable[[FloatArray], object]:
-        """Return a function that keeps the latest observations and applies the trees."""
-        row = np.full((1, self.size * (1 + self.lags)), np.nan)
+        """Return a function that keeps the latest observations and applies the trees.
+
+        Calls are for the rows of the clock one after the other, and begin anew after the last.
+        """
+        size = self.size * (1 + self.lags)
+        row = np.full((1, size + self._hands(None).shape[1] * self.has_clock), np.nan)
+        hands = cycle(self._hands(self._clock))
 
         def step(z: FloatArray) -> FloatArray:
-            row[0, self.size :] = row[0, : row.size - self.size].copy()
+            row[0, self.size : size] = row[0, : size - self.size].copy()
             row[0, : self.size] = z
+            if self.has_clock:
+                row[0, size:] = next(hands)
             mean: FloatArray = self._mean(row)[0]
             return mean
 
         return step
+
+    def _design(self, columns: FloatArray, clock: Clock | None) -> FloatArray:
+        if not self.has_clock:
+            return columns
+        hands = self._hands(clock)
+        if len(hands) != len(columns):
+            raise FuzzykfError(
+                f"boosting has learned with times, and needs those of the {len(columns)} rows to restore: "
+                f"got {len(hands)}"
+            )
+        return np.concatenate([columns, hands], axis=1)
+
+    @staticmethod
+    def _hands(clock: Clock | None) -> FloatArray:
+        """Return hour, day of the week, and whether it is a working day, (n, 3)."""
+        if clock is None:
+            return np.empty((0, 3))
+        return np.column_stack([clock.hour, clock.weekday, clock.workday])
 
     def _mean(self, design: FloatArray) -> FloatArray:
         if not len(design):  # which scikit-learn refuses
@@ -124,11 +185,11 @@ class LagBoosting(Learned):
 
 
 def learn_boosting(part: LearningPart, lags: Sequence[int] = LAGS) -> Learned:
-    """Learn trees, with the number of lags that does best on the end of the learning part.
+    """Learn trees, with the number of lags of least squared error on rolling blocks.
 
-    It is chosen as `learn_regression` chooses it.  The standard deviation is the error on the same
-    last quarter of the trees learned on the rest; then all rows are learned on.  The time of day is
-    not seen: a part holds no times.
+    It is chosen as `learn_regression` chooses it.  The standard deviation is that of the errors on the
+    same blocks, each of trees that were grown before it; then all rows are learned on.  Where times are
+    known, hour, day of the week and kind of day are seen as well.
 
     Parameters
     ----------
@@ -141,21 +202,26 @@ def learn_boosting(part: LearningPart, lags: Sequence[int] = LAGS) -> Learned:
     MissingDependencyError
         If scikit-learn is not installed.
     FuzzykfError
-        If there are too few rows, or a component of the state is missing in all of the last quarter.
+        If there are too few rows, or a component of the state is missing in all blocks.
     """
-    cut, m = trial_rows(part), part.x.shape[1]
-    unknown = np.isnan(part.x[cut:]).all(axis=0)
-    if unknown.any():
+    unknown = np.full(part.x.shape[1], np.nan)
+    found = choose(
+        part,
+        possible_lags(len(part), lags, part.y.shape[1]),
+        lambda rows, k: LagBoosting(rows.x, rows.y, k, unknown, rows.clock),
+        by="squared error",
+    )
+    missing = np.isnan(found.errors).all(axis=0)
+    if missing.any():
         raise FuzzykfError(
-            f"component {int(np.argmax(unknown))} of the state is missing in all of the last "
-            f"{len(part) - cut} rows, on which boosting is judged"
+            f"component {int(np.argmax(missing))} of the state is missing in all of the last "
+            f"{len(found.errors)} rows, on which boosting is judged"
         )
-    trial = cache(lambda k: LagBoosting(part.x[:cut], part.y[:cut], k, np.full(m, np.nan)))
-    best, description = chosen_lags(part, lags, part.y.shape[1], trial)
-    missed = trial(best).restore(part.y[:cut], part.y[cut:]).mean - part.x[cut:]
-    found = LagBoosting(part.x, part.y, best, np.sqrt(np.nanmean(missed**2, axis=0)))
-    found.description = description
-    return found
+    std = np.sqrt(np.nanmean(found.errors**2, axis=0))
+    learned = LagBoosting(part.x, part.y, found.best, std, part.clock)
+    if len(lags) > 1:
+        learned.choice, learned.description = str(found.best), found.told("lags")
+    return learned
 
 
 CANDIDATES = (Candidate("boosting", learn_boosting, title="gradient boosting with lags"),)

@@ -21,7 +21,7 @@ def learn_hard_memoryless(part: LearningPart, n_regimes: int) -> Learned:
 
 def learn_fuzzy_memoryless(part: LearningPart, law: str) -> Learned:
     """Learn a fuzzy model with a law of this family, its Axx zero."""
-    return LearnedSwitching(part.fuzzy(law, state_feedback=False), part.n_nodes, f"law {law}")
+    return LearnedSwitching(part.fuzzy(law, state_feedback=False), part.n_nodes, f"law: {law}")
 
 
 CANDIDATES = (

@@ -28,6 +28,7 @@ FAMILIES = (
     "linear",
     "regression",
     "boosting",
+    "daily",
 )
 
 

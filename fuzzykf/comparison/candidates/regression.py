@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.comparison.candidates import TRIAL_SHARE, Candidate, Estimates, Learned
+from fuzzykf.comparison.candidates import Candidate, Estimates, Learned
+from fuzzykf.comparison.candidates.choice import choose
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.preprocessing import Standardizer
 
@@ -21,10 +22,9 @@ __all__ = [
     "CANDIDATES",
     "LAGS",
     "LagRegression",
-    "chosen_lags",
     "lagged",
     "learn_regression",
-    "trial_rows",
+    "possible_lags",
 ]
 
 #: Numbers of earlier observations between which a regression with lags chooses.
@@ -154,10 +154,9 @@ class LagRegression(Learned):
 
 
 def learn_regression(part: LearningPart, lags: Sequence[int] = LAGS, n_knots: int = 0) -> Learned:
-    """Learn a regression, with the number of lags that does best on the end of the learning part.
+    """Learn a regression, with the number of lags of least squared error on rolling blocks.
 
-    Each number is tried on the first three quarters and judged on the last; numbers that leave
-    fewer than ten rows per coefficient are left out.
+    Numbers that leave fewer than ten rows per coefficient are not tried.
 
     Parameters
     ----------
@@ -167,56 +166,47 @@ def learn_regression(part: LearningPart, lags: Sequence[int] = LAGS, n_knots: in
     n_knots : int
         See `LagRegression`.
     """
-    cut = trial_rows(part)
-    best, description = chosen_lags(
-        part,
-        lags,
-        part.y.shape[1] * (1 + n_knots),
-        lambda k: LagRegression(part.x[:cut], part.y[:cut], k, n_knots),
+    possible = possible_lags(len(part), lags, part.y.shape[1] * (1 + n_knots))
+    if len(possible) == 1:
+        found = LagRegression(part.x, part.y, possible[0], n_knots)
+        found.choice, found.description = _only(possible[0], lags)
+        return found
+    chosen = choose(
+        part, possible, lambda rows, k: LagRegression(rows.x, rows.y, k, n_knots), by="squared error"
     )
-    found = LagRegression(part.x, part.y, best, n_knots)
-    found.description = description
+    found = LagRegression(part.x, part.y, chosen.best, n_knots)
+    found.choice, found.description = str(chosen.best), chosen.told("lags")
     return found
 
 
-def trial_rows(part: LearningPart) -> int:
-    """Return how many of the first rows a trial learns on."""
-    return round(TRIAL_SHARE * len(part))
+def _only(one: int, lags: Sequence[int]) -> tuple[str, str]:
+    """Return a choice that was none, and its words; both empty where none was asked for."""
+    if len(lags) == 1:
+        return "", ""
+    return str(one), f"lags: {one} (more would leave fewer than {ROWS_PER_COEFFICIENT} rows per coefficient)"
 
 
-def chosen_lags(
-    part: LearningPart, lags: Sequence[int], per_lag: int, trial: Callable[[int], Learned]
-) -> tuple[int, str]:
-    """Choose the number of earlier observations of least error on the end of the learning part.
+def possible_lags(n: int, lags: Sequence[int], per_lag: int) -> list[int]:
+    """Return the numbers of earlier observations that so many rows can tell apart.
 
     Parameters
     ----------
-    part : LearningPart
+    n : int
     lags : sequence of int
-        Numbers to choose from.
     per_lag : int
-        Columns that an observation takes; numbers that leave fewer than ten rows per column are
-        left out.
-    trial : callable
-        From a number to what is learned with it on the first `trial_rows`.
+        Columns that an observation takes.
 
     Returns
     -------
-    int
-    str
-        The choice in words; empty where there was none to make.
+    list of int
+        Those that leave ten rows per column at least; the smallest one in any case.
+
+    Examples
+    --------
+    >>> possible_lags(140, (0, 1, 2, 4), per_lag=4)
+    [0, 1, 2]
     """
-    cut = trial_rows(part)
-    possible = [k for k in lags if ROWS_PER_COEFFICIENT * (1 + per_lag * (k + 1)) <= cut - k] or [min(lags)]
-    trials = possible if len(possible) > 1 else ()
-    errors = [part.trial_error(trial(k), cut) for k in trials]
-    best = possible[int(np.argmin(errors))] if errors else possible[0]
-    if len(lags) == 1:
-        return best, ""
-    return best, (
-        f"{best} earlier observations, of {', '.join(map(str, possible))} those of least error on the "
-        "last quarter of the learning part"
-    )
+    return [k for k in lags if ROWS_PER_COEFFICIENT * (1 + per_lag * (k + 1)) <= n - k] or [min(lags)]
 
 
 CANDIDATES = (

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.comparison.candidates import TRIAL_SHARE, WARM_UP, Candidate, Estimates, Learned
+from fuzzykf.comparison.candidates import WARM_UP, Candidate, Estimates, Learned
+from fuzzykf.comparison.candidates.choice import choose
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.switching.laws.registry import learned_laws
 from fuzzykf.switching.models.base import given_regimes
@@ -84,7 +85,7 @@ class LearnedSwitching(Learned):
 
 def learn_fuzzy(part: LearningPart, law: str) -> Learned:
     """Learn a fuzzy model with a law of this family."""
-    return LearnedSwitching(part.fuzzy(law), part.n_nodes, f"law {law}")
+    return LearnedSwitching(part.fuzzy(law), part.n_nodes, f"law: {law}")
 
 
 def learn_hard(part: LearningPart, n_switches: int | None = None, *, n_regimes: int | None = None) -> Learned:
@@ -93,12 +94,12 @@ def learn_hard(part: LearningPart, n_switches: int | None = None, *, n_regimes: 
 
 
 def learn_chosen_law(part: LearningPart) -> Learned:
-    """Learn a fuzzy model with the law that filters best on held-out rows of the learning part.
+    """Learn a fuzzy model with the law whose filter gives held-out states the best log score.
 
-    Each law is learned on the first three quarters of the part and judged by the error of its
-    filter on the last one; the winner then learns on all of it.  The likelihood could not
-    decide: the state has no feedback from the observations, so a better likelihood may well
-    go with a worse filter.  A given switch needs no law but the first.
+    Each law is learned before each of several rolling blocks of the part and judged on all of them
+    (`choose`); the winner then learns on all rows.  The likelihood could not decide: the state has no
+    feedback from the observations, so a better likelihood may well go with a worse filter.  A
+    given switch needs no law but the first.
 
     Raises
     ------
@@ -107,24 +108,23 @@ def learn_chosen_law(part: LearningPart) -> Learned:
     """
     if part.r is not None:
         return learn_fuzzy(part, TRIED[0])
-    cut = round(TRIAL_SHARE * len(part))
-    cheap = replace(part.first(cut), tolerance=max(part.tolerance, TRIAL_TOLERANCE))
-    errors: dict[str, float] = {}
-    failures = []
-    for law in TRIED:
+
+    def trial(rows: LearningPart, law: str) -> Learned:
+        cheap = replace(rows, tolerance=max(rows.tolerance, TRIAL_TOLERANCE))
+        return LearnedSwitching(cheap.fuzzy(law), rows.n_nodes)
+
+    def tell(law: str) -> None:
         if law != TRIED[0]:
             part.progress(f"trying the law {law}")
-        try:
-            errors[law] = part.trial_error(LearnedSwitching(cheap.fuzzy(law), part.n_nodes), cut)
-        except FuzzykfError as error:
-            failures.append(f"{law}: {error}")
-    if not errors:
-        raise FuzzykfError(f"no law of the switch could be learned ({'; '.join(failures)})")
-    best = min(errors, key=lambda law: errors[law])
-    part.progress(f"learning with the law {best}")
-    told = ", ".join(f"{law} {error:.3g}" for law, error in errors.items())
-    description = f"law {best}, of least error on the last quarter of the learning part (RMSE {told} std)"
-    return LearnedSwitching(part.fuzzy(best), part.n_nodes, description)
+
+    try:
+        found = choose(part, TRIED, trial, by="log score", tell=tell)
+    except FuzzykfError as error:
+        raise FuzzykfError(f"no law of the switch could be learned ({error})") from error
+    part.progress(f"learning with the law {found.best}")
+    learned = LearnedSwitching(part.fuzzy(found.best), part.n_nodes, found.told("law"))
+    learned.choice = found.best
+    return learned
 
 
 def growth_notes(system: SwitchingSystem) -> list[str]:

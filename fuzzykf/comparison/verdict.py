@@ -1,0 +1,68 @@
+"""What wins, on error and on log score, and whether that means anything: in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from fuzzykf.comparison.scores import significance
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fuzzykf.comparison.scores import Score
+
+__all__ = ["about_baseline", "about_error", "about_likelihood", "about_log_score", "by_log_score"]
+
+
+def by_log_score(scores: Sequence[Score]) -> list[Score]:
+    """Return the scores, the largest log score first; those without one last."""
+    return sorted(scores, key=lambda one: np.inf if np.isnan(one.log_score) else -one.log_score)
+
+
+def about_error(ranked: Sequence[Score], label: Literal["name", "title"], unit: str) -> str:
+    """Say which candidate errs least, and whether the next one is behind it by more than chance."""
+    space = f" {unit}" if unit else ""
+    best, *others = ranked
+    told = f"RMSE {best.rmse:.4g}{space} (95 % interval {best.rmse_low:#.3g} to {best.rmse_high:#.3g})"
+    if not others:
+        return f"{getattr(best, label)} is the only candidate: {told}."
+    second = others[0]
+    return (
+        f"{getattr(best, label)} has the lowest error, {told}. Next is {getattr(second, label)}, "
+        f"{second.difference:.2g}{space} behind (95 % interval {second.difference_low:.2g} to "
+        f"{second.difference_high:.2g}): {significance(second.difference_low > 0.0)}."
+    )
+
+
+def about_log_score(scores: Sequence[Score], label: Literal["name", "title"]) -> str:
+    """Say which candidate has the largest log score of the state; empty where there is none to name."""
+    best, *others = by_log_score(scores)
+    if not others or not np.isfinite(best.log_score):
+        return ""
+    told = f"{getattr(best, label)} has the highest log score, {best.log_score:.3f}"
+    if np.isfinite(best.log_score_low):
+        told += f" (95 % interval {best.log_score_low:.3f} to {best.log_score_high:.3f})"
+    second = others[0]
+    if not np.isfinite(second.log_score):
+        return f"{told}. No other has a finite one."
+    return (
+        f"{told}. Next is {getattr(second, label)}, {second.log_score_behind:.2g} behind (95 % interval "
+        f"{second.log_score_behind_low:.2g} to {second.log_score_behind_high:.2g}): "
+        f"{significance(second.log_score_behind_low > 0.0)}."
+    )
+
+
+def about_baseline(rmse: float, unit: str) -> str:
+    """Say what somebody errs who always answers the mean of the rows learned on."""
+    return f"Baseline (training mean): RMSE {rmse:.4g}{f' {unit}' if unit else ''}."
+
+
+def about_likelihood(scores: Sequence[Score]) -> str:
+    """Say under which candidate the observations are likeliest; empty where none has a law of them."""
+    likelihood = np.array([score.log_likelihood for score in scores], dtype=np.float64)
+    if len(scores) < 2 or np.isnan(likelihood).all():
+        return ""
+    told = f"The observations are likeliest under {scores[int(np.nanargmax(likelihood))].name}"
+    return told + ("; regressions define no likelihood." if np.isnan(likelihood).any() else ".")
