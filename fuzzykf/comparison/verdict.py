@@ -25,12 +25,12 @@ def about_error(ranked: Sequence[Score], label: Literal["name", "title"], unit: 
     """Say which candidate errs least, and whether the next one is behind it by more than chance."""
     space = f" {unit}" if unit else ""
     best, *others = ranked
-    told = f"RMSE {best.rmse:.4g}{space} (95 % interval {best.rmse_low:#.3g} to {best.rmse_high:#.3g})"
+    told = f"{best.rmse:.4g}{space} (95 % interval {best.rmse_low:#.3g} to {best.rmse_high:#.3g})"
     if not others:
-        return f"{getattr(best, label)} is the only candidate: {told}."
+        return f"{getattr(best, label)} is the only candidate, with an RMSE of {told}."
     second = others[0]
     return (
-        f"{getattr(best, label)} has the lowest error, {told}. Next is {getattr(second, label)}, "
+        f"{getattr(best, label)} has the lowest RMSE, {told}. Next is {getattr(second, label)}, "
         f"{second.difference:.2g}{space} behind (95 % interval {second.difference_low:.2g} to "
         f"{second.difference_high:.2g}): {significance(second.difference_low > 0.0)}."
     )

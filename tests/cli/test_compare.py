@@ -15,18 +15,33 @@ from typer.testing import CliRunner
 
 from fuzzykf.__main__ import main
 from fuzzykf.cli.app import app
+from fuzzykf.comparison import run as comparison_run
 from fuzzykf.comparison.candidates import switching
+from fuzzykf.comparison.run import RIVALS
 
-METHODS = [
+ALL_METHODS = [
     "OFSRFilter",
     "CGOMSMFilter",
+    "CGOMSMFilter, no memory of the state",
     "IMMEstimator",
     "KalmanFilter (filterpy)",
     "linear regression",
     "regression with lags",
     "piecewise-linear with lags",
+    "gradient boosting with lags",
+    "mean of the time of day",
 ]
-REGRESSIONS = METHODS[4:]
+REGRESSIONS = ALL_METHODS[5:]
+
+#: Those that do not take long.
+METHODS = [name for name in ALL_METHODS if name != "gradient boosting with lags"]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _without_boosting():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(comparison_run, "RIVALS", tuple(name for name in RIVALS if name != "boosting"))
+        yield
 
 
 def run(*arguments: object):
@@ -90,12 +105,14 @@ def table_of(path) -> list[dict[str, str]]:
 # ------------------------------------------------------------------ what it does
 
 
-def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(compared) -> None:
-    result, out = compared
+def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(write, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(comparison_run, "RIVALS", RIVALS)
+    out = tmp_path / "out"
+    result = quick(write(), "--out", out)
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in out.iterdir()) == ["comparison.csv", "comparison.png"]
     table = table_of(out / "comparison.csv")
-    assert [row["method"] for row in table] == METHODS
+    assert [row["method"] for row in table] == ALL_METHODS
     for row in table:
         rmse, low, high = (float(row[name]) for name in ("rmse", "rmse_low", "rmse_high"))
         assert 0 < low <= rmse <= high
@@ -103,6 +120,7 @@ def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(compared) ->
         assert float(row["microseconds_per_step"]) > 0
         assert np.isfinite(float(row["log_score"]))
         assert float(row["log_score_standard_error"]) > 0
+        assert float(row["log_score_low"]) < float(row["log_score"]) < float(row["log_score_high"])
         assert f"{float(row['log_score']):.3f}" in result.output
         assert (row["log_likelihood_per_step"] == "") == (row["method"] in REGRESSIONS)
         assert f"{rmse:.4g}" in result.output
@@ -110,20 +128,26 @@ def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(compared) ->
     best = min(table, key=lambda row: float(row["rmse"]))["method"]
     printed = " ".join(result.output.split())
     assert f"{best} has the lowest RMSE" in printed
-    assert re.search(r"which is (no )?more than its uncertainty", printed)
-    assert "Learned on 144 rows, compared on 96, from 2014-01-12T00:00" in printed
+    assert re.search(r"has the lowest RMSE, .* behind \(95 % .*\): (not )?a significant difference", printed)
+    assert re.search(r"has the highest log score, .* behind \(95 % .*\): (not )?a significant dif", printed)
+    assert re.search(r"Baseline \(training mean\): RMSE [\d.]+\.", printed)
+    assert re.search(r"lags: \d+ \(chosen from 0-\d+ on 3 rolling blocks", printed)
+    assert "regressions define no likelihood" in printed
+    assert (
+        "Learned on 120 rows at first, compared on 120 in 5 folds, from 2014-01-11T00:00; before" in printed
+    )
     assert "Switch: the clock, 0 from" in printed
     assert (out / "comparison.png").read_bytes().startswith(b"\x89PNG\r\n")
 
 
 def test_the_errors_in_the_table_are_those_of_the_rows_that_were_held_back(write, rows, tmp_path) -> None:
     # Oracle: the regression row of the table, computed here from the file.
-    result = quick(write(), "--out", tmp_path / "out", "--train", 0.7)
+    result = quick(write(), "--out", tmp_path / "out", "--train", 0.7, "--folds", 1)
     assert result.exit_code == 0, result.output
     x, y = np.array([[float(r[1]), float(r[2])] for r in rows]).T
     line = np.polyfit(y[:168], x[:168], 1)
     expected = np.sqrt(np.mean((np.polyval(line, y[168:]) - x[168:]) ** 2))
-    assert float(table_of(tmp_path / "out" / "comparison.csv")[4]["rmse"]) == pytest.approx(expected)
+    assert float(table_of(tmp_path / "out" / "comparison.csv")[5]["rmse"]) == pytest.approx(expected)
 
 
 def test_the_seed_decides_the_intervals_and_nothing_else(compared, write, tmp_path) -> None:
@@ -140,11 +164,14 @@ def test_the_seed_decides_the_intervals_and_nothing_else(compared, write, tmp_pa
 
 def test_the_switch_is_learned_and_its_law_chosen_unless_it_is_said_how(write, rows, tmp_path) -> None:
     common = [write(rows[:168]), "--state", "load", "--obs", "temperature", "--nodes", 0]
+    common += ["--folds", 1, "--train", 0.65]
     result = run(*common, "--out", tmp_path / "auto")
     assert result.exit_code == 0, result.output
     printed = " ".join(result.output.split())
     assert "Switch: hidden, learned with each model." in printed
-    law = re.search(r"OFSRFilter: law (fmc1|fmc2|free), of least error on the last quarter", printed)
+    law = re.search(
+        r"OFSRFilter: law: (fmc1|fmc2|free|fade) \(chosen from fmc1, fmc2, free, fade on 3 rolling", printed
+    )
     assert law
     # The law that was chosen gives the same by name.
     run(*common, "--law", law[1], "--out", tmp_path / "named")
@@ -190,8 +217,8 @@ def test_the_number_of_nodes_concerns_the_fuzzy_filter_alone(compared, write, tm
 def test_notes_are_printed_with_the_name_of_the_method(write, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(switching, "growth_notes", lambda system: [f"it has {len(system.chain.nodes)} nodes"])
     result = quick(write(), "--out", tmp_path / "out")
-    assert "Note on OFSRFilter: it has 7 nodes." in result.output
-    assert "Note on CGOMSMFilter: it has 2 nodes." in result.output
+    assert "Note on OFSRFilter (last fold): it has 7 nodes." in result.output
+    assert "Note on CGOMSMFilter (last fold): it has 2 nodes." in result.output
 
 
 def test_further_candidates_are_compared_by_their_names(write, tmp_path) -> None:
@@ -206,6 +233,8 @@ def test_further_candidates_are_compared_by_their_names(write, tmp_path) -> None
     assert result.exit_code == 0, result.output
     methods = [row["method"] for row in table_of(tmp_path / "out" / "comparison.csv")]
     assert methods == [*METHODS, "CGOMSMFilter, K = 1"]
+    result = quick(path, "--also", "no-such", "--jobs", 0, "--out", tmp_path / "none")
+    assert result.exit_code == 2
 
 
 def test_a_terminal_that_knows_ascii_only_gets_its_table(write, tmp_path, monkeypatch) -> None:
@@ -233,20 +262,38 @@ def test_earlier_results_are_replaced(compared) -> None:
 
 
 def test_without_a_file_it_runs_on_the_packaged_data(tmp_path) -> None:
-    # The law is the one that --law auto chooses here: trying all three takes three times as long.
-    result = run("--law", "free", "--out", tmp_path / "out")
+    # With a switch by a rule nothing hidden has to be learned.
+    result = run("--switch", "quantiles", "--folds", 2, "--jobs", 1, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     printed = " ".join(result.output.split())
     assert "Victoria, 2014, hourly means: demand, less its daily profile" in printed
-    assert "Learned on 5,256 rows, compared on 3,504, from 2014-08-08T00:00" in printed
+    assert "Learned on 4,380 rows at first, compared on 4,380 in 2 folds, from 2014-07-02T12:00" in printed
     assert " GW" in printed
     table = table_of(tmp_path / "out" / "comparison.csv")
     assert [row["method"] for row in table] == METHODS
-    # What the page tells about these data is what comes out.
+    tables = [[{**row, "microseconds_per_step": ""} for row in table]]
+    result = run("--switch", "quantiles", "--folds", 2, "--jobs", 2, "--out", tmp_path / "two")
+    assert result.exit_code == 0, result.output
+    again = table_of(tmp_path / "two" / "comparison.csv")
+    tables.append([{**row, "microseconds_per_step": ""} for row in again])
+    assert tables[0] == tables[1]
+
+
+@pytest.mark.study
+def test_the_page_tells_what_comes_out_on_the_packaged_data(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(comparison_run, "RIVALS", RIVALS)
+    result = run("--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    table = table_of(tmp_path / "out" / "comparison.csv")
     page = (Path(__file__).parents[2] / "docs" / "howto" / "compare.md").read_text(encoding="utf-8")
-    told = re.findall(r"^\| ([^|]+) \| ([\d.]+) \| ([\d.]+)–([\d.]+) \| (\d+) % \|$", page, re.MULTILINE)
-    assert [row[0] for row in told] == METHODS
-    for row, (_, *numbers, coverage) in zip(table, told, strict=True):
+    told = re.findall(
+        r"^\| ([^|]+) \| ([\d.]+) \| ([\d.]+)–([\d.]+) \| (\d+) % \| (-?[\d.]+) \| [^|]+ \|$",
+        page,
+        re.MULTILINE,
+    )
+    assert [row[0] for row in told] == ALL_METHODS
+    for row, (_, *numbers, coverage, log_score) in zip(table, told, strict=True):
+        assert float(row["log_score"]) == pytest.approx(float(log_score), abs=0.006)
         found = [float(row[name]) for name in ("rmse", "rmse_low", "rmse_high")]
         np.testing.assert_allclose(found, np.array(numbers, dtype=float), rtol=0.005)
         assert float(row["coverage_90"]) == pytest.approx(float(coverage) / 100, abs=0.006)
@@ -324,7 +371,6 @@ def test_text_in_a_column_is_named_with_its_line(write, rows, tmp_path) -> None:
         write(changed(rows, 40, 1, "high")),
         message="data.csv, line 42: load is 'high', expected a number",
     )
-    refused(tmp_path, write(changed(rows, 40, 2, "")), message="line 42: temperature is missing")
     refused(
         tmp_path,
         write(),
@@ -334,6 +380,15 @@ def test_text_in_a_column_is_named_with_its_line(write, rows, tmp_path) -> None:
         "load",
         message="line 2: remark is 'ok', expected a number",
     )
+
+
+def test_empty_cells_are_gaps(write, rows, tmp_path) -> None:
+    gaps = changed(changed(rows, 40, 2, ""), 150, 1, "")
+    result = quick(write(gaps), "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    table = table_of(tmp_path / "out" / "comparison.csv")
+    assert [row["method"] for row in table] == METHODS
+    assert all(float(row["rmse"]) > 0.0 for row in table)
 
 
 def test_times_that_cannot_be_read_or_go_back_are_named(write, rows, tmp_path) -> None:
@@ -347,7 +402,7 @@ def test_times_that_cannot_be_read_or_go_back_are_named(write, rows, tmp_path) -
 
 def test_too_few_rows_are_refused_with_their_numbers(write, rows, tmp_path) -> None:
     refused(
-        tmp_path, write(rows[:30]), message="train: 0.6 of 30 rows are 18 to learn on and 12 to compare on"
+        tmp_path, write(rows[:30]), message="train: 0.5 of 30 rows are 15 to learn on and 15 to compare on"
     )
 
 
@@ -365,7 +420,7 @@ def test_a_fraction_that_is_no_number_is_a_mistake_of_usage(write) -> None:
 
 def test_a_constant_column_is_refused(write, rows, tmp_path) -> None:
     constant = [[t, "3", y, remark] for t, _, y, remark in rows]
-    refused(tmp_path, write(constant), message="state: it is 3 in all 144 rows to learn on")
+    refused(tmp_path, write(constant), message="state: it is 3 in all 120 rows to learn on")
 
 
 def test_a_file_in_the_place_of_the_folder_is_refused_and_kept(write, tmp_path) -> None:

@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fuzzykf.cli.app import app
+from fuzzykf.comparison import run
 
 pytest.importorskip("plotly", reason="the extra [report] is not installed")
 
@@ -38,8 +39,26 @@ def data(tmp_path_factory):
     return path
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _without_boosting():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "RIVALS", tuple(name for name in run.RIVALS if name != "boosting"))
+        yield
+
+
 def compare(data, *arguments: object):
-    options = ["--state", NAME, "--obs", "temperature", "--switch", "clock", "--out", data.parent / "out"]
+    options = [
+        "--folds",
+        2,
+        "--state",
+        NAME,
+        "--obs",
+        "temperature",
+        "--switch",
+        "clock",
+        "--out",
+        data.parent / "out",
+    ]
     command = ["compare", data, *options, *arguments]
     return CliRunner().invoke(app, list(map(str, command)), env={"COLUMNS": "200"})
 
@@ -56,7 +75,8 @@ def report(data):
 def test_the_page_has_the_settings_and_the_numbers_of_the_table(report) -> None:
     page = report.read_text(encoding="utf-8")
     for setting in (
-        "240: the first 144 to learn on, 96 to compare on",
+        "240: the first 120 to learn on, 120 to compare on",
+        "2, each learned anew on all rows before it",
         "seed 3",
         "left in",
         "0, 1 and 5 between",
@@ -64,7 +84,7 @@ def test_the_page_has_the_settings_and_the_numbers_of_the_table(report) -> None:
         assert setting in page
     with (report.parents[1] / "out" / "comparison.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 8
+    assert len(rows) == 10
     for row in rows:
         assert f"{float(row['rmse']):.4g}</td>" in page
 

@@ -128,9 +128,9 @@ def test_too_few_rows_on_either_side_are_refused(n, train) -> None:
 
 def test_a_constant_column_is_refused() -> None:
     x, y = series()
-    with pytest.raises(ParameterError, match="observation: it is 3 in all 240 rows"):
+    with pytest.raises(ParameterError, match="observation: it is 3 in all 200 rows"):
         prepare(x, np.full(400, 3.0))
-    with pytest.raises(ParameterError, match="state: it is 3 in all 240 rows"):
+    with pytest.raises(ParameterError, match="state: it is 3 in all 200 rows"):
         prepare(np.full(400, 3.0), y)
 
 

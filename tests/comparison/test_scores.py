@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from fuzzykf.comparison import block_length, bootstrap_rmse, circular_block_means
-from fuzzykf.comparison.scores import COLUMNS, Score, cells, normal_log_score
+from fuzzykf.comparison.scores import COLUMNS, Score, cells, normal_log_score, row_of, standard_error
 from fuzzykf.errors import ParameterError, ShapeError
 
 
@@ -136,6 +136,21 @@ def test_other_figures_are_resampled_with_the_blocks_of_the_errors_and_change_no
 )
 def test_the_table_shows_the_log_score_beside_coverage(log_score, error, shown) -> None:
     common = {"rmse": 1.2, "rmse_low": 1.1, "rmse_high": 1.3, "coverage": 0.9, "log_likelihood": None}
-    row = cells(Score("kalman", log_score=log_score, log_score_standard_error=error, **common))
+    ends = {"log_score_low": log_score - error, "log_score_high": log_score + error}
+    score = Score("kalman", log_score=log_score, log_score_standard_error=error, **common, **ends)
+    row, at = cells(score), COLUMNS.index("log\nscore")
     assert len(row) == len(COLUMNS)
-    assert row[COLUMNS.index("log\nscore")] == shown
+    assert row[at : at + 2] == (shown.split(" ")[0], "" if np.isnan(error) else "-0.50 to -0.46")
+    assert row_of(score)[3:] == (shown, "none")
+
+
+@pytest.mark.parametrize("coefficient", [0.3, 0.7])
+def test_the_standard_error_is_the_spread_of_the_bootstrap(coefficient) -> None:
+    # Oracle: the block bootstrap itself, drawn, with blocks that make up the series without a rest.
+    rng = np.random.default_rng(10)
+    series = autoregression(600, coefficient, rng)
+    length = block_length(series)
+    series = series[: len(series) // length * length]
+    drawn = circular_block_means(series[:, None], block_length(series), 4000, rng).std()
+    assert standard_error(series) == pytest.approx(drawn, rel=0.05)
+    assert standard_error(np.ones(50)) == 0.0

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 import numpy as np
 
 from fuzzykf.comparison.scores import normal_log_score, significance, standard_error
-from fuzzykf.errors import FuzzykfError
+from fuzzykf.errors import FuzzykfError, MissingDependencyError
 from fuzzykf.preprocessing import mean_and_scale
 
 if TYPE_CHECKING:
@@ -131,6 +131,8 @@ def choose(
 
     Raises
     ------
+    MissingDependencyError
+        If a package is not installed.
     FuzzykfError
         If no option can be learned, or no state is known in the blocks.
     """
@@ -152,6 +154,8 @@ def choose(
             mean, std = (
                 np.concatenate(both) for both in zip(*_trials(part, blocks, option, learn), strict=True)
             )
+        except MissingDependencyError:
+            raise  # says nothing of the option
         except FuzzykfError as error:
             failures[str(option)] = str(error)
             continue
@@ -164,7 +168,9 @@ def choose(
         rmse.append(float(np.sqrt(squared.mean())))
         log_score.append(float(scored.mean()) if np.isfinite(std).all() else float("nan"))
     if not tried:
-        raise FuzzykfError("; ".join(f"{name}: {why}" for name, why in failures.items()))
+        reasons = set(failures.values())
+        told = [*reasons] if len(reasons) == 1 else [f"{name}: {why}" for name, why in failures.items()]
+        raise FuzzykfError("; ".join(told))
     means = np.array([loss.mean() for loss in losses])
     best, *others = np.argsort(means, kind="stable").tolist()
     lead = lead_error = float("nan")

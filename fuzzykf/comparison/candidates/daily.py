@@ -67,14 +67,16 @@ class LearnedDay(Learned):
         step = float(DailyProfile().fit(x, clock.times).slot_)
         for self.slot, self.by_kind in ((step, True), (1.0, True), (step, False), (1.0, False)):
             cells, n = self._cells(clock), 2 * self._slots
-            occupied = np.bincount(cells, minlength=n) > 0
             count = np.stack([_sums(cells, np.isfinite(column), n) for column in x.T], axis=1)
-            if count[occupied].min() >= LEAST_ROWS:
+            by_kind = count.reshape(2, self._slots, -1)[: 1 + self.by_kind]
+            occupied = np.unique(cells % self._slots)
+            least = int(by_kind[:, occupied].min())
+            if least >= LEAST_ROWS:
                 break
         else:
             raise FuzzykfError(
                 f"the spread at a time of day needs {LEAST_ROWS} rows of it at least, and there are times of "
-                f"day with {int(count[occupied].min())}"
+                f"day with {least}"
             )
         with np.errstate(invalid="ignore", divide="ignore"):  # cells without a row
             self.mean = np.stack([_sums(cells, np.nan_to_num(v), n) for v in x.T], axis=1) / count

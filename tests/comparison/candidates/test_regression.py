@@ -71,11 +71,14 @@ def test_steps_in_real_time_agree_with_the_series() -> None:
     np.testing.assert_allclose([step(z) for z in y[:30]][4:], learned.restore(y[:0], y[:30]).mean[4:])
 
 
-def test_the_number_of_lags_is_chosen_on_the_end_of_the_learning_part() -> None:
+def test_the_number_of_lags_is_chosen_on_rolling_blocks() -> None:
     x, y = moving_average(1200, [1.0, 0.5, -0.5, 0.8])
     learned = learn_regression(LearningPart(x=x[:1000], y=y[:1000]), lags=(0, 1, 2, 3, 64))
     assert learned.lags == 3
-    assert learned.description.startswith("3 earlier observations, of 0, 1, 2, 3, 64 those of least error")
+    assert learned.choice == "3"
+    assert learned.description.startswith(
+        "lags: 3 (chosen from 0-64 on 3 rolling blocks by squared error: RMSE "
+    )
     error = learned.restore(y[:1000], y[1000:]).mean - x[1000:]
     assert np.sqrt(np.mean(error**2)) == pytest.approx(0.1, rel=0.2)
 
@@ -83,8 +86,11 @@ def test_the_number_of_lags_is_chosen_on_the_end_of_the_learning_part() -> None:
 def test_a_short_series_is_not_offered_more_lags_than_it_can_tell_apart() -> None:
     x, y = moving_average(140, [1.0, 0.5])
     learned = learn_regression(LearningPart(x=x, y=y), n_knots=3)
-    assert learned.description.startswith("1 earlier observations, of 0, 1 those")
-    assert learned.lags == 1  # nine coefficients; with 2 lags thirteen, for 103 rows
+    assert learned.description.startswith("lags: 2 (chosen from 0-2 on")
+    assert learned.lags == 2  # thirteen coefficients; with 4 lags 21, for 136 rows
+    shorter = learn_regression(LearningPart(x=x[:60], y=y[:60]), n_knots=3)
+    assert shorter.description == "lags: 0 (more would leave fewer than 10 rows per coefficient)"
+    assert learn_regression(LearningPart(x=x, y=y), lags=(1,)).description == ""
 
 
 def test_more_coefficients_than_rows_are_refused() -> None:
