@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.comparison import Comparison, Task
+    from fuzzykf.comparison import Comparison
     from fuzzykf.times import Times
 
 __all__ = ["EXAMPLE", "command"]
@@ -44,10 +43,6 @@ EXAMPLE = "Example: fuzzykf compare meters.csv --state demand --obs temperature 
 
 #: Width of a terminal on which an interval stands on one line of the table.
 WIDE = 100
-
-#: Rows with a hidden switch from which it pays to share the folds between processes, of which each takes
-#: about two seconds to start.
-MANY_ROWS = 2000
 
 CSV_HEADER = (
     "method,rmse,rmse_low,rmse_high,coverage_90,log_likelihood_per_step,microseconds_per_step,"
@@ -226,7 +221,7 @@ def command(
                 methods=methods,
                 n_folds=folds,
                 n_nodes=nodes,
-                n_jobs=_jobs(task, folds) if jobs is None else jobs,
+                n_jobs=comparison.worthwhile_jobs(task, folds) if jobs is None else jobs,
                 progress=progress,
             )
             progress("picture")
@@ -286,14 +281,6 @@ def _packaged(state: str | None, obs: str | None, reading: Reading) -> Source:
     return Source(
         "Victoria, 2014, hourly means", state, obs, values, columns[obs][0], label, unit, v.time, v.workday
     )
-
-
-def _jobs(task: Task, folds: int) -> int:
-    """Return how many processes are worth starting."""
-    if task.switch is not None or len(task.state) < MANY_ROWS:
-        return 1
-    has_affinity = hasattr(os, "sched_getaffinity")  # the processors that this process may use
-    return min(folds, len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1)
 
 
 def _from_file(

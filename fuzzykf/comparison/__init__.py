@@ -20,7 +20,7 @@ from fuzzykf.comparison.models import compare_models
 from fuzzykf.comparison.picture import plot_comparison
 from fuzzykf.comparison.prepare import ClockSwitch, Task, prepare, quantile_switch
 from fuzzykf.comparison.report import report_page
-from fuzzykf.comparison.run import Comparison, compare, main_methods, score
+from fuzzykf.comparison.run import Comparison, compare, main_methods, score, worthwhile_jobs
 from fuzzykf.comparison.scores import (
     Bootstrap,
     Score,
@@ -57,6 +57,7 @@ __all__ = [
     "quantile_switch",
     "report_page",
     "score",
+    "worthwhile_jobs",
 ]
 
 if not TYPE_CHECKING:  # to type checkers only what is listed is there

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -27,7 +28,11 @@ if TYPE_CHECKING:
     from fuzzykf.comparison.candidates import Candidate
     from fuzzykf.comparison.prepare import Task
 
-__all__ = ["RIVALS", "Comparison", "Restoration", "compare", "main_methods", "score"]
+__all__ = ["RIVALS", "Comparison", "Restoration", "compare", "main_methods", "score", "worthwhile_jobs"]
+
+#: Rows with a hidden switch from which it pays to share the folds between processes, of which each takes
+#: about two seconds to start.
+MANY_ROWS = 2000
 
 #: What `compare` sets beside the filter on a fuzzy switch, in the order of its table.
 RIVALS = (
@@ -226,6 +231,20 @@ def compare(
         restorations=tuple(_joined(parts, one.name) for one in chosen_methods if one.name not in failed),
         truth=np.concatenate([part.truth[:, 0] for part in parts]),
     )
+
+
+def worthwhile_jobs(task: Task, n_folds: int) -> int:
+    """Return between how many processes it pays to share the folds: no more than there are processors.
+
+    Parameters
+    ----------
+    task : Task
+    n_folds : int
+    """
+    if task.switch is not None or len(task.state) < MANY_ROWS:
+        return 1
+    has_affinity = hasattr(os, "sched_getaffinity")  # the processors that this process may use
+    return min(n_folds, len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1)
 
 
 def _round(task: Task, number: int, fold: Fold, n_folds: int, n_nodes: int) -> Round:

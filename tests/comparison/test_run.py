@@ -309,9 +309,11 @@ def test_the_profile_is_learned_anew_before_each_fold() -> None:
 
 def test_gaps_are_no_errors(two_regimes) -> None:
     # Rows without x do not count for learning nor for scores, those without y are crossed.
-    n = 500
-    x, y, time = two_regimes.state[:n].copy(), two_regimes.observation[:n].copy(), two_regimes.time[:n]
-    holes = np.random.default_rng(4)
+    n, holes = 500, np.random.default_rng(4)
+    r, (x, y), time = np.arange(n) // 25 % 2, np.zeros((2, n)), two_regimes.time[:n]
+    for k in range(1, n):
+        y[k] = 0.5 * y[k - 1] + (4.0 if r[k] else -4.0) + holes.normal()
+        x[k] = 0.3 * x[k - 1] + (1.5 if r[k] else -1.5) * y[k] + 0.5 * holes.normal()
     x[holes.random(n) < 0.03], y[holes.random(n) < 0.03] = np.nan, np.nan
     x[100:110], y[[*range(120, 126), *range(400, 420)]] = np.nan, np.nan
     boosting = Candidate("boosting", partial(learn_boosting, lags=(0,)))

@@ -7,12 +7,10 @@ changes.  `FUZZYKF_DATA` names the folder with the traffic data.
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 import pytest
 
-from fuzzykf.comparison import compare, prepare
+from fuzzykf.comparison import compare, prepare, worthwhile_jobs
 from fuzzykf.datasets import load_traffic, load_victoria
 
 pytestmark = pytest.mark.study
@@ -32,7 +30,7 @@ CANDIDATES = (
     "daily-profile",
 )
 
-SEED, JOBS = 0, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+SEED, FOLDS = 0, 5
 
 
 def victoria(state, observation, *, profile):
@@ -96,7 +94,14 @@ def rows_of(title, found):
 def test_rivals(write_table, capsys) -> None:
     rows = []
     for title, task in SERIES.items():
-        found = compare(task(), np.random.default_rng(SEED), methods=CANDIDATES, n_jobs=JOBS)
+        given = task()
+        found = compare(
+            given,
+            np.random.default_rng(SEED),
+            methods=CANDIDATES,
+            n_folds=FOLDS,
+            n_jobs=worthwhile_jobs(given, FOLDS),
+        )
         with capsys.disabled():
             print(f"\n{title}: {found.verdict()}")
             for one in found.restorations:
