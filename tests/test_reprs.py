@@ -65,6 +65,7 @@ from fuzzykf.comparison import (
     Score,
     Task,
 )
+from fuzzykf.comparison.clock import Clock
 from fuzzykf.comparison.prepare import ClockSwitch
 from fuzzykf.compat import SwitchingRegressor
 from fuzzykf.datasets import Building, Table, Traffic, Victoria, load_victoria
@@ -95,6 +96,7 @@ from fuzzykf.summaries import FitSummary, SummaryTable
 from fuzzykf.switching import EXACT, Mixture, StationarySystem, SwitchingFilter
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables
 from fuzzykf.testing import CheckReport
+from fuzzykf.times import read_times
 
 HOSTILE = "<script>\x1b[2J\n" + "name" * 5000
 
@@ -402,6 +404,7 @@ SPECIMENS = {
             state=BIG, observation=BIG, n_train=3, switch=BIG, switch_source=HOSTILE, profile=DailyProfile()
         ),
     ],
+    Clock: [lambda: Clock.of(read_times(np.datetime64(0, "s") + np.arange(5000)))],
     ClockSwitch: [lambda: ClockSwitch(1.0, 13.0)],
     engine.EngineInfo: [engine.info],
 }
