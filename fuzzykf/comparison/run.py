@@ -39,6 +39,8 @@ RIVALS = (
     # switching models that are learned jointly with their switch
     "hard2",
     "hard2-memoryless",
+    # likewise, and then for what the filter says
+    "hard2-filter",
     # filters with feedback
     "imm",
     "kalman",
