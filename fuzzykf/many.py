@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -27,7 +29,9 @@ if TYPE_CHECKING:
     #: Of a series as it came, what is to be read of it: columns that are chosen by name.
     Chosen = Callable[[Any], Any]
 
-__all__ = ["ManySeries", "read_many", "stacked"]
+__all__ = ["ManySeries", "as_output_type", "over_threads", "read_many", "stacked"]
+
+_Found = TypeVar("_Found")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +84,7 @@ class ManySeries:
                 rows = np.flatnonzero(self.lengths == n)
                 for name, found in several(self.values[rows, :n], rows).items():
                     if name not in fields:
-                        fields[name] = np.full((*shape, *found.shape[2:]), np.nan)
+                        fields[name] = np.full((*shape, *found.shape[2:]), np.nan, found.dtype)
                     fields[name][rows, :n] = found
         return FilterResult(
             **fields,
@@ -130,6 +134,33 @@ class ManySeries:
             if mine is not None and theirs is not None and not mine.equals(theirs):
                 raise ParameterError(f"zs, {name}: rows of different indexes; expected the same")
         return other.values
+
+
+def as_output_type(dtype: Any) -> np.dtype[np.floating[Any]]:
+    """Return the type of the numbers that are stored.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither float64 nor float32, of the byte order of this machine.
+    """
+    for known in (np.dtype(np.float64), np.dtype(np.float32)):
+        try:
+            if dtype is not None and np.dtype(dtype) == known:
+                return known
+        except TypeError:
+            break
+    raise ParameterError(f"dtype: got {brief(dtype)}, expected float64 or float32")
+
+
+def over_threads(several: Callable[[slice], _Found], n: int, threads: int) -> list[_Found]:
+    """Do ``several`` for n series, in as many parts as there are threads; what it returns for each."""
+    cuts = [n * k // threads for k in range(threads + 1)]
+    blocks = [slice(a, b) for a, b in pairwise(cuts) if b > a] or [slice(0)]
+    if len(blocks) == 1:
+        return [several(blocks[0])]
+    with ThreadPoolExecutor(len(blocks)) as pool:
+        return list(pool.map(several, blocks))
 
 
 def stacked(results: Sequence[FilterResult], names: Iterable[str]) -> dict[str, FloatArray]:

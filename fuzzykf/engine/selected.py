@@ -42,6 +42,7 @@ _SIZED = {
     "predict_linear": (1, 1),
     "update_linear": (1, 4),
     "filter_linear": (1, 6),
+    "filter_linear_many": (1, 6),
     "filter_bank": (1, 4),
     "filter_bank_many": (1, 4),
 }

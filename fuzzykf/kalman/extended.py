@@ -34,11 +34,13 @@ from fuzzykf.kalman.series import (
 )
 from fuzzykf.kalman.smoothing import check_motion, smooth_result
 from fuzzykf.kalman.updates import condition, observed
-from fuzzykf.many import read_many, stacked
+from fuzzykf.many import as_output_type, read_many, stacked
 from fuzzykf.observations import check_aligned
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+
+    from numpy.typing import DTypeLike
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.base import FilterResult
@@ -519,6 +521,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
         *,
         by: Hashable | None = None,
+        dtype: DTypeLike = np.float64,
         resume: bool = False,
     ) -> FilterResult:
         """Filter many series, each from the current x and P on.
@@ -542,6 +545,8 @@ class ExtendedKalmanFilter(GaussianFilter):
         by : hashable, optional
             The column (or level of the index) of a frame that says which series a row belongs to, if its rows
             are those of all series.
+        dtype : numpy.float64 or numpy.float32
+            Type of the numbers that are stored.  The filter reckons in double precision all the same.
         resume : bool
             As in `filter`.
 
@@ -557,7 +562,7 @@ class ExtendedKalmanFilter(GaussianFilter):
             As from `filter`; or an unknown name in ``keep``.
         """
         as_flag("resume", resume)
-        names = check_keep(keep, FIELDS)
+        names, dtype = check_keep(keep, FIELDS), as_output_type(dtype)
         given = {"fx_args": fx_args, "hx_args": hx_args}
         many = read_many(zs, self.dim_z, by, uneven=fx_args is not None)
         check_rows(many, **given)
@@ -568,6 +573,7 @@ class ExtendedKalmanFilter(GaussianFilter):
             if controls is not None:
                 own = controls.of(rows, series.shape[:2], takes_columns([self]))
                 each = [{**given, **one} for one in own]
-            return stacked(self._filter_each(series, each), names)
+            found = stacked(self._filter_each(series, each), names)
+            return {name: values.astype(dtype, copy=False) for name, values in found.items()}
 
         return many.filtered(several)

@@ -36,7 +36,7 @@ from fuzzykf.overrides import VERBS, is_patched, lookups, overrides
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Mapping
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, DTypeLike
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.estimation.result import LikelihoodFit
@@ -631,11 +631,14 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         Hs: PerStep | None = None,
         dt: ManySeriesLike | PerStep | float | None = None,
         by: Hashable | None = None,
+        threads: int = 1,
+        dtype: DTypeLike = np.float64,
         resume: bool = False,
     ) -> FilterResult:
         """Filter many series at once, each from the current x and P on.
 
-        The filter itself does not change.
+        The filter itself does not change.  Series go side by side; complete ones share their covariances,
+        which do not depend on what is observed, and those with gaps have their own from the first gap on.
 
         Parameters
         ----------
@@ -658,6 +661,11 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         by : hashable, optional
             The column (or level of the index) of a frame that says which series a row belongs to, if its rows
             are those of all series.
+        threads : int
+            How many threads the compiled engine shares the series among; results are the same to the bit.
+            NumPy uses one.
+        dtype : numpy.float64 or numpy.float32
+            Type of the numbers that are stored.  The filter reckons in double precision all the same.
         resume : bool
             As in `filter`.
 
@@ -683,7 +691,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """
         as_flag("resume", resume)
         told = {"Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "dt": dt}
-        return linear_series.filter_many(self, zs, by, keep, us, told)
+        return linear_series.filter_many(self, zs, by, keep, us, told, threads, dtype)
 
     def batch_filter(
         self,

@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fuzzykf.base import check_keep
+from fuzzykf import engine
+from fuzzykf.base import MOST_THREADS, check_keep
 from fuzzykf.engine.selected import filter_linear, filter_linear_many
+from fuzzykf.gaussian import as_count
 from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError, check_in_range, control_term
 from fuzzykf.kalman.controls import check_rows, linear_controls
 from fuzzykf.kalman.series import FIELDS, as_listed, collect, empty_fields, field_shapes
 from fuzzykf.kalman.smoothing import LinearMotions
 from fuzzykf.kalman.step_arguments import StepArguments, is_uneven, own_matrix, read_spans, read_steps
-from fuzzykf.many import read_many, stacked
+from fuzzykf.many import as_output_type, over_threads, read_many, stacked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -159,10 +161,18 @@ def _changes(matrices: Iterable[FloatArray], n: int) -> list[int]:
 
 
 def filter_many(
-    f: Any, zs: Any, by: Any, keep: Iterable[str], us: Any, told: Mapping[str, Any]
+    f: Any,
+    zs: Any,
+    by: Any,
+    keep: Iterable[str],
+    us: Any,
+    told: Mapping[str, Any],
+    threads: int = 1,
+    dtype: Any = np.float64,
 ) -> FilterResult:
     """Do `KalmanFilter.filter_many`, whose parameters these are; ``told`` are those for the steps."""
-    names = check_keep(keep, FIELDS)
+    names, dtype = check_keep(keep, FIELDS), as_output_type(dtype)
+    threads = as_count("threads", threads, 1, MOST_THREADS)
     many = read_many(zs, f.dim_z, by, uneven=is_uneven(told))
     n, shared = many.values.shape[1], {name: one for name, one in told.items() if one is not None}
     spans = None
@@ -186,13 +196,16 @@ def filter_many(
             if controls is not None:
                 own = controls.of(rows, series.shape[:2], is_column)
                 of_each = [{**one, **more} for one, more in zip(of_each, own, strict=True)]
-            return stacked(f._filter_each(series, of_each), names)
+            found = stacked(f._filter_each(series, of_each), names)
+            return {name: values.astype(dtype, copy=False) for name, values in found.items()}
         shifts = None if terms is None else (terms if len(terms) == 1 else terms[rows])[:, :length]
         if model is not None:
-            stored = _side_by_side(model, series, names, shifts)
+            stored = empty_fields(names, field_shapes(f.dim_x), *series.shape[:2], dtype=dtype)
+            _side_by_side(model, series, shifts, stored, threads)
         else:
             called = range(len(many.values)) if many.names is None else many.names
-            stored = _one_by_one(f, series, names, shifts, of_each, np.array(called, dtype=object)[rows])
+            each = np.array(called, dtype=object)[rows]
+            stored = _one_by_one(f, series, names, shifts, of_each, each, dtype)
         check_in_range(**{name: stored[name][:, -1:] for name in MOMENTS if name in stored})
         return stored
 
@@ -200,21 +213,27 @@ def filter_many(
 
 
 def _side_by_side(
-    model: LinearModel, series: FloatArray, names: Iterable[str], terms: FloatArray | None
-) -> dict[str, FloatArray]:
-    """Return the fields named for many series (series, n, m) of one model.
+    model: LinearModel,
+    series: FloatArray,
+    terms: FloatArray | None,
+    out: dict[str, FloatArray],
+    threads: int,
+) -> None:
+    """Fill the fields of many series (series, n, m) of one model.
 
     ``terms`` are the terms B u, (series or 1, n, d), see `fuzzykf.kalman.controls.linear_controls`.
     """
     x, P, F, Q, H, R, alpha_sq = model
-    out = empty_fields(names, field_shapes(len(P)), *series.shape[:2])
-    try:
-        filter_linear_many(x.ravel(), P, series, F, Q, H, R, alpha_sq, terms, out)
+
+    def several(rows: slice) -> None:
+        own = terms if terms is None or len(terms) == 1 else terms[rows]
+        part = {name: values[rows] for name, values in out.items()}
+        filter_linear_many(x.ravel(), P, series[rows], F, Q, H, R, alpha_sq, own, part)
+
+    try:  # NumPy keeps its lock, so that threads would but wait for one another
+        over_threads(several, len(series), threads if engine.info().name == "compiled" else 1)
     except np.linalg.LinAlgError as error:
         raise SingularInnovationError(SINGULAR) from error
-    if "log_likelihood" in out:  # of a distance beyond all numbers, whose terms have cancelled to NaN
-        out["log_likelihood"][np.isnan(out["log_likelihood"])] = -np.inf
-    return out
 
 
 def _one_by_one(
@@ -224,13 +243,14 @@ def _one_by_one(
     terms: FloatArray | None,
     told: Sequence[Mapping[str, Any]],
     called: Sequence[Any],
+    dtype: Any,
 ) -> dict[str, FloatArray]:
     """Return the fields named for many series, each of which moves over spans of its own.
 
     ``told`` are the arguments of each for its steps, and ``called`` what an error calls it.
     """
     shapes = field_shapes(f.dim_x)
-    out, n = empty_fields(names, shapes, *series.shape[:2]), series.shape[1]
+    out, n = empty_fields(names, shapes, *series.shape[:2], dtype=dtype), series.shape[1]
     for k, zs in enumerate(series):
         steps = read_steps(f, n, **told[k], spans_name=f"dt of series {called[k]!r}")
         shifts = None if terms is None else terms[0 if len(terms) == 1 else k]

@@ -53,10 +53,10 @@ def field_shapes(dim_x: int, modes: int = 0) -> dict[str, tuple[int, ...]]:
 
 
 def empty_fields(
-    names: Iterable[str], shapes: Mapping[str, tuple[int, ...]], *steps: int
+    names: Iterable[str], shapes: Mapping[str, tuple[int, ...]], *steps: int, dtype: Any = np.float64
 ) -> dict[str, FloatArray]:
     """Arrays for the fields named, with the leading axes ``steps``."""
-    return {name: np.empty((*steps, *shapes[name])) for name in names}
+    return {name: np.empty((*steps, *shapes[name]), dtype) for name in names}
 
 
 class unchanged_on_error:

@@ -44,12 +44,17 @@ def filter_linear_many(
     zs : ndarray, shape (series, steps, m)
         NaN where missing.
     F, Q, H, R : ndarray, shapes (n, n), (n, n), (m, n), (m, m)
-        Or with a leading axis for the steps, which all series share.
+        Or with a leading axis for the steps, or more of them, which all series share.
     controls : ndarray, shape (series or 1, steps, n), or None
         The terms B u.
     out : dict of ndarray
         Filled: ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``, as far
-        as they are there, each of shape (series, steps, ...).
+        as they are there, each of shape (series, steps, ...), float64 or float32.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the covariance S of a residual is not positive definite.
     """
     n_series, n_steps, _ = zs.shape
     x, P = np.broadcast_to(x, (n_series, len(x))), P[None]
@@ -72,7 +77,9 @@ def filter_linear_many(
         if not seen.all():
             P, group, pattern = _split(P, group, seen)
         _, SI, K, log_det = gain_stack(P, H, R, pattern)
-        P = correct_stack(P, K, H, R)
+        prior, P = P, correct_stack(P, K, H, R)
+        if pattern is not None:  # as it was where nothing was seen
+            P = np.where(np.asarray(pattern.any(axis=1))[:, None, None], P, prior)
         x = x + _apply(K, y, group)
         if "x" in out:
             out["x"][:, t] = x
@@ -81,6 +88,7 @@ def filter_linear_many(
         if "log_likelihood" in out:
             count = seen.sum(axis=1)
             distance = (_apply(SI, y, group) * y).sum(axis=1)
+            distance[np.isnan(distance) & np.isfinite(y).all(axis=1)] = np.inf  # terms beyond all numbers
             log_det = log_det if len(P) == n_series else log_det[group]
             out["log_likelihood"][:, t] = -0.5 * (distance + count * LOG_2PI + log_det)
 

@@ -25,11 +25,12 @@ from fuzzykf.engine import selected as engine
 from fuzzykf.errors import NotPositiveDefiniteError
 from fuzzykf.fixed_lag import Nodes
 from fuzzykf.gaussian import check_definite, mixture_moments
+from fuzzykf.many import over_threads
 from fuzzykf.switching.dynamics.nodes import joint_moments
 from fuzzykf.switching.dynamics.pairs import Ahead
 from fuzzykf.switching.inference.method import Known, Method, Smoothed, out_of_range, tables_to
 from fuzzykf.switching.inference.mixture import Mixture, Source
-from fuzzykf.switching.inference.series import Trajectory, allocate, over_threads, shown
+from fuzzykf.switching.inference.series import Trajectory, allocate, shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,24 +7,22 @@ complete series side by side; the rest goes step by step.
 from __future__ import annotations
 
 from bisect import bisect_left
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from math import prod
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.engine import selected as engine
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import mixture_moments
+from fuzzykf.many import over_threads
 from fuzzykf.results import FilterResult, field_shapes
 from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_switch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.dynamics.pairs import Ahead, PairTables, SwitchingSystem
     from fuzzykf.switching.inference.method import Method, Smoothed
@@ -40,7 +38,6 @@ __all__ = [
     "class_weights_of",
     "filter_many",
     "filter_one",
-    "over_threads",
     "result_of",
     "shown",
     "smoothed_result",
@@ -54,8 +51,6 @@ FOUND = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_lik
 SHOWN = (*FOUND, "class_weights")
 
 _NONE = np.empty(0)
-
-_Found = TypeVar("_Found")
 
 #: How far, in parts of the largest number, verbs and whole series may be apart.
 _ROUNDING = 1e-6
@@ -203,16 +198,6 @@ def _filter_many(
         for name in names:
             out[name][k] = part[name][0]
     return {name: out[name] for name in names}  # without the states, which signed weights need
-
-
-def over_threads(several: Callable[[slice], _Found], n: int, threads: int) -> list[_Found]:
-    """Do ``several`` for n series, in as many parts as there are threads; what it returns for each."""
-    cuts = [n * k // threads for k in range(threads + 1)]
-    blocks = [slice(a, b) for a, b in pairwise(cuts) if b > a] or [slice(0)]
-    if len(blocks) == 1:
-        return [several(blocks[0])]
-    with ThreadPoolExecutor(len(blocks)) as pool:
-        return list(pool.map(several, blocks))
 
 
 def allocate(
