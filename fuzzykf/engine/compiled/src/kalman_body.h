@@ -177,5 +177,56 @@ FK_TARGET static FK_ALONE int FK_NAME(fk_kalman_update)(fk_kalman *f, const doub
 #undef FK_SIZE
 }
 
+FK_INLINE_HERE size_t FK_NAME(fk_settled_sized)(const int n, const int m, fk_kalman *f, const fk_kalman_gain *gains,
+                                                const double *z, const size_t begin, const size_t n_steps,
+                                                const double *controls, const fk_kalman_output *out) {
+  const size_t N = n, NN = N * N;
+  double FT[FK_KALMAN_SQUARE], HT[FK_KALMAN_SQUARE], KT[2][FK_KALMAN_SQUARE], row[FK_KALMAN_LARGEST];
+  double x[FK_KALMAN_LARGEST], prior[FK_KALMAN_LARGEST], y[FK_KALMAN_LARGEST];
+  size_t t = begin;
+  FK_NAME(fk_transpose)(n, n, f->F, FT);
+  FK_NAME(fk_transpose)(m, n, f->H, HT);
+  for (int k = 0; k < 2; k++) FK_NAME(fk_transpose)(n, m, gains[k].K, KT[k]);
+  for (int i = 0; i < n; i++) x[i] = f->x[i], prior[i] = f->x_prior[i];
+  for (int i = 0; i < m; i++) y[i] = f->y[i];
+  for (; t < n_steps && FK_NAME(fk_count_seen)(m, z) == m; t++, z += m) {
+    const fk_kalman_gain *gain = gains + (t - begin) % 2;
+    FK_NAME(fk_row)(n, n, x, FT, prior);
+    if (controls)
+      for (int i = 0; i < n; i++) prior[i] += controls[t * N + i];
+    FK_NAME(fk_row)(n, m, prior, HT, row);
+    for (int i = 0; i < m; i++) y[i] = z[i] - row[i];
+    for (int i = 0; i < n; i++) x[i] = prior[i];
+    FK_NAME(fk_add_row)(m, n, y, KT[(t - begin) % 2], x);
+    if (out->x) memcpy(out->x + t * N, x, N * sizeof(double));
+    if (out->P) memcpy(out->P + t * NN, gain->P, NN * sizeof(double));
+    if (out->x_prior) memcpy(out->x_prior + t * N, prior, N * sizeof(double));
+    if (out->P_prior) memcpy(out->P_prior + t * NN, gain->P_prior, NN * sizeof(double));
+    if (out->log_likelihood) out->log_likelihood[t] = fk_kalman_log_density(m, y, gain->L, gain->D, gain->log_D);
+  }
+  for (int i = 0; i < n; i++) f->x[i] = x[i], f->x_prior[i] = prior[i];
+  for (int i = 0; i < m; i++) f->y[i] = y[i];
+  if ((t - begin) % 2) { /* else it ends with the gain with which it has come */
+    memcpy(f->P, gains->P, NN * sizeof(double));
+    memcpy(f->P_prior, gains->P_prior, NN * sizeof(double));
+    for (int i = 0; i < m * m; i++) f->S[i] = gains->S[i], f->L[i] = gains->L[i];
+    for (int i = 0; i < n * m; i++) f->K[i] = gains->K[i];
+    for (int i = 0; i < m; i++) f->D[i] = gains->D[i];
+  }
+  return t;
+}
+
+FK_TARGET static FK_ALONE size_t FK_NAME(fk_kalman_settled)(fk_kalman *f, const fk_kalman_gain *gains, const double *z,
+                                                            size_t t, size_t n_steps, const double *controls,
+                                                            const fk_kalman_output *out) {
+#define FK_SIZE(n, m) \
+  case n * 32 + m: return FK_NAME(fk_settled_sized)(n, m, f, gains, z, t, n_steps, controls, out);
+  switch (f->n * 32 + f->m) {
+    FK_SIZE(1, 1) FK_SIZE(2, 1) FK_SIZE(3, 1) FK_SIZE(4, 1) FK_SIZE(4, 2)
+    default: return FK_NAME(fk_settled_sized)(f->n, f->m, f, gains, z, t, n_steps, controls, out);
+  }
+#undef FK_SIZE
+}
+
 #undef FK_NAME
 #undef FK_TARGET

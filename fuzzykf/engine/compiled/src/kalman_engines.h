@@ -14,7 +14,7 @@
 #include "kalman_body.h"
 #endif
 
-#define FK_VERSION(suffix) {fk_kalman_predict_##suffix, fk_kalman_update_##suffix}
+#define FK_VERSION(suffix) {fk_kalman_predict_##suffix, fk_kalman_update_##suffix, fk_kalman_settled_##suffix}
 
 static const fk_kalman_engine fk_kalman_engines[] = {
     FK_VERSION(portable),
