@@ -68,8 +68,21 @@ class BuildOptional(build_ext):
 PACKAGE = Path("fuzzykf")
 CORE = PACKAGE / "engine" / "compiled"
 
-#: Level of optimisation, unless CFLAGS in the environment says another.
-OPTIMIZE = [] if "-O" in os.environ.get("CFLAGS", "") else ["-O3"]
+#: What is vectorised by hand gains nothing from the rest of -O3, nor does what only calls it.
+BY_HAND = ["-O2", "-fpeel-loops", "-ftree-partial-pre"]
+CALLING = ["-O2"]
+FLAGS = {
+    **dict.fromkeys(["kalman_series", "nodes", "nodes_gradient", "tables"], BY_HAND),
+    **dict.fromkeys(["arrays", "processor", "backward", "hidden_markov", "nodes_backward"], CALLING),
+    **dict.fromkeys(["series", "switching", "compiled_attributes"], CALLING),
+}
+
+
+def optimize(module):
+    """Return the options of a module, unless CFLAGS in the environment says others, without symbols."""
+    own = os.environ.get("CFLAGS", "")
+    level = [] if "-O" in own else FLAGS.get(module, ["-O3"])
+    return [*level, *([] if "-g" in own else ["-g0"])]
 
 
 def extension(source):
@@ -80,7 +93,7 @@ def extension(source):
         depends=sorted(str(header) for pattern in ("*.pxd", "*.h") for header in PACKAGE.rglob(pattern)),
         include_dirs=[str(CORE), numpy.get_include()],
         define_macros=[("NPY_NO_DEPRECATED_API", "NPY_1_7_API_VERSION")],
-        extra_compile_args=[*OPTIMIZE, "-Wno-psabi"],
+        extra_compile_args=[*optimize(source.stem), "-Wno-psabi"],
         optional=True,
     )
 

@@ -151,7 +151,7 @@ FK_TARGET static FK_ALONE void FK_NAME(fk_kalman_predict)(fk_kalman *f) {
     FK_NAME(fk_transpose)(n, n, f->F, FT);     \
     FK_NAME(fk_predict_sized)(n, f, FT);       \
     return;
-  switch (f->n) {
+  switch (FK_OWN_SIZE(f->n)) {
     FK_SIZE(1) FK_SIZE(2) FK_SIZE(3) FK_SIZE(4) FK_SIZE(6)
     default:
       FK_NAME(fk_transpose)(f->n, f->n, f->F, FT);
@@ -167,7 +167,7 @@ FK_TARGET static FK_ALONE int FK_NAME(fk_kalman_update)(fk_kalman *f, const doub
   case n * 32 + m:                             \
     FK_NAME(fk_transpose)(m, n, f->H, HT);     \
     return FK_NAME(fk_update_any)(n, m, seen, f, HT, z);
-  switch (f->n * 32 + f->m) {
+  switch (FK_OWN_SIZE(f->n * 32 + f->m)) {
     FK_SIZE(1, 1) FK_SIZE(2, 1) FK_SIZE(2, 2) FK_SIZE(3, 1) FK_SIZE(4, 1) FK_SIZE(4, 2) FK_SIZE(6, 2)
     FK_SIZE(6, 3)
     default:
@@ -221,7 +221,7 @@ FK_TARGET static FK_ALONE size_t FK_NAME(fk_kalman_settled)(fk_kalman *f, const 
                                                             const fk_kalman_output *out) {
 #define FK_SIZE(n, m) \
   case n * 32 + m: return FK_NAME(fk_settled_sized)(n, m, f, gains, z, t, n_steps, controls, out);
-  switch (f->n * 32 + f->m) {
+  switch (FK_OWN_SIZE(f->n * 32 + f->m)) {
     FK_SIZE(1, 1) FK_SIZE(2, 1) FK_SIZE(3, 1) FK_SIZE(4, 1) FK_SIZE(4, 2)
     default: return FK_NAME(fk_settled_sized)(f->n, f->m, f, gains, z, t, n_steps, controls, out);
   }
@@ -230,3 +230,4 @@ FK_TARGET static FK_ALONE size_t FK_NAME(fk_kalman_settled)(fk_kalman *f, const 
 
 #undef FK_NAME
 #undef FK_TARGET
+#undef FK_IS_SIZED

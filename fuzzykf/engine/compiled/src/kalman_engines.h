@@ -6,11 +6,13 @@
 
 #define FK_NAME(name) name##_portable
 #define FK_TARGET
+#define FK_IS_SIZED FK_PORTABLE_IS_SIZED
 #include "kalman_body.h"
 
 #ifdef FK_X86
 #define FK_NAME(name) name##_v3
 #define FK_TARGET __attribute__((target("avx2,fma")))
+#define FK_IS_SIZED 1
 #include "kalman_body.h"
 #endif
 

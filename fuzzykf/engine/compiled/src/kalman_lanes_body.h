@@ -226,7 +226,7 @@ FK_TARGET static FK_ALONE void FK_NAME(fk_kalman_shared)(const fk_linear *model,
                                                          int steps, const fk_lanes_room *room) {
 #define FK_SIZE(n, m) \
   case n * 32 + m: FK_NAME(fk_shared_sized)(n, m, model, gains, first, steps, room, lane); continue;
-  for (int lane = 0; lane < FK_LANES; lane += FK_WIDTH) switch (model->n * 32 + model->m) {
+  for (int lane = 0; lane < FK_LANES; lane += FK_WIDTH) switch (FK_OWN_SIZE(model->n * 32 + model->m)) {
       FK_SIZES
       default: FK_NAME(fk_shared_sized)(model->n, model->m, model, gains, first, steps, room, lane);
     }
@@ -240,7 +240,7 @@ FK_TARGET static FK_ALONE int FK_NAME(fk_kalman_apart)(const fk_linear *model, s
   case n * 32 + m: done = FK_NAME(fk_apart_sized)(n, m, model, first, steps, room, lane); break;
   for (int lane = 0; lane < FK_LANES; lane += FK_WIDTH) {
     int done;
-    switch (model->n * 32 + model->m) {
+    switch (FK_OWN_SIZE(model->n * 32 + model->m)) {
       FK_SIZES
       default: done = FK_NAME(fk_apart_sized)(model->n, model->m, model, first, steps, room, lane);
     }

@@ -6,6 +6,7 @@
 
 #define FK_NAME(name) name##_portable
 #define FK_TARGET
+#define FK_IS_SIZED FK_PORTABLE_IS_SIZED
 #define FK_WIDTH 2
 #include "lanes_body.h"
 #include "kalman_lanes_body.h"
@@ -14,6 +15,7 @@
 #ifdef FK_X86
 #define FK_NAME(name) name##_v3
 #define FK_TARGET __attribute__((target("avx2,fma")))
+#define FK_IS_SIZED 1
 #define FK_WIDTH 4
 #include "lanes_body.h"
 #include "kalman_lanes_body.h"
@@ -21,6 +23,7 @@
 
 #define FK_NAME(name) name##_v4
 #define FK_TARGET __attribute__((target("avx512f,avx512dq,avx512vl,avx2,fma")))
+#define FK_IS_SIZED 1
 #define FK_WIDTH 8
 #include "lanes_body.h"
 #include "kalman_lanes_body.h"

@@ -11,4 +11,5 @@
 #undef FK_READ
 #undef FK_NAME
 #undef FK_TARGET
+#undef FK_IS_SIZED
 #undef FK_WIDTH

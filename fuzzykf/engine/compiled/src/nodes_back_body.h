@@ -140,7 +140,7 @@ FK_TARGET static __attribute__((noinline)) void FK_NAME(fk_look_back)(const fk_n
                                                                       const FK_V *lower, FK_V *x1, FK_V *P1,
                                                                       FK_V *log_density) {
 #define FK_SIZE(m) case m: FK_NAME(fk_look_back_sized)(k, m, j, n, later, x, lower, x1, P1, log_density); return;
-  switch (k->m) {
+  switch (FK_OWN_SIZE(k->m)) {
     FK_STATES
     default: FK_NAME(fk_look_back_sized)(k, k->m, j, n, later, x, lower, x1, P1, log_density);
   }

@@ -61,7 +61,7 @@ FK_INLINE_HERE void FK_NAME(fk_merge_sized)(const int of_pairs, const int m, con
 FK_APART void FK_NAME(fk_merge_nodes)(const int m, const int depth, const FK_V *share, const int *from,
                                       const double *table, const size_t ld, FK_V *x, FK_V *P) {
 #define FK_SIZE(m) case m: FK_NAME(fk_merge_sized)(0, m, depth, share, from, table, ld, share, x, P); return;
-  switch (m) {
+  switch (FK_OWN_SIZE(m)) {
     FK_STATES
     default: FK_NAME(fk_merge_sized)(0, m, depth, share, from, table, ld, share, x, P);
   }
@@ -71,7 +71,7 @@ FK_APART void FK_NAME(fk_merge_nodes)(const int m, const int depth, const FK_V *
 FK_APART void FK_NAME(fk_merge_pairs)(const int m, const int depth, const FK_V *share, const FK_V *slots, FK_V *x,
                                       FK_V *P) {
 #define FK_SIZE(m) case m: FK_NAME(fk_merge_sized)(1, m, depth, share, NULL, NULL, 0, slots, x, P); return;
-  switch (m) {
+  switch (FK_OWN_SIZE(m)) {
     FK_STATES
     default: FK_NAME(fk_merge_sized)(1, m, depth, share, NULL, NULL, 0, slots, x, P);
   }
@@ -102,7 +102,7 @@ FK_INLINE_HERE void FK_NAME(fk_carry_sized)(const fk_nodes *k, const int m, cons
 
 FK_APART void FK_NAME(fk_carry)(const fk_nodes *k, const int b, const FK_V *x, const FK_V *P, FK_V *x1, FK_V *P1) {
 #define FK_SIZE(m) case m: FK_NAME(fk_carry_sized)(k, m, b, x, P, x1, P1); return;
-  switch (k->m) {
+  switch (FK_OWN_SIZE(k->m)) {
     FK_STATES
     default: FK_NAME(fk_carry_sized)(k, k->m, b, x, P, x1, P1);
   }
@@ -205,7 +205,7 @@ FK_APART int FK_NAME(fk_condition)(const fk_nodes *k, const int n, const int *se
                                    const FK_B *possible, FK_V *x, FK_V *P, FK_V *log_density) {
 #define FK_SIZE(m, q) \
   case 100 * m + q: return FK_NAME(fk_condition_sized)(k, m, q, 1, seen, b, y, *possible, x, P, log_density);
-  switch (n == k->q ? 100 * k->m + n : 0) {
+  switch (FK_OWN_SIZE(n == k->q ? 100 * k->m + n : 0)) {
     FK_SYSTEMS
     default: return FK_NAME(fk_condition_sized)(k, k->m, n, 0, seen, b, y, *possible, x, P, log_density);
   }

@@ -5,7 +5,15 @@
 /* GCC on Windows does not align the stack as the wide vectors need it (its bug 54412); Clang does. */
 #if defined(__x86_64__) && (defined(__clang__) || (defined(__GNUC__) && !defined(_WIN32)))
 #define FK_X86 1
+/* Beside versions for what nearly every processor of the kind can do, the portable one need not be fast: its
+ * sizes share their code.  Elsewhere it is the only one. */
+#define FK_PORTABLE_IS_SIZED 0
+#else
+#define FK_PORTABLE_IS_SIZED 1
 #endif
+
+/* The size by which code of its own is chosen; 0 where there is none. */
+#define FK_OWN_SIZE(size) (FK_IS_SIZED ? (size) : 0)
 
 #if defined(FK_X86) && defined(_MSC_VER) /* clang-cl: __builtin_cpu_supports asks for a library of Clang */
 #include <cpuid.h>

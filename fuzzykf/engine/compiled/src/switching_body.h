@@ -129,7 +129,7 @@ FK_TARGET static double FK_NAME(fk_step)(const fk_kernel *k, const double *table
                                          const double *u, double *out, double *out_sign, double *scratch) {
 #define FK_SIZED(m, q, w) FK_NAME(fk_step_sized)(k, is_sparse, m, q, w, table, sign, u, out, out_sign, scratch)
 #define FK_SIZES                                                                                          \
-  switch (k->w == k->q && k->m <= 4 && k->q <= 2 ? 10 * k->m + k->q : 0) {                                 \
+  switch (FK_OWN_SIZE(k->w == k->q && k->m <= 4 && k->q <= 2 ? 10 * k->m + k->q : 0)) {                    \
   case 11: return FK_SIZED(1, 1, 1);                                                                      \
   case 21: return FK_SIZED(2, 1, 1);                                                                      \
   case 31: return FK_SIZED(3, 1, 1);                                                                      \
@@ -235,7 +235,7 @@ FK_TARGET static void FK_NAME(fk_prior)(const fk_kernel *k, const fk_summary *s,
   }
 #define FK_SIZED(m, w) FK_NAME(fk_prior_sized)(k, s, is_sparse, m, w, p, table, u, x, P, scratch)
 #define FK_SIZES                                                                                          \
-  switch (k->w <= 2 && k->m <= 4 ? 10 * k->m + k->w : 0) {                                                 \
+  switch (FK_OWN_SIZE(k->w <= 2 && k->m <= 4 ? 10 * k->m + k->w : 0)) {                                    \
   case 21: FK_SIZED(2, 1); break;                                                                         \
   case 22: FK_SIZED(2, 2); break;                                                                         \
   case 31: FK_SIZED(3, 1); break;                                                                         \
