@@ -68,8 +68,8 @@ class BuildOptional(build_ext):
 PACKAGE = Path("fuzzykf")
 CORE = PACKAGE / "engine" / "compiled"
 
-#: What is vectorised by hand, with AVX2 or AVX-512, gains nothing from the rest of -O3, nor does what only calls it;
-#: the portable version, which is all that other processors have, does.
+#: What is vectorised by hand, with AVX2 or AVX-512, gains nothing from the rest of -O3, nor does what only
+#: calls it; the portable version, which is all that other processors have, does.
 IS_X86 = platform.machine().lower() in ("x86_64", "amd64")
 BY_HAND = ["-O2", "-fpeel-loops", "-ftree-partial-pre"] if IS_X86 else ["-O3"]
 CALLING = ["-O2"]
