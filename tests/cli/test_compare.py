@@ -23,6 +23,7 @@ ALL_METHODS = [
     "OFSRFilter",
     "CGOMSMFilter",
     "CGOMSMFilter, no memory of the state",
+    "CGOMSMFilter, filter-trained",
     "IMMEstimator",
     "KalmanFilter (filterpy)",
     "linear regression",
@@ -31,7 +32,7 @@ ALL_METHODS = [
     "gradient boosting with lags",
     "mean of the time of day",
 ]
-REGRESSIONS = ALL_METHODS[5:]
+REGRESSIONS = ALL_METHODS[6:]
 
 #: Those that do not take long.
 METHODS = [name for name in ALL_METHODS if name != "gradient boosting with lags"]

@@ -28,7 +28,7 @@ from fuzzykf.comparison.models import CANDIDATES
 from fuzzykf.errors import ParameterError
 
 #: Candidates that the page on comparing tells of beside those that are compared anyway.
-TO_NAME = ("fmc1-memoryless",)
+TO_NAME = ("fmc1-memoryless", "fmc1-filter")
 
 HOWTO = Path(__file__).parents[3] / "docs" / "howto"
 
