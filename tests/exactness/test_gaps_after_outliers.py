@@ -75,6 +75,14 @@ class DecimalRecursion:
             Ayy**2 * S + Q,
         )
 
+    def advance(self, nodes, y):
+        """The components of each node: one where y is there, else one for each node before it."""
+        if y is None:
+            nodes = [[self.merge(node)] for node in nodes]
+        moved = {(i, j): [self.condition(self.move(i, j, one), y) for one in nodes[i]] for i, j in self.pairs}
+        arrived = [[one for (_, to), some in moved.items() if to == j for one in some] for j in range(self.K)]
+        return arrived if y is None else [[self.merge(some)] for some in arrived]
+
     def run(self, ys):
         """Means and variances of X, and the probabilities of the nodes."""
         with localcontext() as context:
@@ -85,16 +93,13 @@ class DecimalRecursion:
             law, found, nodes = self.law, [], []
             for p, mean, S in zip(law.probability, law.mean, law.covariance, strict=True):
                 parts = [Decimal(float(a)) for a in (*mean, S[0, 0], S[0, 1], S[1, 1])]
-                nodes.append(self.condition((Decimal(float(p)).ln(), *parts), seen[0]))
+                nodes.append([self.condition((Decimal(float(p)).ln(), *parts), seen[0])])
             for n, y in enumerate(seen):
                 if n:
-                    moved = {(i, j): self.condition(self.move(i, j, nodes[i]), y) for i, j in self.pairs}
-                    nodes = [
-                        self.merge([node for (_, to), node in moved.items() if to == j])
-                        for j in range(self.K)
-                    ]
-                total, x, _, P, *_ = self.merge(nodes)
-                found.append((float(x), float(P), *(float((node[0] - total).exp()) for node in nodes)))
+                    nodes = self.advance(nodes, y)
+                total, x, _, P, *_ = self.merge([one for node in nodes for one in node])
+                p = [(self.merge(node)[0] - total).exp() for node in nodes]
+                found.append((float(x), float(P), *map(float, p)))
         table = np.array(found)
         return table[:, 0], table[:, 1], table[:, 2:]
 

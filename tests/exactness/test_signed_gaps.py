@@ -57,8 +57,9 @@ HOLES = {
     "a part of the first": ([(0, 0)], True),
     "a part of the last": ([(-1, 1)], True),
     "the last": ([-1], True),
-    "one part": ([(2, 0)], False),
-    "one part, then another": ([(1, 0), (3, 1)], False),
+    "one part": ([(2, 0)], True),
+    "all of one": ([2], True),
+    "one part, then another": ([(0, 0), (2, 1)], True),
     "parts in a row": ([(1, 0), (2, 1), (3, 1)], False),
     "one component": ([(k, 1) for k in range(-1, 3)], False),
     "a part, then all": ([(1, 1), 2], False),
@@ -67,7 +68,7 @@ HOLES = {
 
 #: Twice the largest errors over all chains, holes and series, rounded up; they are of order one where what is
 #: known of a window has the rounding of a root in place of zeros.
-BOUNDS = {"x": 6e-4, "P": 2e-3, "mu": 2e-4}
+BOUNDS = {"x": 7e-5, "P": 7e-5, "mu": 5e-5}
 
 
 def observations(f, n, seed, holes):
@@ -110,11 +111,11 @@ def test_the_smoother_of_a_signed_chain_in_gaps(name, holes, enumerate_paths):
 def test_a_long_series_is_what_a_rule_without_signs_makes_of_it(holes):
     # 25 cells are off by 1 %, as much as they are where nothing is missing
     law = model(1)
-    ys = law.simulate(40, np.random.default_rng(3)).y
+    ys = law.simulate(20, np.random.default_rng(3)).y
     if holes == "parts in turn":
         ys[::2, 0], ys[1::2, 1] = np.nan, np.nan
     else:
-        ys[:, 0], ys[10:35:7] = np.nan, np.nan
+        ys[:, 0], ys[4:18:5] = np.nan, np.nan
     signed, cells = OFSRFilter(law, 9, "product").smooth(ys), OFSRFilter(law, 25).smooth(ys)
     np.testing.assert_allclose(signed.P, cells.P, rtol=0.01)
     np.testing.assert_allclose(signed.x, cells.x, atol=0.01)
@@ -126,7 +127,7 @@ NONE = np.nan
 #: Series after which a weight of -.002 leaves no law: where it shows, and what is said.
 REFUSED = {
     "filter": (
-        [[-9.3, NONE], [NONE, -2.6], [-6.9, -5.8], [NONE, 1.7], [NONE, 1.2], [-1.1, -0.5]],
+        [[-2.6, 1.6], [NONE, NONE], [-6.7, -4.9], [NONE, -1.9], [-2.8, NONE], [NONE, 2.2]],
         "a pair of nodes that gives the observation no density",
     ),
     "smooth": (
@@ -155,10 +156,10 @@ def test_what_negative_weights_have_made_no_law_is_refused_and_the_filter_as_it_
 def test_a_step_that_is_refused_leaves_the_filter_as_it_was():
     ys, what = REFUSED["filter"]
     f = three_nodes(0.002)
-    f.filter(ys[:2])
+    f.filter(ys[:-1])
     before = f.x, f.P, f.mu
     with pytest.raises(QuadratureError, match=what):
-        f.step(ys[2])
+        f.step(ys[-1])
     for now, was in zip((f.x, f.P, f.mu), before, strict=True):
         np.testing.assert_array_equal(now, was)
     f.step(None)

@@ -6,7 +6,11 @@ pair formulas apply to X and the whole window:
 
     s'_ij = F_ij s + b_ij + noise,   s' = (X', Y', w),
 
-conditioned on what is there of Y', and collapsed over i by moment matching.
+conditioned on what is there of Y', and collapsed over i by moment matching where nothing is unknown
+afterwards.  Elsewhere the components of a node j, one for each node i before it, stay apart as its
+`Branches`: an observation changes their weights, which mean and covariance of the node cannot know.  So a gap
+of one observation is exact.  After a further one that is missing each component is that of a pair again, the
+mean and covariance of all that came before.
 
 After an outlier what the nodes expect lies as far apart as the outlier is far off, and so does what is
 unknown of s; what an observation then leaves of its covariance is lost in a difference of matrices.
@@ -30,6 +34,7 @@ from fuzzykf.gaussian import (
     LOG_2PI,
     covariance_root,
     lower_factor,
+    mixture_moments,
     mixture_root,
     solve_lower,
     square,
@@ -40,13 +45,16 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, IntArray
 
 __all__ = [
+    "Branches",
     "PairMixture",
     "SlotPairs",
+    "apart",
     "before_step",
     "collapse_weights",
     "condition_pairs",
     "first_step_in_part",
     "in_slots",
+    "merge_branches",
     "noise_root",
     "pair_mixture",
     "step_in_part",
@@ -57,7 +65,10 @@ __all__ = [
 
 
 class SlotPairs(NamedTuple):
-    """Tables of a step slot by slot: those of all pairs, or of the pairs of positive probability alone."""
+    """Tables of a step slot by slot: those of all pairs, or of the pairs of positive probability alone.
+
+    Where the nodes are branches, see `apart`, there are as many slots for each of a node's.
+    """
 
     transition: FloatArray  # (depth, M2)
     pairs: tuple[FloatArray, ...]  # Axx, H, G, c, C, Ayy, Ny, Qyy of the regressions of X' and Y'
@@ -71,6 +82,17 @@ def in_slots(transition: FloatArray, pairs: tuple[FloatArray, ...]) -> SlotPairs
     if slots is not None:
         transition, pairs = slots.probabilities(transition), tuple(slots.take(part) for part in pairs)
     return SlotPairs(transition, tuple(pairs), slots, node_index(slots))
+
+
+class Branches(NamedTuple):
+    """The components of the nodes in a gap, laid out as a state with a node for each.
+
+    There are ``depth`` of each node j, one for each slot of the step to it: column ``s M + j`` of the table.
+    """
+
+    table: FloatArray  # (1 + e + e*e, depth M): log p(s, j), mean and covariance of (X, u) in it
+    sign: FloatArray | None  # (depth M,)
+    root: FloatArray | None  # (depth M, e, e)
 
 
 class PairMixture(NamedTuple):
@@ -165,6 +187,24 @@ def _spread(step: SlotPairs, F: FloatArray, P: FloatArray) -> FloatArray:
     covariance[..., m : m + q, :m] += np.swapaxes(cross, -1, -2)
     covariance[..., m : m + q, m : m + q] += Qyy
     return symmetrize(covariance)
+
+
+def apart(
+    step: SlotPairs, noise: FloatArray, M1: int, branches: Branches | None
+) -> tuple[SlotPairs, FloatArray]:
+    """Return the tables, and the `noise_root`, of a step from the branches of M1 nodes."""
+    if branches is None:
+        return step, noise
+    n = branches.table.shape[1] // M1
+    depth, M2 = step.transition.shape
+    source = np.repeat(np.arange(M1)[:, None], M2, axis=1) if step.slots is None else step.slots.source
+    nodes = (np.arange(n)[:, None, None] * M1 + source).reshape(n * depth, M2)
+
+    def repeated(values: FloatArray) -> FloatArray:
+        return np.broadcast_to(values, (n, *values.shape)).reshape(n * depth, *values.shape[1:])
+
+    pairs = tuple(repeated(part) for part in step.pairs)
+    return SlotPairs(repeated(step.transition), pairs, None, (nodes,)), repeated(noise)
 
 
 def noise_root(pairs: tuple[FloatArray, ...]) -> FloatArray:
@@ -266,16 +306,12 @@ def collapse_weights(
     return np.log(np.abs(column)) + top, np.where(column < 0.0, -1.0, 1.0), w / column
 
 
-def _collapse_pairs(
-    pairs: PairMixture, window: FloatArray
-) -> tuple[FloatArray, FloatArray | None, FloatArray | None, float]:
-    """Sum pairs into nodes and keep of the window what is missing.
-
-    Returns the table, signs, the root of the covariances (M2, e, e) and the log of the total.
-    """
+def _merge(
+    pairs: PairMixture,
+) -> tuple[FloatArray, FloatArray | None, FloatArray, FloatArray, FloatArray | None]:
+    """Sum components (n, k) over the first: logarithms of masses, signs, means, covariances, roots."""
     log_p, sign, o = collapse_weights(pairs.log_w, pairs.sign)
-    at = _unknown(pairs.mean.shape[-1] - window.size, window)
-    means, root = pairs.mean[..., at], None
+    means, root = pairs.mean, None
     if pairs.root is None:
         first = means[np.abs(o).argmax(axis=0), np.arange(o.shape[1])]
         off = means - first
@@ -283,18 +319,92 @@ def _collapse_pairs(
         off -= beyond
         mean = first + beyond
         covariance = np.transpose(o[..., None] * off, (1, 2, 0)) @ np.swapaxes(off, 0, 1)  # of the means
-        covariance += np.einsum("ij,ijkl->jkl", o, pairs.covariance[..., at[:, None], at])
+        covariance += np.einsum("ij,ijkl->jkl", o, pairs.covariance)
     else:
-        mean, root = mixture_root(o.T, np.swapaxes(means, 0, 1), np.swapaxes(pairs.root[..., at, :], 0, 1))
+        mean, root = mixture_root(o.T, np.swapaxes(means, 0, 1), np.swapaxes(pairs.root, 0, 1))
         covariance = square(root)
+    return log_p, sign, mean, symmetrize(covariance), root
+
+
+def _unknown_of(pairs: PairMixture, window: FloatArray) -> PairMixture:
+    """Keep of the pairs what is unknown of the state and the window."""
+    at = _unknown(pairs.mean.shape[-1] - window.size, window)
+    return pairs._replace(
+        mean=pairs.mean[..., at],
+        covariance=pairs.covariance[..., at[:, None], at],
+        root=None if pairs.root is None else pairs.root[..., at, :],
+    )
+
+
+def _join(pairs: PairMixture, n: int) -> PairMixture:
+    """Merge the n branches in which pairs (n depth, M2) begin, so that one way leads to a slot."""
+    if n == 1:
+        return pairs
+    M2, e = pairs.mean.shape[1:]
+    flat = PairMixture(
+        pairs.log_w.reshape(n, -1),
+        None if pairs.sign is None else pairs.sign.reshape(n, -1),
+        pairs.mean.reshape(n, -1, e),
+        pairs.covariance.reshape(n, -1, e, e),
+        None if pairs.root is None else pairs.root.reshape(n, -1, *pairs.root.shape[2:]),
+    )
+    log_w, sign, mean, covariance, root = _merge(flat)
+    return PairMixture(
+        np.maximum(log_w, LOG_ZERO).reshape(-1, M2),
+        None if sign is None else sign.reshape(-1, M2),
+        mean.reshape(-1, M2, e),
+        covariance.reshape(-1, M2, e, e),
+        None if root is None else root.reshape(-1, M2, e, e),
+        pairs.reference,
+        pairs.best,
+    )
+
+
+def _collapse_pairs(
+    pairs: PairMixture,
+) -> tuple[FloatArray, FloatArray | None, FloatArray | None, float, float]:
+    """Sum pairs into nodes.
+
+    Returns the table, signs, the root of the covariances (M2, e, e), the log of the total, and that
+    relative to ``pairs.best``.
+    """
+    log_p, sign, mean, covariance, root = _merge(pairs)
     is_lost = log_p < DEAD
     log_p = np.where(is_lost, LOG_ZERO, log_p + pairs.reference)
     log_total = log_sum(log_p, sign)
-    table = layout(log_p - log_total, mean, symmetrize(covariance))
+    table = layout(log_p - log_total, mean, covariance)
     table[1:, is_lost] = 0.0
     if root is not None:
         root[is_lost] = 0.0
-    return table, sign, root, log_total + pairs.best
+    return table, sign, root, log_total + pairs.best, log_total
+
+
+def _branches(pairs: PairMixture, log_total: float) -> Branches | None:
+    """Keep pairs (depth, M2) apart, unless one alone leads to each node."""
+    depth, _, e = pairs.mean.shape
+    if depth == 1:
+        return None
+    is_lost = (pairs.log_w < DEAD).ravel()
+    log_p = np.where(is_lost, LOG_ZERO, (pairs.log_w + pairs.reference - log_total).ravel())
+    table = layout(log_p, pairs.mean.reshape(-1, e), pairs.covariance.reshape(-1, e, e))
+    root = None
+    if pairs.root is not None:
+        root = lower_factor(pairs.root).reshape(-1, e, e)
+        root[is_lost] = 0.0
+    table[1:, is_lost] = 0.0
+    return Branches(table, None if pairs.sign is None else pairs.sign.ravel(), root)
+
+
+def merge_branches(
+    p: FloatArray, mean: FloatArray, covariance: FloatArray, M: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Sum masses (n M,), and mix means (n M, e) and covariances (n M, e, e), over the branches of M nodes."""
+    p = p.reshape(-1, M)
+    total = p.sum(axis=0)
+    share = np.where(total != 0.0, p, 1.0)  # a node that is impossible by now keeps any finite moments
+    share = share / share.sum(axis=0)
+    moments = mean.reshape(len(p), M, -1), covariance.reshape(len(p), M, *covariance.shape[1:])
+    return total, *mixture_moments(share.T, *(np.swapaxes(a, 0, 1) for a in moments))
 
 
 @QUIET
@@ -309,8 +419,8 @@ def first_step_in_part(
     alone = PairMixture(
         log_initial[None], None, mean[None], covariance[None], covariance_root(covariance)[None]
     )
-    pairs = condition_pairs(alone, y, mean.shape[1] - y.size)
-    table, _, left, log_total = _collapse_pairs(pairs, y)
+    pairs = _unknown_of(condition_pairs(alone, y, mean.shape[1] - y.size), y)
+    table, _, left, log_total, _ = _collapse_pairs(pairs)
     return table, left, 0.0 if np.isnan(y).all() else log_total
 
 
@@ -324,7 +434,8 @@ def step_in_part(
     root: FloatArray | None,
     y: FloatArray,
     after: FloatArray,
-) -> tuple[FloatArray, FloatArray | None, FloatArray | None, float]:
+    branches: Branches | None = None,
+) -> tuple[FloatArray, FloatArray | None, FloatArray | None, Branches | None, float]:
     """Do a `step` where parts of the observation y (q,), of the window, or of both are missing.
 
     Parameters
@@ -334,23 +445,41 @@ def step_in_part(
     y : ndarray, shape (q,)
     after : ndarray, shape (w',)
         The window after it: y and what is kept of ``window``.
+    branches : Branches, optional
+        The components of the nodes, where they are not merged.
 
     Returns
     -------
-    table, sign, root, log_likelihood
+    table, sign, root, branches, log_likelihood
         The root is that of the covariances of the table, (M2, e, e), or None if there are signs.
+        Branches are None where nothing is unknown, and where each node has but one.
         The log-likelihood is that of the parts that are there; 0 if none is.
     """
-    m = step.pairs[0].shape[-1]
+    m, n = step.pairs[0].shape[-1], 1
     kept = slice(0, m + after.size)
+    if branches is not None and _tells(step, window, y):  # else nothing is lost by moments of the nodes
+        n = branches.table.shape[1] // table.shape[1]
+        step, noise = apart(step, noise, table.shape[1], branches)
+        table, sign, root = branches
     moved = pair_mixture(step, noise, table, sign, window, root)
     moved = moved._replace(
         mean=moved.mean[..., kept],
         covariance=moved.covariance[..., kept, kept],
         root=None if moved.root is None else moved.root[..., kept, :],
     )
-    table, signs, root, log_total = _collapse_pairs(condition_pairs(moved, y, m), after)
-    return table, signs, root, 0.0 if np.isnan(y).all() else log_total
+    pairs = _unknown_of(condition_pairs(moved, y, m), after)
+    is_open = bool(np.isnan(after).any())
+    if is_open:
+        pairs = _join(pairs, n)
+    table, signs, root, log_likelihood, log_total = _collapse_pairs(pairs)
+    left = _branches(pairs, log_total) if is_open else None
+    return table, signs, root, left, 0.0 if np.isnan(y).all() else log_likelihood
+
+
+def _tells(step: SlotPairs, window: FloatArray, y: FloatArray) -> bool:
+    """Whether what is there of y depends, in some pair, on what is missing of the window."""
+    Ayy = step.pairs[5][..., ~np.isnan(y), :][..., np.isnan(window)]
+    return bool(Ayy[step.transition != 0.0].any())
 
 
 def before_step(

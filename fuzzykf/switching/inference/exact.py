@@ -15,9 +15,12 @@ Second moments are central, unlike in the paper, where they cancel.  The arithme
 `fuzzykf.engine.numpy.switching`.
 
 The next observation is predicted from the latest ones, so a gap leaves not only X but also a
-part of the window unknown, which is then estimated with X.  The result is exact for a single class
-and for gaps at the end of a series (hence for forecasts of means and covariances); with several
-classes an observation after a gap makes it an approximation.
+part of the window unknown, which is then estimated with X; and the components of a node, one for each
+node before it, stay apart until the next complete observation.  The result is exact for gaps of one
+observation (in whole or in part, in models of order one), for a single class, for gaps at the end of a series
+(hence for forecasts of means and covariances), and where the missing parts say nothing of later
+observations.  With several classes an observation after a longer gap makes it an approximation, in which mean
+and covariance stand for what came before the latest two nodes.
 """
 
 from __future__ import annotations
@@ -92,8 +95,8 @@ class Exact(Method):
             return Mixture(table, window, sign), log_likelihood
         known = mixture.table, mixture.sign, mixture.window, mixture.root
         try:
-            table, sign, root, log_likelihood = engine.step_in_part(
-                tables.in_slots, tables.noise_root, *known, y, window
+            table, sign, root, branches, log_likelihood = engine.step_in_part(
+                tables.in_slots, tables.noise_root, *known, y, window, mixture.branches
             )
         except np.linalg.LinAlgError as error:
             if mixture.sign is None and not (tables.transition < 0.0).any():
@@ -104,7 +107,8 @@ class Exact(Method):
         if not (log_likelihood > engine.FARTHEST and engine.is_in_range(table)):
             raise out_of_range(y)
         unknown = int(np.isnan(window).sum())
-        return Mixture(table, window, sign, None, unknown, root if unknown else None), log_likelihood
+        left = root if unknown else None
+        return Mixture(table, window, sign, None, unknown, left, branches), log_likelihood
 
     def ahead(self, tables: PairTables, mixture: Mixture) -> Ahead:
         """Moments of (X', Y') and the probabilities of the nodes before Y' is seen."""

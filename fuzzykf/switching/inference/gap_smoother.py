@@ -11,7 +11,10 @@ with mf, Vf the filtered and ms, Vs the smoothed moments given j.  Against the l
 each pair (i, j) it gives the weight of the pair, and the moments of u' in it; those of
 the window before follow by regression, and those of X from that.
 
-All of this is exact if the future is linear and Gaussian given j, as with a single class.
+In a gap the filter keeps the components of the nodes apart, its branches: the pairs (i, j) of a node and that
+before it.  A complete observation after the gap is told to every branch, which is exact.  Further back into
+the gap L_j, of the moments of the nodes, is told to theirs.  So a gap of one observation is smoothed exactly,
+and all of them if the future is linear and Gaussian given j, as with a single class.
 Covariances go through it as roots, as in `fuzzykf.engine.numpy.gaps`.  Where weights are negative the
 matrices come first.  What is known of a window has rows of zeros in either: whatever is not zero there is
 taken for unknown, and the rounding of two laws would be compared.  A mixture by weights of both signs may
@@ -33,7 +36,7 @@ if TYPE_CHECKING:
     from fuzzykf.switching.dynamics.pairs import PairTables
     from fuzzykf.switching.inference.mixture import Mixture
 
-__all__ = ["Moments", "smooth_state", "step_back", "window_known"]
+__all__ = ["Moments", "branches_of", "pairs_ahead", "smooth_state", "step_back", "window_known"]
 
 #: Where the future leaves at most this share of the variance of u', it is taken for an observation of it.
 _TELLING = 0.5
@@ -46,20 +49,33 @@ class Moments(NamedTuple):
     root: FloatArray
 
 
+def branches_of(mixture: Mixture) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+    """Return table, signs and root of the branches of a mixture; those of its nodes where each is one."""
+    return mixture.branches or (mixture.table, mixture.sign, mixture.root)
+
+
 def window_known(mixture: Mixture, m: int) -> Moments:
-    """Return what a filter knew of the window, per node."""
-    mean, covariance = engine.window_moments(mixture.table, mixture.window)
-    if not mixture.unknown:
-        return Moments(mean[:, m:], np.zeros((*mean[:, m:].shape, 1)))
-    return Moments(mean[:, m:], engine.window_root(covariance, mixture.root, mixture.window)[:, m:])
+    """Return what a filter knew of the window, per branch."""
+    table, _, root = branches_of(mixture)
+    return _window(mixture, table, root, m)
+
+
+def pairs_ahead(
+    tables: PairTables, mixture: Mixture, y: FloatArray
+) -> tuple[engine.PairMixture, engine.PairMixture]:
+    """Move all branches of a mixture through every slot of a step, before and after what is there of y."""
+    table, sign, root = branches_of(mixture)
+    step = engine.apart(tables.in_slots, tables.noise_root, mixture.table.shape[1], mixture.branches)
+    before = engine.pair_mixture(*step, table, sign, mixture.window, root)
+    return before, engine.condition_pairs(before, y, tables.pairs.dim_x)
 
 
 def step_back(
     tables: PairTables,
     mixture: Mixture,
+    following: Mixture,
     y: FloatArray,
-    filtered: Moments,
-    smoothed: Moments,
+    window: Moments,
     gamma: FloatArray,
 ) -> tuple[FloatArray, Moments]:
     """Step back into an observation in whose window, or in the next, a part is missing.
@@ -68,53 +84,97 @@ def step_back(
     ----------
     tables : PairTables
         Of the step from here to the next observation ``y``, NaN where missing.
-    mixture : Mixture
-        What the filter knew here.
-    filtered, smoothed : Moments
-        Of the next window, given each next node, leading shape (M,).
-    gamma : ndarray, shape (M,)
-        Smoothed probabilities of the next nodes.
+    mixture, following : Mixture
+        What the filter knew here, and after ``y``.
+    window : Moments
+        Smoothed ones of the next window, given each next branch, leading shape (k,).
+    gamma : ndarray, shape (k,)
+        Smoothed probabilities of the next branches.
 
     Returns
     -------
-    gamma : ndarray, shape (M,)
+    gamma : ndarray, shape (b,)
     window : Moments
-        Smoothed moments of the window here, given each node.
+        Smoothed moments of the window here, given each branch.
     """
     m, q = tables.pairs.dim_x, y.size
-    following = slice(m, m + filtered.mean.shape[1])  # the next window, which begins with y
+    shown = slice(m, m + following.window.size)  # the next window, which begins with y
+    if not following.unknown:
+        before, after = pairs_ahead(tables, mixture, y)
+        joint = engine.collapse_weights(after.log_w, after.sign)[2] * gamma  # p(i, j | y_1..N)
+        seen = after.mean[..., shown]
+        return _regress_rows(tables, before, joint, Moments(seen, np.zeros((*seen.shape, 1))), q)
+    M2 = following.table.shape[1]
+    joint = gamma.reshape(-1, M2)
+    if not mixture.unknown:
+        return _by_row(tables, joint)[0].sum(axis=1), window_known(mixture, m)
     state = mixture.table, mixture.sign, mixture.window, mixture.root
     before = engine.pair_mixture(tables.in_slots, tables.noise_root, *state)
-    after = engine.condition_pairs(before, y, m)
-    law = Moments(after.mean[..., following], _root_of(after)[..., following, :])
-    log_evidence, updated = _weigh(law, filtered, smoothed)
-    joint = engine.collapse_weights(after.log_w + log_evidence, after.sign)[2] * gamma  # p(i, j | y_1..N)
-    # regression of the window here on the next one
+    told = Moments(*(part.reshape(-1, M2, *part.shape[1:]) for part in window))
+    return _told_apart(mixture, *_regress_rows(tables, before, joint, told, q), m)
+
+
+def _regress_rows(
+    tables: PairTables, before: engine.PairMixture, joint: FloatArray, told: Moments, q: int
+) -> tuple[FloatArray, Moments]:
+    """Sum up over the nodes j that follow, given the smoothed moments of the next window in each pair."""
+    m, w = tables.pairs.dim_x, told.mean.shape[-1]
     root = _root_of(before)
-    J, left = _regress(root[..., following, :], root[..., m + q :, :])
-    mean = before.mean[..., m + q :] + _times(J, updated.mean - before.mean[..., following])
-    root = np.concatenate([J @ updated.root, left], axis=-1)
-    if tables.in_slots.slots is not None:  # from columns to rows
-        at, there = tables.in_slots.slots.rows(len(tables.transition))
-        joint = np.where(there, joint.reshape(-1)[at], 0.0)
-        mean, root = (a.reshape(-1, *a.shape[2:])[at] for a in (mean, root))
+    J, left = _regress(root[..., m : m + w, :], root[..., m + q :, :])
+    mean = before.mean[..., m + q :] + _times(J, told.mean - before.mean[..., m : m + w])
+    root = np.concatenate([J @ told.root, left], axis=-1)
+    joint, mean, root = _by_row(tables, joint, mean, root)
     total = joint.sum(axis=1)
-    # a node that is impossible by now keeps any finite moments
+    # what is impossible by now keeps any finite moments
     share = np.where(total[:, None] != 0.0, joint, 1.0)
     share = share / share.sum(axis=1, keepdims=True)
-    if after.sign is None:
+    if before.sign is None:
         return total, Moments(*mixture_root(share, mean, root))
     mean, covariance = mixture_moments(share, mean, square(root))
     return total, Moments(mean, covariance_root(covariance))
 
 
+def _by_row(tables: PairTables, joint: FloatArray, *parts: FloatArray) -> list[FloatArray]:
+    """Bring what is known of pairs (n depth, M2) from the slots of columns to rows of the n M1 branches."""
+    slots, M1 = tables.in_slots.slots, len(tables.transition)
+    if slots is None:
+        return [joint, *parts]
+    at, there = slots.rows(M1)
+    n = joint.size // slots.source.size
+    at = (np.arange(n)[:, None, None] * slots.source.size + at).reshape(n * M1, -1)
+    joint = np.where(np.tile(there, (n, 1)), joint.reshape(-1)[at], 0.0)
+    return [joint, *(part.reshape(-1, *part.shape[2:])[at] for part in parts)]
+
+
+def _told_apart(mixture: Mixture, gamma: FloatArray, window: Moments, m: int) -> tuple[FloatArray, Moments]:
+    """Tell the branches of a mixture what is known of its nodes (M,)."""
+    if mixture.branches is None:
+        return gamma, window
+    table, sign, _ = mixture.branches
+    law = Moments(*(part.reshape(-1, gamma.size, *part.shape[1:]) for part in window_known(mixture, m)))
+    filtered = _window(mixture, mixture.table, mixture.root, m)
+    log_evidence, updated = _weigh(law, filtered, window)
+    signs = None if sign is None else sign.reshape(-1, gamma.size)
+    shares = engine.collapse_weights(table[0].reshape(-1, gamma.size) + log_evidence, signs)[2]
+    return (shares * gamma).ravel(), Moments(*(part.reshape(-1, *part.shape[2:]) for part in updated))
+
+
 def smooth_state(mixture: Mixture, window: Moments, m: int) -> tuple[FloatArray, FloatArray]:
-    """Moments of X per node, given the smoothed moments of the window, from the regression of X on it."""
-    mean, P = engine.window_moments(mixture.table, mixture.window)
-    root = engine.window_root(P, mixture.root, mixture.window)
+    """Moments of X per branch, given the smoothed moments of the window, from the regression of X on it."""
+    table, _, root = branches_of(mixture)
+    mean, P = engine.window_moments(table, mixture.window)
+    root = engine.window_root(P, root, mixture.window)
     B, left = _regress(root[:, m:], root[:, :m])
     x = mean[:, :m] + _times(B, window.mean - mean[:, m:])
     return x, square(np.concatenate([B @ window.root, left], axis=-1))
+
+
+def _window(mixture: Mixture, table: FloatArray, root: FloatArray | None, m: int) -> Moments:
+    """Moments of the window of a mixture in its nodes or branches, whose table and root these are."""
+    mean, covariance = engine.window_moments(table, mixture.window)
+    if not mixture.unknown:
+        return Moments(mean[:, m:], np.zeros((*mean[:, m:].shape, 1)))
+    return Moments(mean[:, m:], engine.window_root(covariance, root, mixture.window)[:, m:])
 
 
 def _weigh(law: Moments, filtered: Moments, smoothed: Moments) -> tuple[FloatArray, Moments]:
@@ -127,16 +187,16 @@ def _weigh(law: Moments, filtered: Moments, smoothed: Moments) -> tuple[FloatArr
     Parameters
     ----------
     law : Moments
-        Given each pair, leading shape (M1, M2).
+        Given each branch, leading shape (M1, M2).
     filtered, smoothed : Moments
-        Given each next node, leading shape (M2,).
+        Given each node, leading shape (M2,).
 
     Returns
     -------
     log_evidence : ndarray, shape (M1, M2)
-        Logarithm of the mean of L_j under the law of the pair, up to what depends on j alone.
+        Logarithm of the mean of L_j under the law of the branch, up to what depends on j alone.
     updated : Moments
-        Of the law of the pair times L_j.
+        Of the law of the branch times L_j.
     """
     open_ = np.flatnonzero(filtered.root.any(axis=(0, -1)))
     if not open_.size:

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Mixture", "Source", "most_likely_key", "most_likely_switch"]
 
+#: Numbers of axes of the arrays of `Branches`.
+_BRANCHES = {"table": 2, "sign": 1, "root": 3}
+
 
 # no tuples: filterpy's Saver makes an array of whatever a filter holds
 @reprs()
@@ -46,6 +49,8 @@ class Mixture:
     root : ndarray, shape (M, e, e), or None
         In a gap: root of the covariances of ``table``, with the digits that they have lost after an
         outlier; None if there are signs.
+    branches : Branches, or None
+        In a gap: the components of the nodes, of which ``table`` has the moments; None if each has one.
     """
 
     table: FloatArray
@@ -54,6 +59,7 @@ class Mixture:
     mass: FloatArray | None = None
     unknown: int = 0
     root: FloatArray | None = None
+    branches: engine.Branches | None = None
 
     @property
     def probabilities(self) -> FloatArray:
@@ -93,6 +99,8 @@ class Mixture:
         }
         if self.root is not None:
             state["root"] = encode(self.root)
+        if self.branches is not None:
+            state["branches"] = {name: encode(part) for name, part in self.branches._asdict().items()}
         return {"kind": "gap", "window": window, "state": state}
 
     @classmethod
@@ -110,7 +118,11 @@ class Mixture:
         )
         table = engine.window_table(log_p, mean, covariance, window)
         root = decode(state.get("root"), 3)  # files of older versions have none
-        return cls(table, window, sign, None, int((~known).sum()), root)
+        parts = state.get("branches")
+        branches = None
+        if parts is not None:
+            branches = engine.Branches(*(decode(parts[name], k) for name, k in _BRANCHES.items()))
+        return cls(table, window, sign, None, int((~known).sum()), root, branches)
 
     def is_sound(self, m: int, q: int, M: int, order: int) -> bool:
         """Whether it has the sizes of a system, and finite numbers."""
@@ -118,7 +130,14 @@ class Mixture:
         shaped = self.table.shape == (1 + e + e * e, M) and (self.sign is None or self.sign.shape == (M,))
         known = int(np.isfinite(self.window).sum()) == w - self.unknown
         shaped &= self.root is None or self.root.shape == (M, e, e)
-        finite = all(a is None or np.isfinite(a).all() for a in (self.table, self.sign, self.root))
+        arrays = [self.table, self.sign, self.root]
+        if self.branches is not None:
+            n = self.branches.table.shape[-1]
+            shapes = (1 + e + e * e, n), (n,), (n, e, e)
+            shaped &= n % M == 0 and self.branches.table.shape == shapes[0] and self.unknown > 0
+            shaped &= all(a is None or a.shape == k for a, k in zip(self.branches, shapes, strict=True))
+            arrays += self.branches
+        finite = all(a is None or np.isfinite(a).all() for a in arrays)
         return bool(shaped and known and finite and w % q == 0 and w <= order * q)
 
 

@@ -66,7 +66,7 @@ class Trajectory:
         Fields of a result; if states were asked for ``table`` (n, 1 + m + m*m, M), of X alone, and
         with negative weights ``sign`` (n, M).
     gaps : dict of int to Mixture
-        The states after which a part of the window was unknown.
+        The states after which a part of the window was unknown, if states were asked for.
     last : Mixture or None
         After the last observation.
     before : Source or None
@@ -255,7 +255,7 @@ def _filter_block(
     mixture: Mixture | None = None
     before: Source | None = None
     tables: PairTables | None = None
-    single: list[tuple[int, Mixture, float]] = []  # observations taken alone
+    single: list[tuple[int, FloatArray, FloatArray | None, float]] = []  # observations taken alone
     # probabilities that an engine has beside their logarithms, before the latest observation and after
     mass = np.full((2, s, len(chain.nodes)), np.nan)
     k = shift = 0
@@ -301,32 +301,35 @@ def _filter_block(
                 priors.append((k, method.ahead(tables, mixture)))
             before = Source(mixture, tables)
             mixture, value = method.advance(tables, mixture, ys[0, k], min(k + 1, order) * q)
-        if mixture.unknown:
+        if mixture.unknown and "table" in out:
             gaps[k] = mixture
         table, sign = mixture.table[None], None if mixture.sign is None else mixture.sign[None]
         mass[1] = np.nan if mixture.mass is None else mixture.mass
-        single.append((k, mixture, value))
+        single.append((k, engine.state_table(mixture.table, m), mixture.sign, value))
         k += 1
     for at, ahead in priors:
         for name, moment in (("x_prior", ahead.x), ("P_prior", ahead.P)):
             if name in out:
                 out[name][:, at] = moment
     if single:
-        _put_states(out, single, m, chain)
+        _put_states(out, single, chain)
     return Trajectory(out, gaps, mixture, before)
 
 
 def _put_states(
-    out: dict[str, FloatArray], single: list[tuple[int, Mixture, float]], m: int, chain: SwitchChain
+    out: dict[str, FloatArray],
+    single: list[tuple[int, FloatArray, FloatArray | None, float]],
+    chain: SwitchChain,
 ) -> None:
     """Fill in what was known after observations that were taken alone."""
-    at, mixtures, values = zip(*single, strict=True)
-    states = np.array([[engine.state_table(one.table, m) for one in mixtures]])
+    at, states, all_signs, values = zip(*single, strict=True)
     signs, ones = None, np.ones(len(chain.nodes))
     if chain.is_signed:
-        signs = np.array([[ones if one.sign is None else one.sign for one in mixtures]])
+        signs = np.array([[ones if one is None else one for one in all_signs]])
     switch = chain.keys, chain.weights, chain.atoms, chain.ranking
-    engine.summarise(out, np.array(at), states, signs, np.array([values], dtype=np.float64), switch)
+    engine.summarise(
+        out, np.array(at), np.array([states]), signs, np.array([values], dtype=np.float64), switch
+    )
 
 
 def _sign(out: dict[str, FloatArray], at: int) -> FloatArray | None:

@@ -9,7 +9,7 @@ later observations.  So only the probabilities of the nodes change:
 with the moments of X_n given the node as the filter left them, and no backward pass
 over X.  Where a part of the window was missing, X_n and r_n do depend on what came later
 through that part; `fuzzykf.switching.inference.gap_smoother` goes back through such steps.  That is
-exact for a single class and an approximation for several.
+exact for a single class, and for gaps of one observation in models of order one; else it is an approximation.
 """
 
 from __future__ import annotations
@@ -20,7 +20,13 @@ import numpy as np
 
 from fuzzykf.engine import selected as engine
 from fuzzykf.fixed_lag import Nodes
-from fuzzykf.switching.inference.gap_smoother import smooth_state, step_back, window_known
+from fuzzykf.switching.inference.gap_smoother import (
+    branches_of,
+    pairs_ahead,
+    smooth_state,
+    step_back,
+    window_known,
+)
 from fuzzykf.switching.inference.method import Smoothed, out_of_range
 from fuzzykf.switching.inference.mixture import Mixture
 from fuzzykf.switching.inference.series import Trajectory, windows_of
@@ -32,7 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.dynamics.pairs import SwitchingSystem
+    from fuzzykf.switching.dynamics.pairs import PairTables, SwitchingSystem
     from fuzzykf.switching.inference.gap_smoother import Moments
     from fuzzykf.switching.inference.method import Known
 
@@ -104,32 +110,31 @@ def _back_to(backward: _Backward, first: int) -> tuple[FloatArray, FloatArray, F
     means, covariances = (np.array(a) for a in engine.node_moments(table, m))
     seen = np.flatnonzero(~np.isnan(ys).all(axis=1))
     last = max(int(seen[-1]), first) if seen.size else first  # nothing is learned after the last observation
-    window = backward.window(last) if n else None  # smoothed moments of the window, per node
+    window = backward.window(last) if n else None  # smoothed moments of the window, per branch
+    shares = backward.shares(last) if n else None  # and their smoothed probabilities
     stop = last  # the steps from k = stop on are done
     while stop > first:
         k = stop - 1
         start = backward.plain_since(k)
         if start < stop:
             gamma[start:stop] = backward.smooth(start, stop, gamma[stop])
-            window, stop = None, start
+            window, shares, stop = None, None, start
             continue
         stop = k
         if k not in trajectory.gaps and not np.isnan(ys[k + 1]).any():
             gamma[k] = backward.weights(k) @ gamma[k + 1]
-            window = None
+            window = shares = None
             continue
-        filtered_window = backward.window(k + 1)
-        gamma[k], window = step_back(
-            system.pair_tables(k),
-            backward.mixture(k),
-            ys[k + 1],
-            filtered_window,
-            filtered_window if window is None else window,
-            gamma[k + 1],
-        )
+        if window is None or shares is None:
+            window, shares = backward.window(k + 1), gamma[k + 1]
+        state, following = backward.mixture(k), backward.mixture(k + 1)
+        shares, window = step_back(system.pair_tables(k), state, following, ys[k + 1], window, shares)
         gap = trajectory.gaps.get(k)
-        if gap is not None:
-            means[k], covariances[k] = smooth_state(gap, window, m)
+        if gap is None:
+            gamma[k] = shares
+        else:
+            moments = smooth_state(gap, window, m)
+            gamma[k], means[k], covariances[k] = engine.merge_branches(shares, *moments, gamma.shape[1])
     if not all(np.isfinite(part).all() for part in (gamma, means, covariances)):
         raise out_of_range(ys[np.nanargmax(np.abs(ys).max(axis=1, where=~np.isnan(ys), initial=0.0))], 1e100)
     if system.chain.is_signed:
@@ -212,22 +217,35 @@ class _Backward:
         return Mixture(fields["table"][k], self._windows[k, :width], sign)
 
     def window(self, k: int) -> Moments:
-        """Return the filtered moments of the window at k, given each node."""
+        """Return the filtered moments of the window at k, given each branch."""
         return window_known(self.mixture(k), self.system.dim_x)
 
+    def shares(self, k: int) -> FloatArray:
+        """Return the filtered probabilities of the branches at k."""
+        table, sign, _ = branches_of(self.mixture(k))
+        return engine.probabilities(table, sign)
+
     def _log_pairs(self, k: int) -> FloatArray:
-        """Log |P_ij| + log N(y_{k+1}; ...), (M, M); where a part is missing, given y_1..k."""
+        """Log |P_ij| + log N(y_{k+1}; ...), (M, M), given y_1..k if a part is missing; up to a constant."""
         tables = self.system.pair_tables(k)
         if k not in self.trajectory.gaps and not np.isnan(self.ys[k + 1]).any():
             width = min(k + 1, self.system.order) * self.system.dim_z
             u = np.concatenate([np.ones(1), self._windows[k, :width], self.ys[k + 1]])
             return engine.log_pairs(tables.kernel, u[None]).reshape(tables.transition.shape)
-        mixture = self.mixture(k)
-        state = mixture.table, mixture.sign, mixture.window, mixture.root
+        mixture, following, step = self.mixture(k), self.trajectory.gaps.get(k + 1), tables.in_slots
+        if following is not None and following.branches is not None:  # it knows, up to a common term
+            return self._of_slots(tables, following.branches.table[0], mixture)
+        _, after = pairs_ahead(tables, mixture, self.ys[k + 1])
+        branches = (-1, *step.transition.shape)
+        sign = None if after.sign is None else after.sign.reshape(branches)
+        log_w, _, _ = engine.collapse_weights(after.log_w.reshape(branches), sign)
+        return self._of_slots(tables, log_w + after.reference, mixture)
+
+    @staticmethod
+    def _of_slots(tables: PairTables, log_w: FloatArray, mixture: Mixture) -> FloatArray:
+        """Bring log-weights of the slots to all pairs (M, M), less what was known of the nodes before."""
         step = tables.in_slots
-        before = engine.pair_mixture(step, tables.noise_root, *state)
-        after = engine.condition_pairs(before, self.ys[k + 1], self.system.dim_x)
-        log_pairs: FloatArray = after.log_w + after.reference - mixture.table[0][step.nodes]
+        log_pairs: FloatArray = log_w.reshape(step.transition.shape) - mixture.table[0][step.nodes]
         if step.slots is None:
             return log_pairs
         return step.slots.spread(log_pairs, len(tables.transition), engine.LOG_ZERO)
