@@ -54,6 +54,10 @@ _PACKED = (
 )
 
 
+#: Kernels that are given what `pack_gaps` returns, which is not compiled for negative weights and large systems.
+_GAPS = ("step_in_part", "filter_gappy")
+
+
 def _up_to(largest: int, compiled: Any, any_size: Any, first: int, second: int) -> Any:
     """Return a compiled kernel that hands larger systems to its NumPy twin; arguments go by position."""
 
@@ -87,6 +91,18 @@ def _pack_up_to(largest: int, compiled: Any, any_size: Any) -> Any:
     return pack
 
 
+def _pack_gaps_up_to(largest: int, compiled: Any, any_size: Any) -> Any:
+    """Return `pack_gaps` for systems of any size, and for negative weights."""
+
+    @wraps(compiled)
+    def pack(step: SlotPairs, noise: FloatArray, M1: int) -> Any:
+        m, w = step.pairs[1].shape[-2:]
+        fits = m + w + step.pairs[6].shape[-1] <= largest and not (step.transition < 0.0).any()
+        return (compiled if fits else any_size)(step, noise, M1)
+
+    return pack
+
+
 def _take_over(names: dict[str, Any]) -> None:
     """Put the compiled kernels in the place of their twins."""
     from fuzzykf.engine.compiled import MODULES
@@ -98,6 +114,10 @@ def _take_over(names: dict[str, Any]) -> None:
                 kernel = _up_to(MODULES["kalman"].LARGEST, kernel, names[name], *_SIZED[name])
             elif name in _PACKED:
                 kernel = _of_own(MODULES["nodes"].NodeKernel, kernel, names[name])
+            elif name in _GAPS:
+                kernel = _of_own(MODULES["gaps"].GapTables, kernel, names[name])
+            elif name == "pack_gaps":
+                kernel = _pack_gaps_up_to(module.LARGEST, kernel, names[name])
             elif name == "pack_nodes":
                 kernel = _pack_up_to(module.LARGEST, kernel, names[name])
             names[name] = kernel

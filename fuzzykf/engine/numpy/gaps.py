@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Branches",
+    "GapTables",
     "PairMixture",
     "SlotPairs",
     "apart",
@@ -56,6 +57,7 @@ __all__ = [
     "in_slots",
     "merge_branches",
     "noise_root",
+    "pack_gaps",
     "pair_mixture",
     "step_in_part",
     "window_moments",
@@ -205,6 +207,19 @@ def apart(
 
     pairs = tuple(repeated(part) for part in step.pairs)
     return SlotPairs(repeated(step.transition), pairs, None, (nodes,)), repeated(noise)
+
+
+class GapTables(NamedTuple):
+    """What `step_in_part` asks for."""
+
+    step: SlotPairs
+    noise: FloatArray  # (depth, M2, m + q, m + q): the `noise_root` of its pairs
+    M1: int
+
+
+def pack_gaps(step: SlotPairs, noise: FloatArray, M1: int) -> GapTables:
+    """Bring the tables of a step into the layout of the kernel for gaps."""
+    return GapTables(step, noise, M1)
 
 
 def noise_root(pairs: tuple[FloatArray, ...]) -> FloatArray:
@@ -426,8 +441,7 @@ def first_step_in_part(
 
 @QUIET
 def step_in_part(
-    step: SlotPairs,
-    noise: FloatArray,
+    gaps: GapTables,
     table: FloatArray,
     sign: FloatArray | None,
     window: FloatArray,
@@ -440,7 +454,8 @@ def step_in_part(
 
     Parameters
     ----------
-    step, noise, table, sign, window, root
+    gaps : GapTables
+    table, sign, window, root
         As in `pair_mixture`.
     y : ndarray, shape (q,)
     after : ndarray, shape (w',)
@@ -455,6 +470,7 @@ def step_in_part(
         Branches are None where nothing is unknown, and where each node has but one.
         The log-likelihood is that of the parts that are there; 0 if none is.
     """
+    step, noise = gaps.step, gaps.noise
     m, n = step.pairs[0].shape[-1], 1
     kept = slice(0, m + after.size)
     if branches is not None and _tells(step, window, y):  # else nothing is lost by moments of the nodes

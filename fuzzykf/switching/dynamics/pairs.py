@@ -19,7 +19,17 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from fuzzykf.engine.selected import LOG_ZERO, Kernel, SlotPairs, Summary, in_slots, noise_root, pack
+from fuzzykf.engine.selected import (
+    LOG_ZERO,
+    GapTables,
+    Kernel,
+    SlotPairs,
+    Summary,
+    in_slots,
+    noise_root,
+    pack,
+    pack_gaps,
+)
 from fuzzykf.gaussian import check_definite, cholesky, mixture_moments, symmetrize
 from fuzzykf.immutable import cached_property
 from fuzzykf.reprs import reprs
@@ -208,6 +218,11 @@ class PairTables:
         """Root of the covariance of the noise of (X', Y') by slot, made once; what gaps need."""
         self._noise_factor()  # the error that names the pair
         return noise_root(self.in_slots.pairs)
+
+    @cached_property
+    def gaps(self) -> GapTables:
+        """The tables in the layout of the kernel for gaps, made once."""
+        return pack_gaps(self.in_slots, self.noise_root, len(self.transition))
 
     def _noise_factor(self) -> FloatArray:
         return cholesky(self.pairs.Qyy, lambda k: f"noise covariance of the observation for the pair {k}")

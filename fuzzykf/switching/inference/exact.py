@@ -96,7 +96,7 @@ class Exact(Method):
         known = mixture.table, mixture.sign, mixture.window, mixture.root
         try:
             table, sign, root, branches, log_likelihood = engine.step_in_part(
-                tables.in_slots, tables.noise_root, *known, y, window, mixture.branches
+                tables.gaps, *known, y, window, mixture.branches
             )
         except np.linalg.LinAlgError as error:
             if mixture.sign is None and not (tables.transition < 0.0).any():
