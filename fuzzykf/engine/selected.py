@@ -14,6 +14,7 @@ import numpy as np
 from fuzzykf import engine
 from fuzzykf.engine.numpy.backward import *
 from fuzzykf.engine.numpy.convolution import *
+from fuzzykf.engine.numpy.gap_series import *
 from fuzzykf.engine.numpy.gaps import *
 from fuzzykf.engine.numpy.grid import *
 from fuzzykf.engine.numpy.hidden_markov import *

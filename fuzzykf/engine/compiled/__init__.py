@@ -12,7 +12,7 @@ MODULES = {
     name: import_module(f"{__name__}.{name}")
     for name in (
         *("arrays", "processor"),  # helpers, without twins
-        *("backward", "convolution", "gaps", "grid", "hidden_markov", "imm", "kalman"),
+        *("backward", "convolution", "gap_series", "gaps", "grid", "hidden_markov", "imm", "kalman"),
         *("kalman_series", "kernels", "nodes", "nodes_backward", "nodes_gradient", "raster"),
         *("series", "state_score", "switching", "tables"),
     )

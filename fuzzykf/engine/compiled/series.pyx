@@ -1,15 +1,14 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, auto_pickle=False
 """Whole series, filtered and summarised in one go; see `fuzzykf.engine.numpy.series`."""
 
-from libc.math cimport NAN
-from libc.string cimport memcpy, memset
+from libc.string cimport memcpy
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, at_or_null, doubles
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
     Kernel, Summary, Workspace, fk_advance, fk_chunk_tables, fk_chunk_weights, fk_engine, fk_filter, fk_first,
-    fk_kernel, fk_log_likelihood, fk_output, fk_padded, fk_room, fk_state, fk_summarise, fk_to_logs, load, outputs,
-    start, store, versions,
+    fk_kernel, fk_load_mass, fk_log_likelihood, fk_output, fk_padded, fk_room, fk_state, fk_store_mass,
+    fk_summarise, fk_to_logs, load, outputs, start, store, versions,
 )
 
 cimport numpy as cnp
@@ -23,23 +22,6 @@ __all__ = ["filter_series", "run", "step_many"]
 
 cdef inline const fk_engine *engine() noexcept nogil:
     return versions + level
-
-
-cdef void load_mass(fk_state *state, const double *mass, int M) noexcept nogil:
-    """Let a state go on with probabilities, if they were kept and none is too small for them."""
-    cdef int i
-    for i in range(M):
-        if not mass[i] > 1e-250:
-            return
-    memcpy(state.table, mass, M * sizeof(double))
-    memset(state.table + M, 0, (fk_padded(M) - M) * sizeof(double))
-    state.linear = 1
-
-
-cdef void store_mass(double *mass, const fk_state *state, int M) noexcept nogil:
-    cdef int i
-    for i in range(M):
-        mass[i] = state.table[i] if state.linear else NAN
 
 
 def filter_series(
@@ -108,7 +90,7 @@ def filter_series(
                 if k.is_signed:
                     memcpy(work.one.sign, from_signs + a * M, M * sizeof(double))
                 if to_mass != NULL and k.is_scalar:
-                    load_mass(&work.one, to_mass + (s + a) * M, M)
+                    fk_load_mass(&work.one, to_mass + (s + a) * M, M)
             now = &work.one
             old = &work.one
             if stop > first:
@@ -119,8 +101,8 @@ def filter_series(
                 now = &work.two if swapped else &work.one
                 old = &work.one if swapped else &work.two
             if to_mass != NULL:
-                store_mass(to_mass + a * M, old, M)
-                store_mass(to_mass + (s + a) * M, now, M)
+                fk_store_mass(to_mass + a * M, old, M)
+                fk_store_mass(to_mass + (s + a) * M, now, M)
             fk_to_logs(now, M)
             fk_to_logs(old, M)
             store(to_last + a * rows * M, now.table, rows, M)

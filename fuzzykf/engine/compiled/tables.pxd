@@ -60,6 +60,10 @@ cdef extern from "src/series.h" nogil:
         void (*best_path)(
             const fk_kernel *, size_t, double *, const double *, int64_t *, double *
         ) noexcept nogil
+        void (*prior)(
+            const fk_kernel *, const fk_summary *, const double *, const double *, const double *, double *,
+            double *, double *
+        ) noexcept nogil
         void (*posterior)(int, int, const double *, const double *, double *, double *) noexcept nogil
         int (*forward_backward)(
             int, int, const fk_arrows *, const double *, const double *, const double *, double *, double *, double *, double *
@@ -90,6 +94,8 @@ cdef extern from "src/series.h" nogil:
     ) noexcept
     double fk_log_likelihood(const fk_state *) noexcept
     void fk_to_logs(fk_state *, int) noexcept
+    void fk_load_mass(fk_state *, const double *, int) noexcept
+    void fk_store_mass(double *, const fk_state *, int) noexcept
     const double *fk_probabilities(const fk_engine *, const fk_state *, int, double *) noexcept
     int fk_in_range(const fk_state *, int, int) noexcept
     void fk_advance(const fk_engine *, const fk_kernel *, fk_state *, fk_state *, const double *, double *) noexcept

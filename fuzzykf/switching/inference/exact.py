@@ -38,7 +38,8 @@ from fuzzykf.switching.inference.signed import check_signed, too_coarse
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.engine.selected import GapState
     from fuzzykf.fixed_lag import Nodes
     from fuzzykf.switching.dynamics.pairs import InitialLaw, PairTables, SwitchingSystem
     from fuzzykf.switching.inference.method import Smoothed
@@ -143,14 +144,39 @@ class Exact(Method):
         if "sign" in out:
             part = slice(start, stop)
             check_signed(out["table"][:, part], out["sign"][:, part])
-        fits = engine.is_in_range(found[1])
-        for name, limit in {"x": engine.LARGEST_MEAN, "P": np.finfo(np.float64).max}.items():
-            if name in out:
-                fits &= (np.abs(out[name][:, start:stop]) <= limit).reshape(len(fits), -1).all(axis=1)
-        if not fits.all():
-            seen = ys[int(fits.argmin()), start:stop]
-            raise out_of_range(seen[np.abs(seen).max(axis=1).argmax()])
+        _check_range(found[1], out, ys, start, stop)
         return found
+
+    @property
+    def takes_gaps(self) -> bool:
+        """Whether `gappy_series` may take a series with gaps: where `series` is that of the engine."""
+        own = type(self)
+        return own.series is Exact.series and own.advance is Exact.advance and own.ahead is Exact.ahead
+
+    def gappy_series(
+        self,
+        system: SwitchingSystem,
+        tables: PairTables,
+        begin: tuple[FloatArray, ...] | GapState,
+        ys: FloatArray,
+        start: int,
+        stop: int,
+        out: dict[str, FloatArray],
+        mass: FloatArray,
+    ) -> tuple[FloatArray, IntArray, tuple[GapState, GapState]]:
+        """Filter observations start, ..., stop - 1 of series (s, n, q), NaN where missing, under constant tables.
+
+        Returns the states (s, 1 + m + m*m, M) after the last one, how far each series came, and the last two
+        states of the last series; see `fuzzykf.engine.numpy.gap_series.filter_gappy`.
+        """
+        summary = tables.summary(system.chain)
+        _, last, reached, states = engine.filter_gappy(
+            tables.gaps, tables.kernel, summary, begin, ys, start, stop, out, mass
+        )
+        for k, end in enumerate(reached):
+            part = {name: values[k : k + 1] for name, values in out.items()}
+            _check_range(last[k : k + 1], part, ys[k : k + 1], start, int(end))
+        return last, reached, states
 
     def smooth(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> Smoothed:
         """Estimate every state of a filtered series from all of it, see `smooth_back`."""
@@ -179,6 +205,20 @@ class Exact(Method):
 
 #: The method of `OFSRFilter`, `CGOMSMFilter` and `KnownSwitchFilter`.
 EXACT = Exact()
+
+
+def _check_range(
+    last: FloatArray, out: dict[str, FloatArray], ys: FloatArray, start: int, stop: int
+) -> None:
+    """Refuse what has left the range of numbers: the last states of series, or their moments."""
+    fits = engine.is_in_range(last)
+    for name, limit in {"x": engine.LARGEST_MEAN, "P": np.finfo(np.float64).max}.items():
+        if name in out:
+            fits &= (np.abs(out[name][:, start:stop]) <= limit).reshape(len(fits), -1).all(axis=1)
+    if not fits.all():
+        seen = ys[int(fits.argmin()), start:stop]
+        size = np.abs(np.where(np.isnan(seen), 0.0, seen))
+        raise out_of_range(seen[size.max(axis=1).argmax()])
 
 
 def is_complete(y: FloatArray) -> bool:

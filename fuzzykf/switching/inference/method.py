@@ -105,6 +105,13 @@ class Method(Protocol):
         before, last = zip(*states, strict=True)
         return np.array(before), np.array(last)
 
+    @property
+    def takes_gaps(self) -> bool:
+        """Whether it has a ``gappy_series``, as `Exact` has, for whole series with gaps."""
+        return False
+
+    gappy_series: Any
+
     def _series(
         self,
         system: SwitchingSystem,

@@ -24,6 +24,7 @@ from fuzzykf.switching.inference.mixture import Mixture, Source, most_likely_swi
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.engine.selected import GapState
     from fuzzykf.switching.dynamics.pairs import Ahead, PairTables, SwitchingSystem
     from fuzzykf.switching.inference.method import Method, Smoothed
     from fuzzykf.switching.laws.chain import SwitchChain
@@ -145,7 +146,8 @@ def filter_many(
 ) -> dict[str, FloatArray]:
     """Filter many series (s, n, q), each from the initial law on or from where a filter stands.
 
-    Complete ones go side by side, those with gaps alone; ``threads`` share the complete ones.
+    They go side by side, and ``threads`` share them; but those with gaps alone if the method does not take
+    gaps, or if something is missing of the first observations.
     """
     source = _source_of_weights(system.chain)
     wanted = tuple(dict.fromkeys(source if name == "class_weights" else name for name in names))
@@ -179,7 +181,10 @@ def _filter_many(
 ) -> dict[str, FloatArray]:
     """Filter series that begin with what `Stand.lead` gives."""
     out = allocate(system, series.shape[:2], names, False)
-    alone = np.isnan(series).any(axis=(1, 2)) | system.chain.is_signed
+    missing, first = np.isnan(series).any(axis=2), slice(None)
+    if method.takes_gaps and stand is None and system.steady_from is not None:
+        first = slice(system.steady_from + 1)  # gaps later on are for the method
+    alone = missing[:, first].any(axis=1) | system.chain.is_signed
     if not alone.any():
 
         def block(rows: slice) -> None:
@@ -234,7 +239,7 @@ def _filter_block(
     out: dict[str, FloatArray],
     stand: Stand | None = None,
 ) -> Trajectory:
-    """Filter series (s, n, q) side by side: complete ones, or a single one with gaps.
+    """Filter series (s, n, q) side by side: complete ones, a single one with gaps, or several after their begin.
 
     They begin with the window of ``stand`` if there is one, whose fields are not filled in.  Returns what is
     known after the last observation of the last series; the fields go to ``out``.
@@ -258,6 +263,8 @@ def _filter_block(
     single: list[tuple[int, FloatArray, FloatArray | None, float]] = []  # observations taken alone
     # probabilities that an engine has beside their logarithms, before the latest observation and after
     mass = np.full((2, s, len(chain.nodes)), np.nan)
+    takes_gaps = method.takes_gaps and not chain.is_signed and "table" not in out and len(holes) > 1
+    by_hand = -1  # the observation that is too far off for a series
     k = shift = 0
     if stand is not None:
         mixture = stand.mixture
@@ -275,6 +282,23 @@ def _filter_block(
             priors.append((0, law.ahead(m)))
         steady = k > steady_from or (k == 0 and order == 1 and not chain.is_signed)
         known = stop > k and not (mixture is not None and mixture.unknown)
+        begun = mixture is None or not mixture.unknown or mixture.root is not None
+        if takes_gaps and tables is not None and steady and begun and (k or stop) and k != by_hand:
+            state: Any = law.start(q) if law is not None and k == 0 else (table,)
+            if mixture is not None and mixture.unknown:
+                state = engine.GapState(mixture.table, mixture.root, mixture.branches)
+            table, reached, states = method.gappy_series(system, tables, state, ys, k, n, out, mass)
+            for stuck in np.flatnonzero(reached < n) if s > 1 else ():
+                part = {name: values[stuck : stuck + 1] for name, values in out.items()}
+                _filter_block(method, system, ys[stuck : stuck + 1], part, stand)
+            end = int(reached[-1]) if s == 1 else n
+            if end > k:
+                if end > 1:
+                    old_mixture = _mixture_of(ys, states[0], end - 2, order, mass[0])
+                    before = Source(mixture if end == k + 1 and mixture is not None else old_mixture, tables)
+                mixture = _mixture_of(ys, states[1], end - 1, order, mass[1])
+            k = by_hand = end
+            continue
         if tables is not None and known and (steady or k > 0):
             end = stop if steady else k + 1
             begin = law.start(q) if law is not None and k == 0 else (table, sign)
@@ -343,6 +367,15 @@ def _mixture(
     window = ys[-1, max(0, k + 1 - order) : k + 1][::-1].reshape(-1).copy()
     p = None if np.isnan(mass[-1]).any() else mass[-1].copy()
     return Mixture(table[-1].copy(), window, None if sign is None else sign[-1].copy(), p)
+
+
+def _mixture_of(ys: FloatArray, state: GapState, k: int, order: int, mass: FloatArray) -> Mixture:
+    """Return what is known of the last series after observation ``k``."""
+    if state.root is None:
+        return _mixture(ys, state.table[None], None, k, order, mass)
+    window = ys[-1, max(0, k + 1 - order) : k + 1][::-1].reshape(-1).copy()
+    unknown = int(np.isnan(window).sum())
+    return Mixture(state.table, window, None, None, unknown, state.root, state.branches)
 
 
 def check_explained(name: str, walked: Trajectory, explained: Trajectory) -> None:

@@ -31,6 +31,20 @@ FK_STATIC const double *fk_probabilities(const fk_engine *e, const fk_state *s, 
   return p;
 }
 
+/* Let a state go on with probabilities, if they were kept and none is too small for them. */
+FK_STATIC void fk_load_mass(fk_state *s, const double *mass, int M) {
+  for (int i = 0; i < M; i++)
+    if (!(mass[i] > FK_TINY)) return;
+  memcpy(s->table, mass, M * sizeof(double));
+  memset(s->table + M, 0, (fk_padded(M) - M) * sizeof(double));
+  s->linear = 1;
+}
+
+/* The probabilities, NaN where a state has their logarithms alone. */
+FK_STATIC void fk_store_mass(double *mass, const fk_state *s, int M) {
+  for (int i = 0; i < M; i++) mass[i] = s->linear ? s->table[i] : NAN;
+}
+
 /* Whether the moments of a mixture of such nodes are numbers, whose squares are there, too. */
 FK_INLINE int fk_in_range(const fk_state *s, int M, int m) {
   const int ld = fk_padded(M);

@@ -1,0 +1,99 @@
+"""Whole series in which something is missing, filtered and summarised; NumPy."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from fuzzykf.engine.numpy.gaps import before_step, step_in_part
+from fuzzykf.engine.numpy.series import filter_series, state_table, summarise
+
+if TYPE_CHECKING:
+    from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.engine.numpy.gaps import Branches, GapTables
+    from fuzzykf.engine.numpy.tables import Kernel, Summary
+
+__all__ = ["GapState", "filter_gappy"]
+
+
+class GapState(NamedTuple):
+    """What is known of the nodes, whether something of the window is unknown or nothing."""
+
+    table: FloatArray  # (1 + e + e*e, M)
+    root: FloatArray | None  # (M, e, e); None where nothing is unknown
+    branches: Branches | None
+
+
+def filter_gappy(
+    gaps: GapTables,
+    kernel: Kernel,
+    summary: Summary,
+    begin: tuple[FloatArray, ...] | GapState,
+    ys: FloatArray,
+    start: int,
+    stop: int,
+    out: dict[str, FloatArray],
+    mass: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray, IntArray, tuple[GapState, GapState]]:
+    """Filter observations start, ..., stop - 1, NaN where missing, of each series with constant tables.
+
+    Parameters
+    ----------
+    gaps : GapTables
+    kernel, summary, ys, start, stop, out, mass
+        As in `filter_series`, of chains without negative weights.
+    begin : tuple or GapState
+        If start is 0, as in `filter_series`, and the first observations are complete; else the tables
+        (s, 1 + m + m*m, M) of series whose windows are complete, or the state of a single one.
+
+    Returns
+    -------
+    before, last : ndarray, shape (s, 1 + m + m*m, M)
+        The states after the last two observations, of X alone; the last one twice where there is one alone.
+    reached : ndarray of int, shape (s,)
+        How far each series came: an engine may stop before an observation that is for `step_in_part`,
+        and what it returns is then of the observations before that.
+    states : tuple of GapState
+        The last two states of the last series.
+    """
+    _, _, m, q = kernel.shape
+    order, switch = (kernel.rows.shape[1] - 1 - q) // q, summary.switch
+    there = ~np.isnan(ys).any(axis=2)
+    befores, lasts = [], []
+    old = now = GapState(np.empty(0), None, None)
+    for a, series in enumerate(ys):
+        part = {name: values[a : a + 1] for name, values in out.items()}
+        k = start
+        if start == 0:
+            _, first = filter_series(kernel, summary, begin, ys[a : a + 1], 0, 1, part)
+            now, k = GapState(first[0], None, None), 1
+        else:
+            now = begin if isinstance(begin, GapState) else GapState(begin[0][a], None, None)
+        old = now
+        while k < stop:
+            window = series[k - order : k][::-1].ravel()
+            if there[a, k] and not np.isnan(window).any():
+                end = k + int(np.argmin(np.append(there[a, k:stop], False)))
+                found = filter_series(
+                    kernel, summary, (now.table[None], None), ys[a : a + 1], k, end, part
+                )
+                old, now = (GapState(one[0], None, None) for one in found)
+                k = end
+                continue
+            if "x_prior" in part or "P_prior" in part:
+                _, x, P = before_step(gaps.step, now.table, None, window)
+                for name, moment in (("x_prior", x[:m]), ("P_prior", P[:m, :m])):
+                    if name in part:
+                        part[name][0, k] = moment
+            after = np.concatenate([series[k], window])[: window.size]
+            table, _, root, branches, value = step_in_part(
+                gaps, now.table, None, window, now.root, series[k], after, now.branches
+            )
+            old, now = now, GapState(table, root if np.isnan(after).any() else None, branches)
+            states = state_table(table, m)[None, None]
+            summarise(part, slice(k, k + 1), states, None, np.array([[value]]), switch)
+            k += 1
+        befores.append(state_table(old.table, m))
+        lasts.append(state_table(now.table, m))
+    return np.array(befores), np.array(lasts), np.full(len(ys), stop), (old, now)
