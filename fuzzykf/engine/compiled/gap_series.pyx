@@ -6,7 +6,7 @@ from libc.string cimport memcpy
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, at_or_null, doubles
 from fuzzykf.engine.compiled.gaps cimport (
-    GapRoom, GapTables, fk_gap_prior, fk_gaps, fk_gaps_engine, fk_open_complete, gaps_versions, open_state, shown_state,
+    GapRoom, GapTables, fk_gaps, fk_gaps_engine, fk_open_complete, gaps_versions, open_state, shown_state,
 )
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
@@ -170,7 +170,9 @@ def filter_gappy(
                     x = o.x_prior + (a * n + t) * m if o.x_prior != NULL else room.x
                     P = o.P_prior + (a * n + t) * m * m if o.P_prior != NULL else room.x + m
                     if n_now:
-                        fk_gap_prior(g, rows_now, n_now, window, x, P, gap_room.scratch)
+                        (gaps_versions + level).prior(
+                            g, rows_now, n_now, now.table, window, x, P, gap_room.scratch
+                        )
                     else:
                         room.u[0] = 1.0
                         memcpy(room.u + 1, window, w * sizeof(double))
@@ -183,7 +185,7 @@ def filter_gappy(
                     fk_open_complete(M, m, now.table, gap_room.rows[2])
                 n_to = 0
                 if not (gaps_versions + level).step(
-                    g, rows_now if n_now else gap_room.rows[2], n_now if n_now else 1, window, one + t * q, w,
+                    g, rows_now if n_now else gap_room.rows[2], n_now if n_now else 1, now.table, window, one + t * q, w,
                     old.table, rows_old, &n_to, &value, gap_room.scratch
                 ):
                     break

@@ -14,10 +14,13 @@ cdef extern from "src/gaps.h" nogil:
         const double *sees
     ctypedef struct fk_gaps_engine:
         int (*step)(
-            const fk_gaps *, const double *, int, const double *, const double *, int, double *, double *, int *,
-            double *, double *
+            const fk_gaps *, const double *, int, const double *, const double *, const double *, int, double *,
+            double *, int *, double *, double *
         ) noexcept nogil
         void (*merge)(int, int, int, const double *, double *, double *) noexcept nogil
+        void (*prior)(
+            const fk_gaps *, const double *, int, const double *, const double *, double *, double *, double *
+        ) noexcept nogil
     int fk_gap_size(int, int, int) noexcept
     int fk_gap_rows(int) noexcept
     size_t fk_gap_scratch(const fk_gaps *, int) noexcept
@@ -25,9 +28,6 @@ cdef extern from "src/gaps.h" nogil:
     size_t fk_gap_prior_scratch(const fk_gaps *) noexcept
     void fk_open_complete(int, int, const double *, double *) noexcept
     void fk_to_lower(int, double *) noexcept
-    void fk_gap_prior(
-        const fk_gaps *, const double *, int, const double *, double *, double *, double *
-    ) noexcept
 
 cdef const fk_gaps_engine *gaps_versions  # one per kind of processor
 
@@ -46,6 +46,7 @@ cdef class GapRoom:
     cdef Buffer memory
     cdef double *rows[4]  # states
     cdef double *table
+    cdef double *log_p
     cdef double *scratch
 
 

@@ -96,11 +96,12 @@ cdef class GapRoom:
         cdef int M = max(k.M1, k.M2), most = max(n, k.depth), e = k.m + k.w + k.q, r
         cdef size_t state = fk_gap_state(M, most, e), table = <size_t> (1 + k.m + k.m * k.m) * fk_padded(M)
         cdef size_t scratch = max(fk_gap_scratch(k, most), fk_gap_prior_scratch(k))
-        self.memory = Buffer(4 * state + table + scratch)
+        self.memory = Buffer(4 * state + table + scratch + fk_padded(M))
         for r in range(4):
             self.rows[r] = self.memory.data + r * state
         self.table = self.memory.data + 4 * state
-        self.scratch = self.table + table
+        self.log_p = self.table + table
+        self.scratch = self.log_p + fk_padded(M)
 
 
 cdef int open_state(double *rows, object table, object root, object branches, window, int M, int m) except -1:
@@ -192,16 +193,18 @@ def step_in_part(gaps, table, sign, window, root, y, after, branches=None):
     else:
         n = np.shape(branches.table)[1] // k.M1
     cdef GapRoom room = GapRoom(tables, n)
+    cdef cnp.ndarray log_p = doubles(np.asarray(table)[0], "table", (k.M1,))
     if np.isnan(w_).any():
         if root is None and branches is None:
             return numpy_gaps.step_in_part(gaps, table, sign, window, root, y, after, branches)
         open_state(room.rows[0], table, root, branches, window, k.M1, m)
+        memcpy(room.log_p, at(log_p), k.M1 * sizeof(double))
     else:
         source = doubles(table, "table", (rows, k.M1))
         load(room.table, at(source), rows, k.M1)
         fk_open_complete(k.M1, m, room.table, room.rows[0])
     if not engine().step(
-        k, room.rows[0], n, at(w_), at(y_), w_to, room.table, room.rows[1], &n_to, &value, room.scratch
+        k, room.rows[0], n, room.log_p, at(w_), at(y_), w_to, room.table, room.rows[1], &n_to, &value, room.scratch
     ):
         return numpy_gaps.step_in_part(gaps, table, sign, window, root, y, after, branches)
     if n_to:

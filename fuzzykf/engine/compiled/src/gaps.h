@@ -102,98 +102,17 @@ FK_STATIC void fk_to_lower(int e, double *A) {
     }
 }
 
-/* Mean (m) and covariance (m, m) of X' before Y' is seen, from n branches of each node.  `scratch` holds
- * M1 (e + e e) + M1 M2 m numbers and those of a matrix (m, e). */
-FK_STATIC void fk_gap_prior(const fk_gaps *k, const double *rows, int n, const double *window, double *x, double *P,
-                            double *scratch) {
-  const int M1 = k->M1, m = k->m, q = k->q, w = k->w, ld = fk_padded(M1), to = fk_padded(k->M2);
-  int nu = 0;
-  for (int t = 0; t < w; t++) nu += window[t] != window[t];
-  const int e = nu + m, stride = fk_gap_rows(e);
-  double *node = scratch, *means = node + (size_t)M1 * (1 + e + e * e), *F = means + (size_t)k->depth * k->M2 * m;
-  for (int i = 0; i < M1; i++) { /* moments of the nodes */
-    double *p = node + (size_t)i * (1 + e + e * e), *mu = p + 1, *S = mu + e, best = -INFINITY;
-    int top = 0;
-    memset(p, 0, (1 + e + e * e) * sizeof(double));
-#define FK_BRANCH(b, r) rows[((size_t)(b)*stride + (r)) * ld + i]
-    for (int b = 0; b < n; b++)
-      if (FK_BRANCH(b, 0) > best) best = FK_BRANCH(b, 0), top = b;
-    for (int b = 0; b < n; b++) {
-      const double weight = exp(FK_BRANCH(b, 0) - best);
-      *p += weight;
-      for (int r = 0; r < e; r++) mu[r] += weight * (FK_BRANCH(b, 1 + r) - FK_BRANCH(top, 1 + r));
-    }
-    for (int r = 0; r < e; r++) mu[r] = FK_BRANCH(top, 1 + r) + mu[r] / *p;
-    for (int b = 0; b < n; b++) {
-      const double weight = exp(FK_BRANCH(b, 0) - best) / *p;
-      for (int r = 0; r < e; r++)
-        for (int l = 0; l <= r; l++) {
-          double a = (FK_BRANCH(b, 1 + r) - mu[r]) * (FK_BRANCH(b, 1 + l) - mu[l]);
-          for (int s = 0; s <= l; s++) a += FK_BRANCH(b, 1 + e + r * e + s) * FK_BRANCH(b, 1 + e + l * e + s);
-          S[r * e + l] += weight * a;
-        }
-    }
-    for (int r = 0; r < e; r++)
-      for (int l = 0; l < r; l++) S[l * e + r] = S[r * e + l];
-    *p = best > FK_DEAD ? *p * exp(best) : 0.0;
-#undef FK_BRANCH
-  }
-  const int Hx = 2 + q * (w + 1), cx = Hx + m * w, Axx = cx + m, N = Axx + m * m;
-  double most = -1.0;
-  int first = 0;
-#define FK_OF(r) k->cells[((size_t)s * k->size + (r)) * to + j]
-#define FK_NODE (node + (size_t)k->source[(size_t)s * to + j] * (1 + e + e * e))
-  for (int s = 0; s < k->depth; s++)
-    for (int j = 0; j < k->M2; j++) {
-      const double *mu = FK_NODE + 1, weight = FK_NODE[0] * FK_OF(0);
-      if (weight > most) most = weight, first = s * k->M2 + j;
-      double *mean = means + ((size_t)s * k->M2 + j) * m;
-      for (int r = 0; r < m; r++) {
-        mean[r] = FK_OF(cx + r);
-        for (int t = 0, h = 0; t < w; t++) mean[r] += FK_OF(Hx + r * w + t) * (window[t] == window[t] ? window[t] : mu[h++]);
-        for (int l = 0; l < m; l++) mean[r] += FK_OF(Axx + r * m + l) * mu[nu + l];
-      }
-    }
-  const double *base = means + (size_t)first * m;
-  for (int r = 0; r < m; r++) {
-    double sum = 0.0;
-    for (int s = 0; s < k->depth; s++)
-      for (int j = 0; j < k->M2; j++) sum += FK_NODE[0] * FK_OF(0) * (means[((size_t)s * k->M2 + j) * m + r] - base[r]);
-    x[r] = base[r] + sum;
-  }
-  memset(P, 0, m * m * sizeof(double));
-  for (int s = 0; s < k->depth; s++)
-    for (int j = 0; j < k->M2; j++) {
-      const double *S = FK_NODE + 1 + e, weight = FK_NODE[0] * FK_OF(0), *mean = means + ((size_t)s * k->M2 + j) * m;
-      for (int r = 0; r < m; r++) {
-        for (int t = 0, h = 0; t < w; t++)
-          if (window[t] != window[t]) F[r * e + h++] = FK_OF(Hx + r * w + t);
-        for (int l = 0; l < m; l++) F[r * e + nu + l] = FK_OF(Axx + r * m + l);
-      }
-      for (int r = 0; r < m; r++)
-        for (int l = 0; l <= r; l++) {
-          double a = (mean[r] - x[r]) * (mean[l] - x[l]);
-          for (int t = 0; t < m + q; t++) a += FK_OF(N + r * (m + q) + t) * FK_OF(N + l * (m + q) + t);
-          for (int t = 0; t < e; t++)
-            for (int h = 0; h < e; h++) a += F[r * e + t] * S[t * e + h] * F[l * e + h];
-          P[r * m + l] += weight * a;
-        }
-    }
-  for (int r = 0; r < m; r++)
-    for (int l = 0; l < r; l++) P[l * m + r] = P[r * m + l];
-#undef FK_OF
-#undef FK_NODE
-}
 FK_INLINE size_t fk_gap_prior_scratch(const fk_gaps *k) {
-  const size_t e = k->w + k->m;
-  return k->M1 * (1 + e + e * e) + (size_t)k->depth * k->M2 * k->m + k->m * e;
+  const size_t e = k->w + k->m, ld = fk_padded(k->M1 > k->M2 ? k->M1 : k->M2);
+  return (1 + e + e * e + (size_t)k->depth * (1 + k->m)) * ld + FK_LANES * (2 * k->m * k->m + e + e * e + k->m * e);
 }
 
 /* Steps for one kind of processor. */
 typedef struct {
-  int (*step)(const fk_gaps *, const double *, int, const double *, const double *, int, double *, double *, int *,
+  int (*step)(const fk_gaps *, const double *, int, const double *, const double *, const double *, int, double *, double *, int *,
               double *, double *);
   void (*merge)(int, int, int, const double *, double *, double *);
+  void (*prior)(const fk_gaps *, const double *, int, const double *, const double *, double *, double *, double *);
 } fk_gaps_engine;
 
 #endif

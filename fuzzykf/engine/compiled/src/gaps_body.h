@@ -24,6 +24,19 @@ FK_INLINE_HERE FK_V FK_NAME(fk_if_positive)(FK_V x, FK_V a, FK_V b) {
 #endif
 }
 
+/* What a row holds of the nodes that the lanes come from. */
+FK_INLINE_HERE FK_V FK_NAME(fk_node)(const int is_sparse, const double *row, const int *from) {
+  if (!is_sparse) return FK_NAME(fk_all)(row[from[0]]);
+#if FK_WIDTH == 8
+  return (FK_V){row[from[0]], row[from[1]], row[from[2]], row[from[3]],
+                row[from[4]], row[from[5]], row[from[6]], row[from[7]]};
+#elif FK_WIDTH == 4
+  return (FK_V){row[from[0]], row[from[1]], row[from[2]], row[from[3]]};
+#else
+  return (FK_V){row[from[0]], row[from[1]]};
+#endif
+}
+
 /* Rotate two columns of n numbers so that the first of b is zero, and that of a not negative. */
 FK_INLINE_HERE void FK_NAME(fk_turn)(FK_V *a, const int stride_a, FK_V *b, const int stride_b, const int n) {
   const FK_V h = FK_NAME(fk_sqrt)(a[0] * a[0] + b[0] * b[0]), one = FK_NAME(fk_all)(1.0);
@@ -79,7 +92,7 @@ FK_INLINE_HERE void FK_NAME(fk_merge)(const int e, int n, const FK_V *entry, FK_
 #define FK_BRANCH(rows, e, b, r, ld) ((rows) + ((size_t)(b) * (1 + (e) + (e) * (e)) + (r)) * (ld))
 
 /* Merge the n branches of every node into one, whose logarithms of probabilities are not filled in. */
-FK_TARGET static void FK_NAME(fk_merge_nodes)(int M, int n, int e, const double *rows, double *to, double *scratch) {
+FK_INLINE_HERE void FK_NAME(fk_merge_sized)(int M, int n, const int e, const double *rows, double *to, double *scratch) {
   const int ld = fk_padded(M), size = 2 + e + e * e;
   FK_V *entry = (FK_V *)scratch, *merged = entry + (size_t)n * size, *work = merged + e + e * e;
   for (int b = 0; b < FK_AS_VECTORS(M); b++) {
@@ -95,6 +108,121 @@ FK_TARGET static void FK_NAME(fk_merge_nodes)(int M, int n, int e, const double 
   }
 }
 
+FK_TARGET static void FK_NAME(fk_merge_nodes)(int M, int n, int e, const double *rows, double *to, double *scratch) {
+  if (e == 2) FK_NAME(fk_merge_sized)(M, n, 2, rows, to, scratch);
+  else FK_NAME(fk_merge_sized)(M, n, e, rows, to, scratch);
+}
+
+/* Mean (m) and covariance (m, m) of X' before Y' is seen, from n branches of each node, whose log-probabilities
+ * are log_p. */
+FK_INLINE_HERE void FK_NAME(fk_prior_gap_sized)(const fk_gaps *k, const int is_sparse, const int m, const int q, const int w,
+                                                const int nu, const double *rows, int n, const double *log_p,
+                                                const double *window, double *x, double *P, double *scratch) {
+  const int M1 = k->M1, e = nu + m, ld = fk_padded(M1), to = fk_padded(k->M2);
+  const int Hx = 2 + q * (w + 1), cx = Hx + m * w, Axx = cx + m, N = Axx + m * m, blocks = FK_AS_VECTORS(k->M2);
+  double *node = scratch, *weights = node + (size_t)(1 + e + e * e) * ld, *means = weights + (size_t)k->depth * to;
+  FK_V *V = (FK_V *)(means + (size_t)k->depth * m * to), *S = V + m * m, *F = S + e + e * e;
+  const FK_V zero = FK_NAME(fk_all)(0.0);
+  int where[FK_GAPS_LARGEST], found = 0;
+  for (int t = 0; t < w; t++)
+    if (window[t] != window[t]) where[found++] = t;
+  for (int b = 0; b < FK_AS_VECTORS(M1); b++) { /* moments of the nodes */
+    FK_V top = FK_NAME(fk_all)(-DBL_MAX), sum = zero, *mu = S, *C = S + e;
+    for (int i = 0; i < n; i++) top = FK_NAME(fk_max)(top, FK_READ(FK_BRANCH(rows, e, i, 0, ld), b));
+    FK_AT(node, b) = FK_NAME(fk_exp)(FK_READ(log_p, b));
+    FK_V first[FK_GAPS_LARGEST];
+    for (int r = 0; r < e; r++) first[r] = FK_READ(FK_BRANCH(rows, e, 0, 1 + r, ld), b), mu[r] = zero;
+    for (int i = 1; i < n; i++) {
+      const FK_V is_top = FK_READ(FK_BRANCH(rows, e, i, 0, ld), b) - top;
+      for (int r = 0; r < e; r++) first[r] = FK_NAME(fk_if_positive)(is_top + DBL_MIN, FK_READ(FK_BRANCH(rows, e, i, 1 + r, ld), b), first[r]);
+    }
+    for (int i = 0; i < n; i++) {
+      const FK_V o = FK_NAME(fk_exp)(FK_READ(FK_BRANCH(rows, e, i, 0, ld), b) - top);
+      sum += o;
+      for (int r = 0; r < e; r++) mu[r] += o * (FK_READ(FK_BRANCH(rows, e, i, 1 + r, ld), b) - first[r]);
+    }
+    const FK_V inverse = 1.0 / sum;
+    for (int r = 0; r < e; r++) mu[r] = first[r] + mu[r] * inverse;
+    for (int r = 0; r < e * e; r++) C[r] = zero;
+    for (int i = 0; i < n; i++) {
+      const FK_V o = FK_NAME(fk_exp)(FK_READ(FK_BRANCH(rows, e, i, 0, ld), b) - top) * inverse;
+      for (int r = 0; r < e; r++)
+        for (int c = 0; c <= r; c++) {
+          FK_V a = (FK_READ(FK_BRANCH(rows, e, i, 1 + r, ld), b) - mu[r]) * (FK_READ(FK_BRANCH(rows, e, i, 1 + c, ld), b) - mu[c]);
+          for (int t = 0; t <= c; t++)
+            a += FK_READ(FK_BRANCH(rows, e, i, 1 + e + r * e + t, ld), b) * FK_READ(FK_BRANCH(rows, e, i, 1 + e + c * e + t, ld), b);
+          C[r * e + c] += o * a;
+        }
+    }
+    for (int r = 0; r < e; r++) FK_AT(node + (size_t)(1 + r) * ld, b) = mu[r];
+    for (int r = 0; r < e; r++)
+      for (int c = 0; c <= r; c++) {
+        FK_AT(node + (size_t)(1 + e + r * e + c) * ld, b) = C[r * e + c];
+        FK_AT(node + (size_t)(1 + e + c * e + r) * ld, b) = C[r * e + c];
+      }
+  }
+#define FK_OF(r) FK_READ(k->cells + ((size_t)s * k->size + (r)) * to, b)
+#define FK_FROM (k->source + (size_t)s * to + b * FK_WIDTH)
+  double most = -1.0, first[FK_GAPS_LARGEST] = {0};
+  for (int s = 0; s < k->depth; s++)
+    for (int b = 0; b < blocks; b++) {
+      FK_V weight = FK_NAME(fk_node)(is_sparse, node, FK_FROM) * FK_OF(0);
+      for (int t = 0; t < FK_WIDTH; t++)
+        if (b * FK_WIDTH + t >= k->M2) weight[t] = 0.0;
+      FK_AT(weights + (size_t)s * to, b) = weight;
+      for (int r = 0; r < m; r++) {
+        FK_V a = FK_OF(cx + r);
+        for (int t = 0, g = 0; t < w; t++) {
+          if (g < nu && where[g] == t) a += FK_OF(Hx + r * w + t) * FK_NAME(fk_node)(is_sparse, node + (size_t)(1 + g) * ld, FK_FROM), g++;
+          else a += FK_OF(Hx + r * w + t) * window[t];
+        }
+        for (int l = 0; l < m; l++) a += FK_OF(Axx + r * m + l) * FK_NAME(fk_node)(is_sparse, node + (size_t)(1 + nu + l) * ld, FK_FROM);
+        FK_AT(means + ((size_t)s * m + r) * to, b) = a;
+      }
+      for (int t = 0; t < FK_WIDTH; t++)
+        if (weight[t] > most) {
+          most = weight[t];
+          for (int r = 0; r < m; r++) first[r] = means[((size_t)s * m + r) * to + b * FK_WIDTH + t];
+        }
+    }
+  for (int r = 0; r < m; r++) {
+    FK_V sum = zero;
+    for (int s = 0; s < k->depth; s++)
+      for (int b = 0; b < blocks; b++)
+        sum += FK_READ(weights + (size_t)s * to, b) * (FK_READ(means + ((size_t)s * m + r) * to, b) - first[r]);
+    x[r] = first[r] + FK_NAME(fk_sum)(sum);
+  }
+  for (int r = 0; r < m * m; r++) V[r] = zero;
+  for (int s = 0; s < k->depth; s++)
+    for (int b = 0; b < blocks; b++) {
+      for (int r = 0; r < m; r++) {
+        for (int g = 0; g < nu; g++) F[r * e + g] = FK_OF(Hx + r * w + where[g]);
+        for (int l = 0; l < m; l++) F[r * e + nu + l] = FK_OF(Axx + r * m + l);
+      }
+      for (int r = 0; r < m; r++)
+        for (int c = 0; c <= r; c++) {
+          FK_V a = (FK_READ(means + ((size_t)s * m + r) * to, b) - x[r]) * (FK_READ(means + ((size_t)s * m + c) * to, b) - x[c]);
+          for (int t = 0; t < m + q; t++) a += FK_OF(N + r * (m + q) + t) * FK_OF(N + c * (m + q) + t);
+          for (int t = 0; t < e; t++)
+            for (int h = 0; h < e; h++) a += F[r * e + t] * F[c * e + h] * FK_NAME(fk_node)(is_sparse, node + (size_t)(1 + e + t * e + h) * ld, FK_FROM);
+          V[r * m + c] += FK_READ(weights + (size_t)s * to, b) * a;
+        }
+    }
+  for (int r = 0; r < m; r++)
+    for (int c = 0; c <= r; c++) P[r * m + c] = P[c * m + r] = FK_NAME(fk_sum)(V[r * m + c]);
+#undef FK_OF
+#undef FK_FROM
+}
+
+FK_TARGET static void FK_NAME(fk_gap_prior)(const fk_gaps *k, const double *rows, int n, const double *log_p,
+                                            const double *window, double *x, double *P, double *scratch) {
+  int nu = 0;
+  for (int t = 0; t < k->w; t++) nu += window[t] != window[t];
+  if (k->is_sparse) FK_NAME(fk_prior_gap_sized)(k, 1, k->m, k->q, k->w, nu, rows, n, log_p, window, x, P, scratch);
+  else if (k->m == 1 && k->q == 1 && k->w == 1) FK_NAME(fk_prior_gap_sized)(k, 0, 1, 1, 1, 1, rows, n, log_p, window, x, P, scratch);
+  else FK_NAME(fk_prior_gap_sized)(k, 0, k->m, k->q, k->w, nu, rows, n, log_p, window, x, P, scratch);
+}
+
 /* Move a branch through a pair of nodes and condition it on what is there of y.  `entry` gets the log-weight but
  * for the determinant and constants, the inverse of the root of the determinant, the mean of (u', X') and the root,
  * or, where u' is empty, the covariance of X'.  A holds (q + w + m) (w + q + 2 m) vectors, mean q + w + m. */
@@ -107,18 +235,11 @@ FK_INLINE_HERE void FK_NAME(fk_move)(const fk_gaps *k, const int is_sparse, cons
   const double *cell = k->cells + (size_t)s * k->size * to;
   const int *from = k->source + (size_t)s * to + b * FK_WIDTH;
   const int Ayy = 2, Ny = Ayy + q * w, Hx = Ny + q, cx = Hx + m * w, Axx = cx + m, N = Axx + m * m;
-#if FK_WIDTH == 8
-#define FK_GATHER(row) (FK_V){row[from[0]], row[from[1]], row[from[2]], row[from[3]], row[from[4]], row[from[5]], row[from[6]], row[from[7]]}
-#elif FK_WIDTH == 4
-#define FK_GATHER(row) (FK_V){row[from[0]], row[from[1]], row[from[2]], row[from[3]]}
-#else
-#define FK_GATHER(row) (FK_V){row[from[0]], row[from[1]]}
-#endif
 #define FK_OF(r) FK_READ(cell + (size_t)(r) * to, b)
   FK_V held[1 + FK_GAPS_LARGEST + FK_GAPS_LARGEST * FK_GAPS_LARGEST], *at = held; /* of the branch: mean, root */
   {
     const double *row = FK_BRANCH(rows, e, bb, 0, ld);
-    for (int r = 0; r < 1 + e + e * e; r++, row += ld) held[r] = is_sparse ? FK_GATHER(row) : FK_NAME(fk_all)(row[from[0]]);
+    for (int r = 0; r < 1 + e + e * e; r++, row += ld) held[r] = FK_NAME(fk_node)(is_sparse, row, from);
   }
   const FK_V *mu = at + 1, *T = at + 1 + e, zero = FK_NAME(fk_all)(0.0);
   /* Y', what is there of it first */
@@ -191,7 +312,6 @@ FK_INLINE_HERE void FK_NAME(fk_move)(const fk_gaps *k, const int is_sparse, cons
     entry[2 + r] = mean[seen + r];
     for (int c = 0; c < size; c++) entry[2 + size + r * size + c] = c <= r ? A[(seen + r) * cols + seen + c] : zero;
   }
-#undef FK_GATHER
 #undef FK_OF
 }
 
@@ -324,26 +444,20 @@ FK_INLINE_HERE int FK_NAME(fk_gap_sized)(const fk_gaps *k, const int is_sparse, 
 
 /* Move a state of n branches to the next observation.
  *
- * rows, n: the state; window (w) and y (q) are NaN where missing; w_to is the size of the next window.
+ * rows, n: the state, log_p (M1) the log-probabilities of its nodes; window (w) and y (q) are NaN where missing; w_to is the size of the next window.
  * The table of X alone goes to `table`, the branches, `depth` of them where something is unknown, to `branches`, and
  * their number, or 0, to `n_to`.  Returns 0, and nothing of use, after an outlier, whose digits are for NumPy. */
-FK_TARGET static int FK_NAME(fk_gap_step)(const fk_gaps *k, const double *rows, int n, const double *window, const double *y,
-                                          int w_to, double *table, double *branches, int *n_to, double *log_likelihood,
+FK_TARGET static int FK_NAME(fk_gap_step)(const fk_gaps *k, const double *rows, int n, const double *log_p,
+                                          const double *window, const double *y, int w_to, double *table, double *branches, int *n_to, double *log_likelihood,
                                           double *scratch) {
   int places[3 * FK_GAPS_LARGEST];
   const fk_holes found = fk_find_holes(k, window, y, w_to, places), *h = &found;
   const int e = h->nu + k->m;
   *n_to = k->q - h->seen + h->kept ? k->depth : 0;
   if (n > 1 && !fk_tells(k, h)) { /* then nothing is lost by moments of the nodes */
-    const int ld = fk_padded(k->M1);
     double *merged = scratch;
     scratch += fk_gap_state(k->M1, 1, e);
-    for (int i = 0; i < ld; i++) {
-      double top = -DBL_MAX, sum = 0.0;
-      for (int b = 0; b < n; b++) top = fmax(top, FK_BRANCH(rows, e, b, 0, ld)[i]);
-      for (int b = 0; b < n; b++) sum += exp(FK_BRANCH(rows, e, b, 0, ld)[i] - top);
-      merged[i] = top > FK_DEAD ? log(sum) + top : FK_LOG_ZERO;
-    }
+    memcpy(merged, log_p, fk_padded(k->M1) * sizeof(double));
     FK_NAME(fk_merge_nodes)(k->M1, n, e, rows, merged, scratch);
     rows = merged, n = 1;
   }

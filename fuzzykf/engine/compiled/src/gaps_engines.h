@@ -21,7 +21,7 @@
 #include "gaps_bodies.h"
 #endif
 
-#define FK_VERSION(suffix) {fk_gap_step_##suffix, fk_merge_nodes_##suffix}
+#define FK_VERSION(suffix) {fk_gap_step_##suffix, fk_merge_nodes_##suffix, fk_gap_prior_##suffix}
 
 static const fk_gaps_engine fk_gaps_engines[] = {
     FK_VERSION(portable),
