@@ -55,7 +55,7 @@ _PACKED = (
 )
 
 
-#: Kernels that are given what `pack_gaps` returns, which is not compiled for negative weights and large systems.
+#: Kernels that are given what `pack_gaps` returns: not compiled for negative weights and large systems.
 _GAPS = ("step_in_part", "filter_gappy")
 
 

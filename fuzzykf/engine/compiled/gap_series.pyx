@@ -24,7 +24,7 @@ from fuzzykf.engine.numpy.series import state_table
 
 cnp.import_array()
 
-__all__ = ["filter_gappy"]
+__all__ = ["filter_gappy", "fit_together"]
 
 
 cdef inline const fk_engine *engine() noexcept nogil:
@@ -56,6 +56,10 @@ cdef object shown(
     table = np.empty((1 + m + m * m, M))
     store(at(table), state.table, 1 + m + m * m, M)
     return State(table, None, None)
+
+
+def fit_together(gaps, kernel):
+    return isinstance(gaps, GapTables) and isinstance(kernel, Kernel)
 
 
 def filter_gappy(

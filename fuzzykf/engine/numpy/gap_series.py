@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from fuzzykf.engine.numpy.gaps import Branches, GapTables
     from fuzzykf.engine.numpy.tables import Kernel, Summary
 
-__all__ = ["GapState", "filter_gappy"]
+__all__ = ["GapState", "filter_gappy", "fit_together"]
 
 
 class GapState(NamedTuple):
@@ -23,6 +23,11 @@ class GapState(NamedTuple):
     table: FloatArray  # (1 + e + e*e, M)
     root: FloatArray | None  # (M, e, e); None where nothing is unknown
     branches: Branches | None
+
+
+def fit_together(gaps: GapTables, kernel: Kernel) -> bool:
+    """Whether `filter_gappy` takes these tables: of one engine, and without negative weights."""
+    return kernel.sign is None
 
 
 def filter_gappy(
@@ -59,14 +64,15 @@ def filter_gappy(
     """
     _, _, m, q = kernel.shape
     order, switch = (kernel.rows.shape[1] - 1 - q) // q, summary.switch
-    there = ~np.isnan(ys).any(axis=2)
+    there = np.asarray(~np.isnan(ys).any(axis=2))
     befores, lasts = [], []
+    law = cast("tuple[FloatArray | None, ...]", begin)
     old = now = GapState(np.empty(0), None, None)
     for a, series in enumerate(ys):
         part = {name: values[a : a + 1] for name, values in out.items()}
         k = start
         if start == 0:
-            _, first = filter_series(kernel, summary, begin, ys[a : a + 1], 0, 1, part)
+            _, first = filter_series(kernel, summary, law, ys[a : a + 1], 0, 1, part)
             now, k = GapState(first[0], None, None), 1
         else:
             now = begin if isinstance(begin, GapState) else GapState(begin[0][a], None, None)
@@ -75,9 +81,7 @@ def filter_gappy(
             window = series[k - order : k][::-1].ravel()
             if there[a, k] and not np.isnan(window).any():
                 end = k + int(np.argmin(np.append(there[a, k:stop], False)))
-                found = filter_series(
-                    kernel, summary, (now.table[None], None), ys[a : a + 1], k, end, part
-                )
+                found = filter_series(kernel, summary, (now.table[None], None), ys[a : a + 1], k, end, part)
                 old, now = (GapState(one[0], None, None) for one in found)
                 k = end
                 continue

@@ -164,7 +164,7 @@ class Exact(Method):
         out: dict[str, FloatArray],
         mass: FloatArray,
     ) -> tuple[FloatArray, IntArray, tuple[GapState, GapState]]:
-        """Filter observations start, ..., stop - 1 of series (s, n, q), NaN where missing, under constant tables.
+        """Filter observations start, ..., stop - 1 of series (s, n, q) under constant tables, gaps and all.
 
         Returns the states (s, 1 + m + m*m, M) after the last one, how far each series came, and the last two
         states of the last series; see `fuzzykf.engine.numpy.gap_series.filter_gappy`.
@@ -207,9 +207,7 @@ class Exact(Method):
 EXACT = Exact()
 
 
-def _check_range(
-    last: FloatArray, out: dict[str, FloatArray], ys: FloatArray, start: int, stop: int
-) -> None:
+def _check_range(last: FloatArray, out: dict[str, FloatArray], ys: FloatArray, start: int, stop: int) -> None:
     """Refuse what has left the range of numbers: the last states of series, or their moments."""
     fits = engine.is_in_range(last)
     for name, limit in {"x": engine.LARGEST_MEAN, "P": np.finfo(np.float64).max}.items():

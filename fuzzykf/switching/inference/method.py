@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.engine.selected import GapState
     from fuzzykf.fixed_lag import Nodes
     from fuzzykf.switching.dynamics.pairs import Ahead, InitialLaw, PairTables, SwitchingSystem
     from fuzzykf.switching.inference.series import Stand, Trajectory
@@ -107,10 +108,31 @@ class Method(Protocol):
 
     @property
     def takes_gaps(self) -> bool:
-        """Whether it has a ``gappy_series``, as `Exact` has, for whole series with gaps."""
+        """Whether it has a `gappy_series`, as `Exact` has, for whole series with gaps."""
         return False
 
-    gappy_series: Any
+    def gappy_series(
+        self,
+        system: SwitchingSystem,
+        tables: PairTables,
+        begin: tuple[FloatArray, ...] | GapState,
+        ys: FloatArray,
+        start: int,
+        stop: int,
+        out: dict[str, FloatArray],
+        mass: FloatArray,
+    ) -> tuple[FloatArray, IntArray, tuple[GapState, GapState]]:
+        """Filter observations start, ..., stop - 1 of series, any of which may be missing.
+
+        Parameters, and what is returned, are those of `Exact.gappy_series`.
+
+        Raises
+        ------
+        ParameterError
+            If the method has none.
+        """
+        name = getattr(self, "name", type(self).__name__)
+        raise ParameterError(f"filter: the method {name} takes series with gaps step by step")
 
     def _series(
         self,

@@ -181,9 +181,9 @@ def _filter_many(
 ) -> dict[str, FloatArray]:
     """Filter series that begin with what `Stand.lead` gives."""
     out = allocate(system, series.shape[:2], names, False)
-    missing, first = np.isnan(series).any(axis=2), slice(None)
-    if method.takes_gaps and stand is None and system.steady_from is not None:
-        first = slice(system.steady_from + 1)  # gaps later on are for the method
+    missing, first = np.asarray(np.isnan(series).any(axis=2)), slice(None)
+    if stand is None and missing.any() and _takes_gaps(method, system):
+        first = slice((system.steady_from or 0) + 1)  # gaps later on are for the method
     alone = missing[:, first].any(axis=1) | system.chain.is_signed
     if not alone.any():
 
@@ -239,7 +239,7 @@ def _filter_block(
     out: dict[str, FloatArray],
     stand: Stand | None = None,
 ) -> Trajectory:
-    """Filter series (s, n, q) side by side: complete ones, a single one with gaps, or several after their begin.
+    """Filter series (s, n, q) side by side: complete, a single one with gaps, or several that begin complete.
 
     They begin with the window of ``stand`` if there is one, whose fields are not filled in.  Returns what is
     known after the last observation of the last series; the fields go to ``out``.
@@ -263,7 +263,7 @@ def _filter_block(
     single: list[tuple[int, FloatArray, FloatArray | None, float]] = []  # observations taken alone
     # probabilities that an engine has beside their logarithms, before the latest observation and after
     mass = np.full((2, s, len(chain.nodes)), np.nan)
-    takes_gaps = method.takes_gaps and not chain.is_signed and "table" not in out and len(holes) > 1
+    takes_gaps = "table" not in out and len(holes) > 1 and _takes_gaps(method, system)
     by_hand = -1  # the observation that is too far off for a series
     k = shift = 0
     if stand is not None:
@@ -338,6 +338,14 @@ def _filter_block(
     if single:
         _put_states(out, single, chain)
     return Trajectory(out, gaps, mixture, before)
+
+
+def _takes_gaps(method: Method, system: SwitchingSystem) -> bool:
+    """Whether series with gaps go through the method at once, as soon as its tables are constant."""
+    if not method.takes_gaps or system.chain.is_signed or system.steady_from is None:
+        return False
+    tables = system.pair_tables(system.steady_from)
+    return bool(engine.fit_together(tables.gaps, tables.kernel))
 
 
 def _put_states(

@@ -37,17 +37,18 @@ FK_INLINE_HERE FK_V FK_NAME(fk_node)(const int is_sparse, const double *row, con
 #endif
 }
 
-/* Rotate two columns of n numbers so that the first of b is zero, and that of a not negative. */
-FK_INLINE_HERE void FK_NAME(fk_turn)(FK_V *a, const int stride_a, FK_V *b, const int stride_b, const int n) {
+/* Rotate two columns of n numbers so that the first of b is zero, and that of a not negative; the inverse of that. */
+FK_INLINE_HERE FK_V FK_NAME(fk_turn)(FK_V *a, const int stride_a, FK_V *b, const int stride_b, const int n) {
   const FK_V h = FK_NAME(fk_sqrt)(a[0] * a[0] + b[0] * b[0]), one = FK_NAME(fk_all)(1.0);
-  const FK_V whole = FK_NAME(fk_if_positive)(h, h, one);
-  const FK_V c = FK_NAME(fk_if_positive)(h, a[0] / whole, one), s = b[0] / whole;
+  const FK_V inverse = 1.0 / FK_NAME(fk_if_positive)(h, h, one);
+  const FK_V c = FK_NAME(fk_if_positive)(h, a[0] * inverse, one), s = b[0] * inverse;
   a[0] = h, b[0] = FK_NAME(fk_all)(0.0);
   FK_UNROLL for (int r = 1; r < n; r++) {
     const FK_V x = a[r * stride_a], z = b[r * stride_b];
     a[r * stride_a] = c * x + s * z;
     b[r * stride_b] = c * z - s * x;
   }
+  return inverse;
 }
 
 /* Merge n components, entries of 2 + e + e e vectors: the second of each is its weight, then mean and root.
@@ -80,10 +81,14 @@ FK_INLINE_HERE void FK_NAME(fk_merge)(const int e, int n, const FK_V *entry, FK_
         B[r * wide + c] = to_f * other[2 + e + r * e + c];
       }
     }
-    for (int p = 0; p < e; p++) {
+    FK_UNROLL for (int p = 0; p < e - 1; p++) {
       FK_NAME(fk_turn)(T + p * e + p, e, B + p * wide + e, wide, e - p);
-      for (int c = 0; c <= p; c++) FK_NAME(fk_turn)(T + p * e + p, e, B + p * wide + c, wide, e - p);
+      FK_UNROLL for (int c = 0; c <= p; c++) FK_NAME(fk_turn)(T + p * e + p, e, B + p * wide + c, wide, e - p);
     }
+    const int p = e - 1; /* in the last row nothing is below */
+    FK_V squares = T[p * e + p] * T[p * e + p];
+    FK_UNROLL for (int c = 0; c < wide; c++) squares += B[p * wide + c] * B[p * wide + c];
+    T[p * e + p] = FK_NAME(fk_sqrt)(squares);
   }
   for (int r = 0; r < e; r++) mean[r] += first[r];
 }
@@ -280,16 +285,19 @@ FK_INLINE_HERE void FK_NAME(fk_move)(const fk_gaps *k, const int is_sparse, cons
     }
   }
   /* rows of Y' and of the window have no part in the last 2 m columns */
-  for (int p = 0; p < first_X; p++) {
-    for (int c = p + 1; c < nu + q; c++) FK_NAME(fk_turn)(A + p * cols + p, cols, A + p * cols + c, cols, tall - p);
+  FK_V inverses[2 * FK_GAPS_LARGEST];
+  FK_UNROLL for (int p = 0; p < first_X; p++) {
+    FK_UNROLL for (int c = p + 1; c < nu + q; c++)
+      inverses[p] = FK_NAME(fk_turn)(A + p * cols + p, cols, A + p * cols + c, cols, tall - p);
     if (p + 1 >= nu + q) { /* no column to rotate with: the diagonal may be negative */
       const FK_V negative = -A[p * cols + p];
       for (int r = p; r < tall; r++) A[r * cols + p] = FK_NAME(fk_if_positive)(negative, -A[r * cols + p], A[r * cols + p]);
+      if (p < seen) inverses[p] = 1.0 / A[p * cols + p];
     }
   }
   FK_V l = FK_OF(1) + held[0], inverse = FK_NAME(fk_all)(1.0);
   for (int p = 0; p < seen; p++) {
-    const FK_V scale = 1.0 / A[p * cols + p], white = (FK_NAME(fk_all)(y[h->there[p]]) - mean[p]) * scale;
+    const FK_V scale = inverses[p], white = (FK_NAME(fk_all)(y[h->there[p]]) - mean[p]) * scale;
     inverse *= scale;
     l -= 0.5 * white * white;
     for (int r = p + 1; r < tall; r++) mean[r] += A[r * cols + p] * white;
@@ -305,8 +313,11 @@ FK_INLINE_HERE void FK_NAME(fk_move)(const fk_gaps *k, const int is_sparse, cons
       }
     return;
   }
-  for (int p = first_X; p < tall; p++)
-    for (int c = p + 1; c < cols; c++) FK_NAME(fk_turn)(A + p * cols + p, cols, A + p * cols + c, cols, tall - p);
+  FK_UNROLL for (int p = first_X; p < tall - 1; p++)
+    FK_UNROLL for (int c = p + 1; c < cols; c++) FK_NAME(fk_turn)(A + p * cols + p, cols, A + p * cols + c, cols, tall - p);
+  FK_V squares = zero; /* in the last row nothing is below */
+  FK_UNROLL for (int c = tall - 1; c < cols; c++) squares += A[(tall - 1) * cols + c] * A[(tall - 1) * cols + c];
+  A[(tall - 1) * cols + tall - 1] = FK_NAME(fk_sqrt)(squares);
   const int size = open + m;
   for (int r = 0; r < size; r++) {
     entry[2 + r] = mean[seen + r];
