@@ -52,7 +52,7 @@ cdef object shown(
     """Return a state, in logarithms."""
     cdef cnp.ndarray table
     if n:
-        return State(*shown_state(rows, n, M, m, window, w, room))
+        return State(*shown_state(rows, n, state.table, M, m, window, w, room))
     table = np.empty((1 + m + m * m, M))
     store(at(table), state.table, 1 + m + m * m, M)
     return State(table, None, None)

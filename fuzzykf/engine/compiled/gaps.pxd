@@ -51,4 +51,6 @@ cdef class GapRoom:
 
 
 cdef int open_state(double *rows, object table, object root, object branches, window, int M, int m) except -1
-cdef tuple shown_state(const double *rows, int n, int M, int m, const double *window, int w, GapRoom room)
+cdef tuple shown_state(
+    const double *rows, int n, const double *of_x, int M, int m, const double *window, int w, GapRoom room
+)

@@ -135,7 +135,7 @@ cdef int open_state(double *rows, object table, object root, object branches, wi
 
 
 cdef tuple laid_out(const double *rows, int n, int M, int e, int nu):
-    """Return rows of branches as a table (1 + e + e e, n M) and roots (n M, e, e), of (X, u)."""
+    """Return rows of branches as a table (1 + e + e e, n M), no signs and roots (n M, e, e), of (X, u)."""
     cdef int b, i, r, c, s, m = e - nu, ld = fk_padded(M), of_r, of_c
     cdef Py_ssize_t k
     cdef cnp.ndarray table = np.empty((1 + e + e * e, n * M)), root = np.empty((n * M, e, e))
@@ -158,25 +158,25 @@ cdef tuple laid_out(const double *rows, int n, int M, int e, int nu):
                     for s in range(min(of_r, of_c) + 1):
                         a += one[(1 + e + of_r * e + s) * ld + i] * one[(1 + e + of_c * e + s) * ld + i]
                     to[(1 + e + r * e + c) * n * M + k] = a
-    return table, root
+    return table, None, root
 
 
-cdef tuple shown_state(const double *rows, int n, int M, int m, const double *window, int w, GapRoom room):
-    """Return table, root and branches of a state with something unknown."""
+cdef tuple shown_state(
+    const double *rows, int n, const double *of_x, int M, int m, const double *window, int w, GapRoom room
+):
+    """Return table, root and branches of a state with something unknown, whose table of X alone is ``of_x``."""
     cdef int nu = 0, e, t, ld = fk_padded(M)
     for t in range(w):
         nu += isnan(window[t])
     e = m + nu
     engine().merge(M, n, e, rows, room.rows[3], room.scratch)
-    table, root = laid_out(rows, n, M, e, nu)
-    if n == 1:
-        return table, root, None
-    branches = numpy_gaps.Branches(table, None, root)
-    merged, root = laid_out(room.rows[3], 1, M, e, nu)
-    log_p = table[0].reshape(n, M)
-    top = log_p.max(axis=0)
-    merged[0] = np.maximum(np.log(np.exp(log_p - top).sum(axis=0)) + top, LOG_ZERO)
-    return merged, root, branches
+    branches = None if n == 1 else numpy_gaps.Branches(*laid_out(rows, n, M, e, nu))
+    table, _, root = laid_out(room.rows[3], 1, M, e, nu)
+    cdef cnp.ndarray shown = np.empty((1 + m + m * m, M))
+    store(at(shown), of_x, 1 + m + m * m, M)
+    table[:1 + m] = shown[:1 + m]  # to the bit what a series says of them
+    table[1 + e:].reshape(e, e, M)[:m, :m] = shown[1 + m:].reshape(m, m, M)
+    return table, root, branches
 
 
 def step_in_part(gaps, table, sign, window, root, y, after, branches=None):
@@ -208,7 +208,7 @@ def step_in_part(gaps, table, sign, window, root, y, after, branches=None):
     ):
         return numpy_gaps.step_in_part(gaps, table, sign, window, root, y, after, branches)
     if n_to:
-        return_table, return_root, left = shown_state(room.rows[1], n_to, k.M2, m, at(after_), w_to, room)
+        return_table, return_root, left = shown_state(room.rows[1], n_to, room.table, k.M2, m, at(after_), w_to, room)
         return return_table, None, return_root, left, value
     out = np.empty((rows, k.M2))
     store(at(out), room.table, rows, k.M2)

@@ -173,6 +173,9 @@ class Exact(Method):
         _, last, reached, states = engine.filter_gappy(
             tables.gaps, tables.kernel, summary, begin, ys, start, stop, out, mass
         )
+        if (reached == stop).all():
+            _check_range(last, out, ys, start, stop)
+            return last, reached, states
         for k, end in enumerate(reached):
             part = {name: values[k : k + 1] for name, values in out.items()}
             _check_range(last[k : k + 1], part, ys[k : k + 1], start, int(end))

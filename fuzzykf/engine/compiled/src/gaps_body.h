@@ -475,7 +475,7 @@ FK_TARGET static int FK_NAME(fk_gap_step)(const fk_gaps *k, const double *rows, 
 #define FK_SIZED(m, q, w, nu, seen, kept)                                                                 \
   FK_NAME(fk_gap_sized)(k, is_sparse, m, q, w, nu, seen, kept, h, rows, n, window, y, table, branches, log_likelihood, scratch)
 #define FK_SIZES                                                                                          \
-  switch (k->m == 1 && k->q == 1 && k->w == 1 ? 10 * h->nu + h->seen : -1) {                               \
+  switch (k->m == 1 && k->q == 1 && k->w == 1 && !h->kept ? 10 * h->nu + h->seen : -1) {                               \
   case 0: return FK_SIZED(1, 1, 1, 0, 0, 0);                                                              \
   case 10: return FK_SIZED(1, 1, 1, 1, 0, 0);                                                             \
   case 11: return FK_SIZED(1, 1, 1, 1, 1, 0);                                                             \
