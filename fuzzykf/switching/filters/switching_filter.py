@@ -364,8 +364,8 @@ class SwitchingFilter(Stepper, Filter):
     def smooth(self, zs: ManyNumbers, *, keep_nodes: bool = False) -> FilterResult:
         """Estimate every state of a series from all of it.
 
-        Exact for complete observations, see `fuzzykf.switching.inference.smoother`; the filter
-        stays at the last observation.
+        Exact for complete observations and gaps of one, see `fuzzykf.switching.inference.smoother`; the
+        filter stays at the last observation.
 
         Parameters
         ----------

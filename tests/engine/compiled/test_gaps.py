@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
 from fuzzykf import CGOMSMFilter, CGOMSModel
 from fuzzykf.engine.numpy import gap_series, gaps, tables
+from fuzzykf.switching.dynamics import pairs
 
 core = pytest.importorskip("fuzzykf.engine.compiled.gaps", reason="the compiled core has not been built")
 series = pytest.importorskip("fuzzykf.engine.compiled.gap_series")
@@ -63,8 +66,8 @@ def test_series_are_those_of_numpy(size, band, instructions) -> None:
     system = system_of(*size, band=band)
     pair_tables, packed, twin = both(system, order)
     summary, kernel = pair_tables.summary(system.chain), pair_tables.kernel
-    pairs = pair_tables.pairs
-    plain = tables.pack(pair_tables.transition, np.linalg.cholesky(pairs.Qyy), *pairs[:5], *pairs[5:7])
+    given = pair_tables.pairs
+    plain = tables.pack(pair_tables.transition, np.linalg.cholesky(given.Qyy), *given[:5], *given[5:7])
     ys = observations(q, 40)[None]
     table = np.concatenate([np.full((1, size[0]), -np.log(size[0])), np.zeros((m + m * m, size[0]))])
     table[1 + m :: m + 1] = 1.0
@@ -94,10 +97,6 @@ def test_series_are_those_of_numpy(size, band, instructions) -> None:
 
 def numpy_summary(system, pair_tables, kernel):
     """The summary of NumPy, from what the tables make theirs of."""
-    from unittest.mock import patch
-
-    from fuzzykf.switching.dynamics import pairs
-
     fresh = type(pair_tables)(pair_tables.transition, pair_tables.pairs)
     with patch.object(pairs, "Summary", lambda _, *rest: tables.Summary(kernel, *rest)):
         return fresh.summary(system.chain)
@@ -112,7 +111,7 @@ def test_after_an_outlier_the_step_is_that_of_numpy() -> None:
     _, packed, twin = both(system, 0)
     table = np.array([[np.log(0.2), np.log(0.5), np.log(0.3)], [0.0, 1.0, 2.0], [1.0, 1.0, 2.0]])
     gap, none = np.array([np.nan]), np.array([1e6])
-    _, _, root, branches, _ = twin.M1 and gaps.step_in_part(twin, table, None, none, None, gap, gap)
+    _, _, root, branches, _ = gaps.step_in_part(twin, table, None, none, None, gap, gap)
     first = core.step_in_part(packed, table, None, none, None, gap, gap)
     for got, expected in ((first[2] ** 2, root**2), (first[3].table[1:], branches.table[1:])):
         np.testing.assert_allclose(np.abs(got).sum(), np.abs(expected).sum(), rtol=1e-9)
