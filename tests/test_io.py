@@ -440,7 +440,8 @@ def check_outputs(written, f, expected):
     """Compare five more estimates: what was read is the same to the bit, what follows may round otherwise.
 
     They were written on another processor; each step conditions on one observation, which
-    magnifies rounding by no more than the condition of an innovation, 1e3 in these models.
+    magnifies rounding by no more than the condition of an innovation, 1e3 in these models.  What follows the
+    observation that is missing among them was written anew when gaps of one became exact.
     """
     found = written.outputs(f, expected.get("predicted", False))
     for step, step_then in zip(found, expected["outputs"], strict=True):
