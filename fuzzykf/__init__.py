@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         CGOMSMFilter,
         CGOMSModel,
         FadeLaw,
+        FilterPool,
         FuzzyMarkovLaw,
         GraphLaw,
         KnownSwitchFilter,
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
         SwitchChain,
         SwitchingKalmanFilter,
         SwitchingStateSpace,
+        pool_models,
     )
 
 moved.install()
@@ -65,8 +67,8 @@ _HOMES = {
         "fuzzykf.preprocessing": "DailyProfile Standardizer",
         "fuzzykf.results": "FilterResult",
         "fuzzykf.switching": (
-            "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FadeLaw FuzzyMarkovLaw GraphLaw KnownSwitchFilter "
-            "OFSRFilter SwitchChain SwitchingKalmanFilter SwitchingStateSpace"
+            "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FadeLaw FilterPool FuzzyMarkovLaw GraphLaw "
+            "KnownSwitchFilter OFSRFilter SwitchChain SwitchingKalmanFilter SwitchingStateSpace pool_models"
         ),
     }.items()
     for name in names.split()
@@ -82,6 +84,7 @@ __all__ = [
     "ExtendedKalmanFilter",
     "FadeLaw",
     "Filter",
+    "FilterPool",
     "FilterResult",
     "FixedLag",
     "FunctionMembership",
@@ -105,6 +108,7 @@ __all__ = [
     "TriangularMembership",
     "__version__",
     "compare_models",
+    "pool_models",
 ]
 
 if not TYPE_CHECKING:  # type checkers read the imports above instead

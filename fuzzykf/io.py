@@ -56,6 +56,7 @@ FILTERS = Registry(
         "CGOMSMFilter": "fuzzykf.switching.filters.cgomsm:CGOMSMFilter",
         "SwitchingKalmanFilter": "fuzzykf.switching.filters.switching_kalman:SwitchingKalmanFilter",
         "FuzzyRelationEstimator": "fuzzykf.possibility.estimator:FuzzyRelationEstimator",
+        "FilterPool": "fuzzykf.switching.filters.pool:FilterPool",
     }
 )
 

@@ -30,6 +30,7 @@ from fuzzykf import (
     DailyProfile,
     ExtendedKalmanFilter,
     FadeLaw,
+    FilterPool,
     FilterResult,
     FixedLag,
     FunctionMembership,
@@ -51,6 +52,7 @@ from fuzzykf import (
     SwitchingStateSpace,
     TriangularMembership,
     engine,
+    pool_models,
 )
 from fuzzykf.comparison import (
     Bootstrap,
@@ -91,7 +93,7 @@ from fuzzykf.possibility.memberships import (
 from fuzzykf.possibility.norms import HAMACHER, MAX, PRODUCT, TConorm, TNorm
 from fuzzykf.possibility.relations import Rule
 from fuzzykf.reprs import LINES, value_text
-from fuzzykf.results import FIELDS, FitResult, ResultField, Simulation
+from fuzzykf.results import FIELDS, FilterTraining, FitResult, ResultField, Simulation
 from fuzzykf.summaries import FitSummary, SummaryTable
 from fuzzykf.switching import EXACT, Mixture, StationarySystem, SwitchingFilter
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables
@@ -263,6 +265,7 @@ SPECIMENS = {
     Labels: [Labels, lambda: Labels([HOSTILE], [f"{k}{HOSTILE}" for k in range(99)], {HOSTILE: HOSTILE})],
     CGLSSM: [lambda: CGLSSM([[1.0]], [[[0.9]]], [[[1.0]]], [[[0.5]]], [[[1.0]]])],
     SwitchingStateSpace: [space, lambda: SwitchingStateSpace([[1.0]], lambda w: [[0.9]], 1.0, 1.0, 1.0)],
+    FilterPool: [lambda: pool_models([fuzzy(), hard()]), lambda: FilterPool([OFSRFilter(fuzzy(), 0)] * 40)],
     OFSRFilter: [lambda: OFSRFilter(fuzzy()), lambda: stepped(OFSRFilter(fuzzy(), 2))],
     CGOMSMFilter: [lambda: CGOMSMFilter(hard()), lambda: stepped(CGOMSMFilter(hard()))],
     SwitchingKalmanFilter: [
@@ -353,6 +356,7 @@ SPECIMENS = {
         lambda: likelihood_fit(**{HOSTILE: np.nan}),
     ],
     LocalMaximum: [lambda: LocalMaximum(-1.0, {f"R[{k}, {k}]": 1.0 for k in range(300)})],
+    FilterTraining: [lambda: FilterTraining("filter", -0.6, -0.3, 35, 1.25, 700, (0.0,) * 99)],
     FitSummary: [lambda: fit().summary()],
     SummaryTable: [lambda: fit().summary().tables[0]],
     ResultField: [lambda: FIELDS["x"]],

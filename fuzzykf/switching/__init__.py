@@ -10,10 +10,12 @@ from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairT
 from fuzzykf.switching.dynamics.placed import StationarySystem
 from fuzzykf.switching.filters import (
     CGOMSMFilter,
+    FilterPool,
     KnownSwitchFilter,
     OFSRFilter,
     SwitchingFilter,
     SwitchingKalmanFilter,
+    pool_models,
 )
 from fuzzykf.switching.inference.exact import EXACT
 from fuzzykf.switching.inference.method import Method
@@ -37,6 +39,7 @@ __all__ = [
     "CGOMSMFilter",
     "CGOMSModel",
     "FadeLaw",
+    "FilterPool",
     "FuzzyMarkovLaw",
     "GraphLaw",
     "InitialLaw",
@@ -53,6 +56,7 @@ __all__ = [
     "SwitchingKalmanFilter",
     "SwitchingStateSpace",
     "SwitchingSystem",
+    "pool_models",
     "shrink_covariances",
 ]
 

@@ -25,6 +25,7 @@ FAMILIES = (
     "state_space",
     "memoryless",
     "filter_trained",
+    "pool",
     "linear",
     "regression",
     "boosting",

@@ -3,7 +3,16 @@
 from fuzzykf.switching.filters.cgomsm import CGOMSMFilter
 from fuzzykf.switching.filters.known_switch import KnownSwitchFilter
 from fuzzykf.switching.filters.ofsr import OFSRFilter
+from fuzzykf.switching.filters.pool import FilterPool, pool_models
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
 from fuzzykf.switching.filters.switching_kalman import SwitchingKalmanFilter
 
-__all__ = ["CGOMSMFilter", "KnownSwitchFilter", "OFSRFilter", "SwitchingFilter", "SwitchingKalmanFilter"]
+__all__ = [
+    "CGOMSMFilter",
+    "FilterPool",
+    "KnownSwitchFilter",
+    "OFSRFilter",
+    "SwitchingFilter",
+    "SwitchingKalmanFilter",
+    "pool_models",
+]
