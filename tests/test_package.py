@@ -117,4 +117,5 @@ def test_whoever_cites_and_archives_the_package_is_told_the_same() -> None:
 def test_the_installed_package_carries_its_types_and_its_data() -> None:
     folder = Path(fuzzykf.__file__).parent
     assert (folder / "py.typed").is_file()
-    assert (folder / "datasets" / "victoria_2014.csv.gz").is_file()
+    for name in ("victoria_2014", "weather_jfk_2013"):
+        assert (folder / "datasets" / f"{name}.csv.gz").is_file()

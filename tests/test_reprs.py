@@ -70,7 +70,7 @@ from fuzzykf.comparison import (
 from fuzzykf.comparison.clock import Clock
 from fuzzykf.comparison.prepare import ClockSwitch
 from fuzzykf.compat import SwitchingRegressor
-from fuzzykf.datasets import Building, Table, Traffic, Victoria, load_victoria
+from fuzzykf.datasets import Building, Table, Traffic, Victoria, Weather, load_victoria, load_weather
 from fuzzykf.estimation import LikelihoodFit, LocalMaximum
 from fuzzykf.experiments import Experiment, Outcome
 from fuzzykf.kalman import StateMap
@@ -400,6 +400,7 @@ SPECIMENS = {
         lambda: Table(HOSTILE, {f"{k}{HOSTILE}": ("1",) for k in range(5000)}, notes=(HOSTILE,)),
     ],
     Victoria: [load_victoria],
+    Weather: [load_weather],
     Building: [lambda: Building(INDEX.to_numpy(), BIG, BIG)],
     Traffic: [lambda: Traffic(INDEX.to_numpy(), BIG, BIG)],
     Task: [

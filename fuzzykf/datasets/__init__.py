@@ -1,6 +1,6 @@
-"""Real series to try filters on: one comes with the package, others from a folder of yours.
+"""Real series to try filters on: some come with the package, others from a folder of yours.
 
-`load_victoria` is packaged. `load_building` and `load_traffic` read files that
+`load_victoria` and `load_weather` are packaged. `load_building` and `load_traffic` read files that
 are not part of the package, from the folder that the environment variable
 ``FUZZYKF_DATA`` names.
 """
@@ -11,9 +11,11 @@ from fuzzykf.datasets.series import (
     Building,
     Traffic,
     Victoria,
+    Weather,
     load_building,
     load_traffic,
     load_victoria,
+    load_weather,
 )
 from fuzzykf.datasets.table import Table, read_table
 
@@ -22,8 +24,10 @@ __all__ = [
     "Table",
     "Traffic",
     "Victoria",
+    "Weather",
     "load_building",
     "load_traffic",
     "load_victoria",
+    "load_weather",
     "read_table",
 ]

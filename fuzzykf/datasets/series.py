@@ -16,7 +16,16 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["Building", "Traffic", "Victoria", "load_building", "load_traffic", "load_victoria"]
+__all__ = [
+    "Building",
+    "Traffic",
+    "Victoria",
+    "Weather",
+    "load_building",
+    "load_traffic",
+    "load_victoria",
+    "load_weather",
+]
 
 #: The environment variable that names the folder of files outside the package.
 DATA_VARIABLE = "FUZZYKF_DATA"
@@ -86,6 +95,34 @@ class Traffic:
     occupancy: FloatArray
 
 
+@reprs()
+@dataclass(frozen=True, eq=False)
+class Weather:
+    """Weather at John F. Kennedy airport, New York, in 2013, every hour; NaN where it was not reported.
+
+    Attributes
+    ----------
+    time : ndarray of datetime64[s], shape (n,)
+        Every hour, in Coordinated Universal Time: five hours ahead of the clocks of New York in winter,
+        four in summer.
+    temperature, dew_point : ndarray, shape (n,)
+        In degrees Celsius, to about half a degree.
+    humidity : ndarray, shape (n,)
+        Relative humidity, in per cent.
+    wind_speed : ndarray, shape (n,)
+        In miles per hour.
+    pressure : ndarray, shape (n,)
+        At sea level, in hectopascals; it is missing ten times as often as the rest.
+    """
+
+    time: NDArray[np.datetime64]
+    temperature: FloatArray
+    dew_point: FloatArray
+    humidity: FloatArray
+    wind_speed: FloatArray
+    pressure: FloatArray
+
+
 def load_victoria(*, hourly: bool = False) -> Victoria:
     """Load the demand for electricity and the temperature in Victoria in 2014.
 
@@ -120,6 +157,36 @@ def load_victoria(*, hourly: bool = False) -> Victoria:
         time, workday = time[::2], workday[::2]
         demand, temperature = (values.reshape(-1, 2).mean(axis=1) for values in (demand, temperature))
     return Victoria(time, demand, temperature, workday)
+
+
+def load_weather() -> Weather:
+    """Load a year of weather at an airport: a humidity sensor to lose, and others to restore it from.
+
+    The hours are complete from 1 January, 6:00, to 30 December 2013, 23:00 (8,730 rows).  There are 24 of
+    which nothing is known; wind speed is missing in 27, pressure in 855.  Humidity follows from temperature
+    and dew point, so that whoever wants to restore it leaves the dew point out.
+
+    Returns
+    -------
+    Weather
+
+    Notes
+    -----
+    Source: hourly observations of the US National Weather Service (Automated Surface Observing System), in
+    the public domain.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> data = load_weather()
+    >>> data.humidity.shape, int(np.isnan(data.humidity).sum())
+    ((8730,), 24)
+    >>> str(data.time[0]), float(data.temperature[0]), float(data.humidity[0])
+    ('2013-01-01T06:00:00', 3.9, 59.37)
+    """
+    table = read_table(Path(__file__).with_name("weather_jfk_2013.csv.gz"))
+    columns = ("temperature_c", "dew_point_c", "humidity_percent", "wind_speed_mph", "pressure_hpa")
+    return Weather(table.times("time"), *(table.numbers(name, gaps=True) for name in columns))
 
 
 def load_building(folder: str | os.PathLike[str] | None = None) -> Building:

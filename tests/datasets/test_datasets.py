@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fuzzykf.datasets import load_building, load_traffic, load_victoria, read_table
+from fuzzykf.datasets import load_building, load_traffic, load_victoria, load_weather, read_table
 from fuzzykf.errors import FileFormatError, ParameterError
 
 if TYPE_CHECKING:
@@ -51,6 +51,35 @@ def test_hourly_values_are_the_means_of_two_half_hours() -> None:
     assert full.demand[5] == pytest.approx((half.demand[10] + half.demand[11]) / 2)
     assert full.temperature[-1] == pytest.approx((half.temperature[-2] + half.temperature[-1]) / 2)
     assert full.time[5] == half.time[10]
+
+
+def test_weather_is_a_year_of_hours_with_gaps_in_plausible_units() -> None:
+    data = load_weather()
+    assert set(np.diff(data.time)) == {np.timedelta64(3600, "s")}
+    assert (str(data.time[0]), str(data.time[-1])) == ("2013-01-01T06:00:00", "2013-12-30T23:00:00")
+    series = (data.temperature, data.dew_point, data.humidity, data.wind_speed, data.pressure)
+    assert [int(np.isnan(one).sum()) for one in series] == [24, 24, 24, 27, 855]
+    assert np.isnan(series)[:, 11].all()  # nothing was reported in that hour
+    # New York: frost in winter, some days above 35 degrees; the pressure is that at sea level
+    assert -15.0 < np.nanmin(data.temperature) < -8.0
+    assert 35.0 < np.nanmax(data.temperature) < 40.0
+    assert 970.0 < np.nanmin(data.pressure) < np.nanmax(data.pressure) < 1050.0
+
+
+def test_weather_has_a_humidity_that_follows_from_temperature_and_dew_point() -> None:
+    data = load_weather()
+
+    def vapour(t):  # Magnus' formula
+        return np.exp(17.625 * t / (243.04 + t))
+
+    off = 100.0 * vapour(data.dew_point) / vapour(data.temperature) - data.humidity
+    assert np.nanmedian(np.abs(off)) < 0.05
+    assert np.nanquantile(np.abs(off), 0.9) < 0.1
+    assert np.nanargmax(
+        np.bincount((data.time.astype(int) // 3600) % 24, np.nan_to_num(data.temperature))
+    ) in (
+        range(17, 21)  # the afternoon of New York in UTC
+    )
 
 
 # ------------------------------------------------------------------ series outside the package
