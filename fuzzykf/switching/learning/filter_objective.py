@@ -206,7 +206,7 @@ class FilterObjective:
             total += float(np.nansum(found.log_density) + ALPHA * found.log_likelihood.sum())
             by = found.moves
             u = np.concatenate([one.y[1:], _regressors(one)[0]], axis=1)
-            products = (u[:, :, None] * u[:, None, :]).reshape(len(u), -1)
+            products = (u[:, :, None] * u[:, None, :]).reshape(len(u), u.shape[1] ** 2)
             moment = moment + by.log_weight.T @ products
             weight += by.log_weight.sum(axis=0)
             by_p += found.first.log_p

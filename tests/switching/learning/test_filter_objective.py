@@ -136,6 +136,25 @@ def test_the_gradient_is_the_limit_of_differences(kind, m, q, estimate, missing)
         assert slope @ direction == pytest.approx(expected, rel=1e-6, abs=1e-8)
 
 
+@pytest.mark.parametrize("kind", ["hard", "fmc1"])
+def test_a_stretch_of_one_row_counts(kind) -> None:
+    objective, model, data, learned = case(kind, 2, 1)
+    alone = learned[0]._replace(x=learned[0].x[:1], y=learned[0].y[:1])
+    chain = model.placed(0 if kind == "hard" else NODES).chain
+    longer = FilterObjective(objective.estimate, objective._law, chain, [*learned, alone])
+    n = [sum(len(one.x) for one in part) for part in (learned, [*learned, alone])]
+    first = objective.scores(objective.start, learned[:1])[0][0]
+    likelihood = [n[1] * longer.value(longer.start)[0], n[0] * objective.value(objective.start)[0]]
+    filtered = CGOMSMFilter(model) if kind == "hard" else OFSRFilter(model, n_nodes=NODES)
+    filtered.step(alone.y[0] * data.scale.std[2:] + data.scale.mean[2:])
+    expected = first + ALPHA * (filtered.log_likelihood + np.log(data.scale.std[2:]).sum())
+    assert likelihood[0] - likelihood[1] == pytest.approx(expected, rel=1e-8)
+    numbers = moved(longer)
+    direction = np.random.default_rng(2).normal(size=numbers.size)
+    ends = [longer.value(numbers + h * direction)[0] for h in (1e-5, -1e-5)]
+    assert longer.value(numbers)[1] @ direction == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-5)
+
+
 def test_numbers_and_regressions_are_one_another() -> None:
     rng = np.random.default_rng(0)
     B, t, p = 4, 2, 3
