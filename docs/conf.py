@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 
 import fuzzykf
@@ -36,7 +37,8 @@ numpydoc_xref_param_type = False
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
-    "filename_pattern": r"plot_",
+    # the data of one example are not part of the package: without them it is shown, but not run
+    "filename_pattern": r"plot_" if "FUZZYKF_DATA" in os.environ else r"plot_(?!traffic)",
     "remove_config_comments": True,
     "show_memory": False,
     "abort_on_example_error": True,
