@@ -27,6 +27,7 @@ from fuzzykf.many import read_many
 from fuzzykf.overrides import ACCESS, VERBS, is_patched, lookups, overrides
 from fuzzykf.registry import either
 from fuzzykf.reprs import shown
+from fuzzykf.results import FitResult
 from fuzzykf.switching.dynamics.model import SwitchingModel
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
 from fuzzykf.texts import listed
@@ -512,7 +513,7 @@ def pool_models(models: Sequence[Any], weights: Numbers = None) -> FilterPool:
 
     Parameters
     ----------
-    models : sequence of models or filters
+    models : sequence of models, results of ``fit``, or filters
         Of each model the filter is taken that its ``filter()`` makes.
     weights : array_like, shape (K,), optional
         Positive and with the sum 1; by default all equal.
@@ -540,7 +541,8 @@ def pool_models(models: Sequence[Any], weights: Numbers = None) -> FilterPool:
     """
     if not _is_sequence(models):
         raise ParameterError(f"models: got {brief(models)}, expected a sequence of models and filters")
-    return FilterPool([one.filter() if isinstance(one, SwitchingModel) else one for one in models], weights)
+    found = [one.model if isinstance(one, FitResult) else one for one in models]
+    return FilterPool([one.filter() if isinstance(one, SwitchingModel) else one for one in found], weights)
 
 
 # --------------------------------------------------------------------------- parts

@@ -137,9 +137,9 @@ def test_names_are_those_of_the_members():
     rng = np.random.default_rng(0)
     y = pd.DataFrame(rng.normal(size=(200, 2)), columns=["t", "h"])
     x, r = rng.normal(size=200), np.arange(200) // 20 % 2
-    fits = [CGOMSModel.fit(x, y[names], r, form="regression").model for names in (["t", "h"], ["h", "t"])]
-    pool = pool_models([fits[0], fits[0]])
-    expected = fits[0].filter().filter(y).x
+    fits = [CGOMSModel.fit(x, y[names], r, form="regression") for names in (["t", "h"], ["h", "t"])]
+    pool = pool_models([fits[0], fits[0].model])
+    expected = fits[0].model.filter().filter(y).x
     np.testing.assert_allclose(pool.filter(y[["h", "t"]].assign(more=0.0)).x, expected)
     np.testing.assert_allclose(pool.filter_many([y[["h", "t"]]]).x[0], expected)
     changed = type("Changed", (FilterPool,), {"update": lambda self, z: FilterPool.update(self, z)})
