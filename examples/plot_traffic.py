@@ -52,7 +52,7 @@ told = CGOFMSModel.fit(before.speed, before.log_occupancy, degree, law="fmc1", n
 # Or the regimes are found. Of two, one takes the nights and one the days; so there are three, a jam is
 # entered from the second one, and they *fade*, within twenty minutes or so. All numbers of the law are only
 # where the search begins. ``objective="filter"`` goes on from the likelihood to what the filter will be asked
-# for, the speed given the occupancies so far, and keeps the better of the two on rows kept back.
+# for, the speed given the occupancies so far, and comes back unless rows kept back say that it is better.
 
 law = FadeLaw(3, {(0, 1): (1 / 100, 4), (1, 0): (1 / 100, 4), (1, 2): (1 / 300, 4), (2, 1): (1 / 12, 4)})
 hidden = CGOFMSModel.fit(
@@ -160,8 +160,8 @@ for panel in panels:
 plt.show()
 
 # %%
-# A jam comes unforeseen: an hour before, nobody says anything of it. What the switch is worth is in the
-# bands. The regression has one width for all times; the filter is sure while traffic is free by day, widens
-# its band in a jam, and the log score rewards that. Here the switch that was told while learning does better
-# than the one that has to find out by itself what a jam is. An hour ahead the hidden one is far too sure; the
-# pool is not, and has the best log score, without anybody having to choose. All this is one day with one jam.
+# A jam comes unforeseen: an hour before, nobody says anything of it, and no error is below that of the
+# regression. What the switch is worth is in the bands. The regression has one width for all times; the filter
+# is sure while traffic is free by day, widens its band in a jam, and the log score rewards that. The pool needs
+# nobody to choose: of the estimates its error is the least, of the forecasts its log score the best. The gain
+# of the estimates over the regression is made in the jam, and all this is one day with one jam.

@@ -467,16 +467,16 @@ class FilterPool(Filter, Document):
     # ------------------------------------------------------------------ files
 
     @property
-    def can_be_saved(self) -> bool:
+    def _can_be_saved(self) -> bool:
         """Whether each member is a filter that files know, so that `save` can be called."""
         return all(
-            one.can_be_saved if isinstance(one, FilterPool) else type(one).__name__ in FILTERS
+            one._can_be_saved if isinstance(one, FilterPool) else type(one).__name__ in FILTERS
             for one in self.members
         )
 
     def to_dict(self) -> dict[str, Any]:
         """Return weights and members, with their states, as plain values."""
-        if not self.can_be_saved:
+        if not self._can_be_saved:
             kinds = [type(one).__name__ for one in self.members]
             raise ParameterError(
                 f"save: got a pool of {listed(kinds)}, expected members that can be saved: {either(FILTERS)}"

@@ -258,7 +258,7 @@ class FilterObjective:
         weight = log_densities(observation, one.y[1:], before)
         weight += log_T
         slopes = state.beta[..., self._p :].reshape(-1, regressors.shape[1])
-        offset = (regressors @ slopes.T).reshape(len(before), -1, m)
+        offset = (regressors @ slopes.T).reshape(len(before), len(self._shares), m)
         moves = PairMoves(weight, offset, A, state.covariance)
         return moves, one.first._replace(log_p=log_p + one.first.log_p)
 
