@@ -162,6 +162,6 @@ plt.show()
 # %%
 # A jam comes unforeseen: an hour before, nobody says anything of it, and no error is below that of the
 # regression. What the switch is worth is in the bands. The regression has one width for all times; the filter
-# is sure while traffic is free by day, widens its band in a jam, and the log score rewards that. The pool needs
-# nobody to choose: of the estimates its error is the least, of the forecasts its log score the best. The gain
-# of the estimates over the regression is made in the jam, and all this is one day with one jam.
+# is sure while traffic is free by day, widens its band in a jam, and the log score rewards that. The pool
+# needs nobody to choose: of the estimates its error is the least, of the forecasts its log score the best.
+# The gain of the estimates over the regression is made in the jam, and all this is one day with one jam.

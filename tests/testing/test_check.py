@@ -120,6 +120,7 @@ def state_space():
 
 
 FILTERS = {
+    "FilterPool": lambda: fuzzykf.pool_models([hard_model(), hard_model()], [0.3, 0.7]),
     "KalmanFilter": velocity,
     "KalmanFilter, flat": lambda: velocity(2, flat=True),
     "KalmanFilter, two observations": lambda: velocity(2),

@@ -178,7 +178,8 @@ class FilterPool(Filter, Document):
                 member.update(z, **told)
         self._n, self._predicted = self._n + 1, False
 
-    def _step_or_stay(self, z: Numbers) -> FloatArray:
+    def step(self, z: Numbers) -> FloatArray:
+        """Predict, then update with ``z``; see `Filter.step`."""
         with self._as_it_was_on_error():
             if self._predicted or not self._is_plain():
                 self.predict()
@@ -188,10 +189,6 @@ class FilterPool(Filter, Document):
                     member.step(z)
                 self._n += 1
         return self.x
-
-    def step(self, z: Numbers) -> FloatArray:
-        """Predict, then update with ``z``; see `Filter.step`."""
-        return self._step_or_stay(z)  # the members know the names that a row may have
 
     @contextmanager
     def _as_it_was_on_error(self) -> Iterator[None]:
