@@ -37,7 +37,9 @@ if TYPE_CHECKING:
         FadeLaw,
         FilterPool,
         FuzzyMarkovLaw,
+        FuzzySwitchFilter,
         GraphLaw,
+        HardSwitchFilter,
         KnownSwitchFilter,
         OFSRFilter,
         SwitchChain,
@@ -67,8 +69,9 @@ _HOMES = {
         "fuzzykf.preprocessing": "DailyProfile Standardizer",
         "fuzzykf.results": "FilterResult",
         "fuzzykf.switching": (
-            "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FadeLaw FilterPool FuzzyMarkovLaw GraphLaw "
-            "KnownSwitchFilter OFSRFilter SwitchChain SwitchingKalmanFilter SwitchingStateSpace pool_models"
+            "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FadeLaw FilterPool FuzzyMarkovLaw FuzzySwitchFilter "
+            "GraphLaw HardSwitchFilter KnownSwitchFilter OFSRFilter SwitchChain SwitchingKalmanFilter "
+            "SwitchingStateSpace pool_models"
         ),
     }.items()
     for name in names.split()
@@ -90,10 +93,12 @@ __all__ = [
     "FunctionMembership",
     "FuzzyMarkovLaw",
     "FuzzyRelationEstimator",
+    "FuzzySwitchFilter",
     "FuzzykfError",
     "GaussianMembership",
     "GraphLaw",
     "GridMembership",
+    "HardSwitchFilter",
     "IMMEstimator",
     "IntervalMembership",
     "KalmanFilter",

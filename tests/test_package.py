@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import pickle
 import re
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import fuzzykf
@@ -56,6 +58,28 @@ def test_type_checkers_and_the_running_package_see_the_same_names() -> None:
     block = source.partition("if TYPE_CHECKING:")[2].partition("__version__")[0]
     seen = set(re.findall(r"\b[A-Z]\w+|(?<=import )[a-z]\w+|\w+(?=,\n)", block))
     assert seen == set(fuzzykf.__all__) - {"__version__"} == set(fuzzykf._HOMES)
+
+
+@pytest.mark.parametrize(
+    ("plain", "name"), [("FuzzySwitchFilter", "OFSRFilter"), ("HardSwitchFilter", "CGOMSMFilter")]
+)
+def test_a_plain_name_is_the_same_class_and_files_keep_one_name(
+    plain, name, fuzzy_model, hard_model, tmp_path
+) -> None:
+    cls = getattr(fuzzykf, plain)
+    assert cls is getattr(fuzzykf, name) is getattr(fuzzykf.switching, plain)
+    assert cls.__name__ == cls.__qualname__ == name
+    assert plain in cls.__doc__
+    f = cls(fuzzy_model if name == "OFSRFilter" else hard_model)
+    f.step(0.5)
+    assert repr(f).startswith(f"{name}(")
+    stored = pickle.dumps(f)
+    assert plain.encode() not in stored
+    f.save(tmp_path / "filter.json")
+    assert plain not in (tmp_path / "filter.json").read_text(encoding="utf-8")
+    for again in (pickle.loads(stored), cls.load(tmp_path / "filter.json")):
+        assert type(again) is cls
+        np.testing.assert_array_equal(again.x, f.x)
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

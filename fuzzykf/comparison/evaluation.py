@@ -26,6 +26,7 @@ from fuzzykf.comparison.scores import (
 from fuzzykf.comparison.verdict import (
     about_baseline,
     about_error,
+    about_feedback,
     about_likelihood,
     about_log_score,
     by_log_score,
@@ -147,6 +148,7 @@ class ModelComparison:
             raise ParameterError(f"unit: got {brief(given)}, expected a text")
         sentences = (
             about_error(self.ranked, "name", unit),
+            about_feedback(self.ranked, self.learned[-1], "name"),
             about_log_score(self.scores, "name"),
             about_baseline(self.baseline_rmse, unit),
             about_likelihood(self.scores),

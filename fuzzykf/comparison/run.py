@@ -17,7 +17,7 @@ from fuzzykf.comparison.candidates.switching import LAWS
 from fuzzykf.comparison.evaluation import Fold, HeldOut, ModelComparison, microseconds, summarise
 from fuzzykf.comparison.folds import Round, cut_folds, go_through
 from fuzzykf.comparison.prepare import MIN_TEST
-from fuzzykf.comparison.verdict import about_baseline, about_error, about_log_score
+from fuzzykf.comparison.verdict import about_baseline, about_error, about_feedback, about_log_score
 from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError
 from fuzzykf.gaussian import as_count, brief, check_generator
 
@@ -106,6 +106,7 @@ class Comparison(ModelComparison):
             raise ParameterError(f"unit: got {brief(given)}, expected a text")
         sentences = (
             about_error(self.ranked, "title", unit),
+            about_feedback(self.ranked, self.learned[-1], "title"),
             about_log_score(self.scores, "title"),
             about_baseline(self.baseline_rmse, unit),
         )

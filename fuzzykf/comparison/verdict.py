@@ -1,4 +1,4 @@
-"""What wins, on error and on log score, and whether that means anything: in words."""
+"""What wins, on error and on log score, whether the lead is significant, and a likely reason: in words."""
 
 from __future__ import annotations
 
@@ -9,11 +9,22 @@ import numpy as np
 from fuzzykf.comparison.scores import significance
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    from fuzzykf.comparison.candidates import Learned
     from fuzzykf.comparison.scores import Score
 
-__all__ = ["about_baseline", "about_error", "about_likelihood", "about_log_score", "by_log_score"]
+__all__ = [
+    "about_baseline",
+    "about_error",
+    "about_feedback",
+    "about_likelihood",
+    "about_log_score",
+    "by_log_score",
+]
+
+#: Candidates with a switch and with feedback, which are worth a try where feedback wins.
+SWITCHING_WITH_FEEDBACK = ("switching-ssm", "switching-ssm-hard")
 
 
 def by_log_score(scores: Sequence[Score]) -> list[Score]:
@@ -33,6 +44,30 @@ def about_error(ranked: Sequence[Score], label: Literal["name", "title"], unit: 
         f"{getattr(best, label)} has the lowest RMSE, {told}. Next is {getattr(second, label)}, "
         f"{second.difference:.2g}{space} behind (95 % interval {second.difference_low:.2g} to "
         f"{second.difference_high:.2g}): {significance(second.difference_low > 0.0)}."
+    )
+
+
+def about_feedback(
+    ranked: Sequence[Score], learned: Mapping[str, Learned], label: Literal["name", "title"]
+) -> str:
+    """Say why a Kalman filter or an IMM estimator is ahead of the exact switching filters, and what to try.
+
+    Empty unless the candidate of least error has feedback, and its lead over the best of those that filter
+    without is significant.
+    """
+    has = {name: one.feedback for name, one in learned.items()}
+    best = ranked[0]
+    without = [score for score in ranked if has.get(score.name) is False]
+    if not has.get(best.name) or not without or not without[0].difference_low > 0.0:
+        return ""
+    told = (
+        f"A likely reason is feedback: in {getattr(best, label)} each observation corrects the state that "
+        f"went before it, in {getattr(without[0], label)} it does not."
+    )
+    if set(has) & set(SWITCHING_WITH_FEEDBACK):
+        return told
+    return (
+        f"{told} SwitchingStateSpace has regimes and feedback: try {' and '.join(SWITCHING_WITH_FEEDBACK)}."
     )
 
 

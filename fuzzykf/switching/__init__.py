@@ -11,6 +11,8 @@ from fuzzykf.switching.dynamics.placed import StationarySystem
 from fuzzykf.switching.filters import (
     CGOMSMFilter,
     FilterPool,
+    FuzzySwitchFilter,
+    HardSwitchFilter,
     KnownSwitchFilter,
     OFSRFilter,
     SwitchingFilter,
@@ -41,7 +43,9 @@ __all__ = [
     "FadeLaw",
     "FilterPool",
     "FuzzyMarkovLaw",
+    "FuzzySwitchFilter",
     "GraphLaw",
+    "HardSwitchFilter",
     "InitialLaw",
     "KnownSwitchFilter",
     "Method",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from fuzzykf import DailyProfile, compare_models
-from fuzzykf.comparison import Candidate, Estimates, Learned, LearningPart
+from fuzzykf.comparison import Candidate, Estimates, Learned, LearningPart, Score
 from fuzzykf.comparison.models import CANDIDATES
+from fuzzykf.comparison.verdict import about_feedback
 from fuzzykf.datasets import load_victoria
 from fuzzykf.errors import FuzzykfError, ParameterError, ShapeError
 from fuzzykf.io import model_to_dict
@@ -275,6 +277,44 @@ def test_on_switching_data_switches_win_and_the_verdict_says_so() -> None:
     likeliest = max(found.scores[:4], key=lambda score: score.log_likelihood).name
     told = f"The observations are likeliest under {likeliest}; regressions define no likelihood."
     assert found.verdict().endswith(told)
+
+
+def test_the_verdict_names_feedback_where_it_wins_and_says_what_to_try() -> None:
+    rng = RNG(0)
+    x = np.zeros(1000)
+    for k in range(1, len(x)):  # a slow state in noise: each observation tells of the states before it
+        x[k] = 0.95 * x[k - 1] + 0.3 * rng.normal()
+    y = x + rng.normal(size=len(x))
+    options = {"n_folds": 2, "tolerance": 1e-4, "n_resamples": 100}
+    found = compare_models(x, y, RNG(0), candidates=["hard1", "kalman"], **options)
+    assert (
+        "A likely reason is feedback: in kalman each observation corrects the state that went before it, in "
+        "hard1 it does not. SwitchingStateSpace has regimes and feedback: try switching-ssm and "
+        "switching-ssm-hard."
+    ) in found.verdict()
+    assert {name: one.feedback for name, one in found.learned[-1].items()} == {"hard1": False, "kalman": True}
+    for others in (["kalman", "line"], ["hard1", "line"]):  # nothing to be ahead of; nothing that has it
+        assert "feedback" not in compare_models(x, y, RNG(0), candidates=others, **options).verdict()
+
+
+def test_where_switches_with_feedback_were_compared_the_verdict_does_not_ask_for_them() -> None:
+    class Says(Learned):
+        def __init__(self, feedback: bool) -> None:
+            self.feedback = feedback
+
+        restore = stepper = None
+
+    figures = {"rmse_low": 0.9, "rmse_high": 3.0, "coverage": 0.9, "log_likelihood": None}
+    ranked = [
+        Score("kalman", rmse=1.0, difference=0.0, difference_low=0.0, difference_high=0.0, **figures),
+        Score("hard2", rmse=2.0, difference=1.0, difference_low=0.5, difference_high=1.5, **figures),
+    ]
+    learned = {"kalman": Says(True), "hard2": Says(False)}
+    assert about_feedback(ranked, learned, "name").endswith("try switching-ssm and switching-ssm-hard.")
+    learned["switching-ssm-hard"] = Says(True)
+    assert about_feedback(ranked, learned, "name").endswith("in hard2 it does not.")
+    level = [ranked[0], replace(ranked[1], difference_low=-0.1)]
+    assert about_feedback(level, learned, "name") == ""
 
 
 def test_a_draw_is_no_victory_and_a_single_candidate_has_no_rival() -> None:

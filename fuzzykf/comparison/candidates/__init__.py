@@ -177,11 +177,14 @@ class Learned(ABC):
         What was chosen while learning, in words, and how; may be empty.
     choice : str
         What was chosen, in a word: a law, a number of lags; empty where nothing was.
+    feedback : bool or None
+        Whether each observation corrects the state that went before it; None where there are no dynamics.
     """
 
     notes: tuple[str, ...] = ()
     description: str = ""
     choice: str = ""
+    feedback: bool | None = None
 
     def at(self, clock: Clock | None) -> Self:
         """Return this for rows of a clock: those that are restored next, one for each row.

@@ -113,6 +113,7 @@ class _LearnedLinear(Learned):
     """A filter of (X, Y) with predict(u), update(z), x, P and log_likelihood."""
 
     dim_x: int
+    feedback = True
 
     @abstractmethod
     def _new_filter(self) -> Any: ...

@@ -36,6 +36,8 @@ class LearnedStateSpace(LearnedSwitching):
         Beside those of the fit.
     """
 
+    feedback = True
+
     def __init__(
         self, fit: LikelihoodFit[SwitchingStateSpace], n_nodes: int | None, notes: tuple[str, ...] = ()
     ) -> None:

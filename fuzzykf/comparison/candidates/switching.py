@@ -60,6 +60,8 @@ class LearnedSwitching(Learned):
     filter : OFSRFilter or CGOMSMFilter
     """
 
+    feedback: bool | None = False
+
     def __init__(self, fit: FitResult[Any], n_nodes: int | None, description: str = "") -> None:
         self.fit, self.filter = fit, fit.model.filter(n_nodes)
         self.notes = (*fit.warnings, *growth_notes(fit.model.placed(n_nodes)))

@@ -8,12 +8,15 @@ from fuzzykf.switching.filters.saved import SavedFilter
 from fuzzykf.switching.inference.registry import METHODS
 from fuzzykf.switching.models.hard import CGOMSModel
 
-__all__ = ["CGOMSMFilter"]
+__all__ = ["CGOMSMFilter", "HardSwitchFilter"]
 
 
 @keeps("model")
 class CGOMSMFilter(SavedFilter):
     """Exact recursive filter for K hard regimes.
+
+    `HardSwitchFilter` is another name of the same class.  CGOMSM stands for conditionally Gaussian observed
+    Markov switching model.
 
     Parameters
     ----------
@@ -59,3 +62,7 @@ class CGOMSMFilter(SavedFilter):
             )
         self.model = model
         super().__init__(system, METHODS[model.form.exact_method])
+
+
+#: The plain name of `CGOMSMFilter`, which is the one that reprs, pickles and files have.
+HardSwitchFilter = CGOMSMFilter

@@ -9,14 +9,15 @@ from fuzzykf.immutable import keeps
 from fuzzykf.switching.filters.saved import SavedFilter
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 
-__all__ = ["OFSRFilter"]
+__all__ = ["FuzzySwitchFilter", "OFSRFilter"]
 
 
 @keeps("model", "n_nodes", "rule")
 class OFSRFilter(SavedFilter):
-    """Optimal fuzzy switching recursive filter (2020 paper, section IV).
+    """Optimal fuzzy switching recursive filter (2020 paper, section IV), for a switch that slides or jumps.
 
-    Exact for the Markov chain on ``n_nodes + 2`` nodes that stands for the fuzzy law.
+    `FuzzySwitchFilter` is another name of the same class.  The filter is exact for the Markov chain on
+    ``n_nodes + 2`` nodes that stands for the fuzzy law.
 
     Parameters
     ----------
@@ -61,3 +62,7 @@ class OFSRFilter(SavedFilter):
 
     def _options(self) -> dict[str, Any]:
         return {"n_nodes": int(self.n_nodes), "rule": self.rule}
+
+
+#: The plain name of `OFSRFilter`, which is the one that reprs, pickles and files have.
+FuzzySwitchFilter = OFSRFilter
