@@ -25,6 +25,7 @@ PAGES = [
     *sorted((ROOT / "docs" / "theory").glob("*.md")),
     ROOT / "docs" / "index.md",
     ROOT / "docs" / "architecture.md",
+    ROOT / "docs" / "glossary.md",
     ROOT / "docs" / "performance.md",
     ROOT / "docs" / "reproduction.md",
     ROOT / "docs" / "versioning.md",
