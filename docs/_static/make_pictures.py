@@ -48,7 +48,7 @@ def error(estimate: np.ndarray) -> float:
 
 
 def imm(n_modes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the states and the shadow, of modes between sun and shadow; of all rates the best in hindsight."""
+    """Return states and shadow, of modes between sun and shadow, at the best of six rates in hindsight."""
     shades = np.linspace(0.0, 1.0, n_modes)
     steps = np.eye(n_modes, k=1) + np.eye(n_modes, k=-1)
     steps /= steps.sum(axis=1, keepdims=True)  # to a neighbour
