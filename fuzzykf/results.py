@@ -613,6 +613,7 @@ class FitResult(Generic[M]):
     refit: Callable[[Simulation], FitResult[M]] | None = field(default=None, repr=False)
     occupancy: FloatArray | None = field(default=None, repr=False)
     training: FilterTraining | None = None
+    continuation: Callable[..., FitResult[M]] | None = field(default=None, repr=False)
 
     @property
     def aic(self) -> float:
@@ -644,6 +645,80 @@ class FitResult(Generic[M]):
     def _repr_html_(self) -> str:
         return self.summary()._repr_html_()
 
+    def update(self, x: Any, y: Any, *, forget: float = 1.0) -> FitResult[M]:
+        """Go on with new rows, so that the model follows what changes.
+
+        Of the rows so far the result holds what the maximisation needs: expected transitions and weighted
+        second moments (statistics).  Discounted by ``forget`` to the number of new rows, they join those of
+        the new rows.  Expectation-maximisation begins at the parameters that were learned, looks for the
+        switch in the new rows alone, and ends as that of the fit did.  So a call costs what its rows cost.
+
+        Parameters
+        ----------
+        x, y : array_like, or list of these
+            New rows, in the units of the first ones, as `CGOFMSModel.fit` takes them; NaN where missing.  Two
+            rows in a row with ``y`` will do, and ``x`` may be missing in all.  Tables go by the names of the
+            first.  Each call begins a new series: the step from the last row so far to the first new one is
+            not learned from.
+        forget : float
+            What the weight of earlier rows is multiplied by at each new row, in ]0, 1].  With 1 nothing is
+            forgotten; with ``0.5 ** (1 / h)`` a row counts half after h rows (its half-life).  Rows in which
+            something is missing are rows, and so are those of each series; the rows of one call count alike.
+
+        Returns
+        -------
+        FitResult
+            New; this one is left as it is.  Its model has the names and the structure of the law of this one.
+            Likelihood, number of observations, shares of the regimes and trace are those of the new rows;
+            ``warnings`` speaks of all rows, by their weight.  It can be updated, but not bootstrapped.
+
+        Raises
+        ------
+        ParameterError
+            If ``forget`` is no such number, or leaves too little to learn from; the result is none of a
+            switching model that was learned with a hidden switch, in the regression form and with
+            ``objective="joint"``; a number is far from all that was learned from first.
+        ShapeError
+            If there are more or fewer columns than were learned from.
+
+        See Also
+        --------
+        fuzzykf.CGOFMSModel.fit, fuzzykf.CGOMSModel.fit
+
+        Notes
+        -----
+        With ``forget=1`` the result is nearly that of a fit on all rows: only where the switch was in earlier
+        rows is not revised.  What occurs no more is forgotten, regimes and ways between them included: choose
+        a half-life in which each occurs.  Statistics are part of the result, and of its pickle, but not of a
+        saved model.
+
+        References
+        ----------
+        O. Cappé, E. Moulines, "On-line expectation-maximization algorithm for latent data models", Journal
+        of the Royal Statistical Society B 71 (2009).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from fuzzykf import CGOMSModel
+        >>> rng = np.random.default_rng(0)
+        >>> y = rng.normal(size=600)
+        >>> offset = np.repeat([0.0, 1.0], 300)  # comes up half-way
+        >>> x = offset + 0.5 * y + 0.1 * rng.normal(size=600)
+        >>> fit = CGOMSModel.fit(x[:300], y[:300], n_regimes=1, state_feedback=False)
+        >>> for forget in (1.0, 0.5 ** (1 / 50)):
+        ...     model = fit.update(x[300:], y[300:], forget=forget).model
+        ...     print(round(model.form.table.c.item(), 1))
+        0.5
+        1.0
+        """
+        if self.continuation is None:
+            raise ParameterError(
+                f"update: this result, of a {type(self.model).__name__}, holds no statistics to go on from; "
+                "expected one of CGOFMSModel.fit or CGOMSModel.fit, with the switch hidden"
+            )
+        return self.continuation(x, y, forget)
+
     def bootstrap(self, n_replicates: int, rng: np.random.Generator) -> list[FitResult[M]]:
         """Simulate from the model and learn again, to see how well parameters are known.
 
@@ -663,6 +738,6 @@ class FitResult(Generic[M]):
         n_replicates = as_count("n_replicates", n_replicates, 1)
         check_generator(rng)
         if self.refit is None:
-            raise ParameterError("bootstrap: this result was not made by a fit")
+            raise ParameterError("bootstrap: this result was not made by a fit (or it was updated)")
         model: Any = self.model
         return [self.refit(model.simulate(self.n_observations, rng)) for _ in range(n_replicates)]

@@ -3,7 +3,8 @@
 `fuzzykf.switching.learning.data` brings data to a common form; with a hidden switch,
 `em` alternates between the posterior of the nodes and the maximisation of `gaussians`
 and `chains`; `fit` chooses between starts and reports what the data cannot support, `choice`
-chooses between the forms of the Gaussian part.
+chooses between the forms of the Gaussian part, and `update` goes on with new rows from the `statistics` of
+those before.
 """
 
 from __future__ import annotations
@@ -24,11 +25,13 @@ from fuzzykf.results import FitResult, bic
 from fuzzykf.switching.laws.base import NODES
 from fuzzykf.switching.laws.chains import as_law
 from fuzzykf.switching.learning.choice import forms_to_try, learn_forms
-from fuzzykf.switching.learning.data import gather, irregular
+from fuzzykf.switching.learning.data import Earlier, gather, irregular
 from fuzzykf.switching.learning.fit import Fitted, Options, fit_fuzzy, fit_hard
 from fuzzykf.switching.learning.law import law_to_learn
 from fuzzykf.switching.learning.memory import check_memory, memory_of_fuzzy, memory_of_hard
 from fuzzykf.switching.learning.notes import one_name
+from fuzzykf.switching.learning.present import present
+from fuzzykf.switching.learning.update import Continuation, why_not
 from fuzzykf.switching.models.base import given_regimes
 
 if TYPE_CHECKING:
@@ -191,31 +194,7 @@ def _with_progress(progress: bool | None, learn: Callable[[Callable[[], None] | 
 def _present(
     fitted: Fitted, bic_of_forms: dict[str, float], data: TrainingData, x: Any, refit: Refit
 ) -> FitResult[Any]:
-    weights: Any = np.full((data.n_rows, fitted.class_weights.shape[1]), np.nan)
-    weights[data.kept] = fitted.class_weights
-    switch: Any = None
-    if fitted.switch_mean is not None:
-        switch = np.full(data.n_rows, np.nan)
-        switch[data.kept] = fitted.switch_mean
-    if hasattr(x, "to_numpy") and hasattr(x, "index"):
-        import pandas as pd
-
-        weights = pd.DataFrame(weights, x.index, [f"class_weights{k}" for k in range(weights.shape[1])])
-        if switch is not None:
-            switch = pd.Series(switch, index=x.index, name="switch_mean")
-
-    return FitResult(
-        model=fitted.model._with_labels(data.labels),
-        log_likelihood=fitted.log_likelihood,
-        n_parameters=fitted.n_parameters,
-        n_observations=len(data.z),
-        trace=np.array(fitted.trace),
-        converged=fitted.converged,
-        warnings=tuple(fitted.warnings),
-        switch_mean=switch,
-        class_weights=weights,
-        bic_of_forms=bic_of_forms,
-        refit=refit,
-        occupancy=fitted.class_weights.mean(axis=0),
-        training=fitted.training,
-    )
+    obstacle = why_not(refit.options, knows_switch=refit.knows_switch)
+    earlier = Earlier(data.scale, data.labels, data.dim_x)
+    onwards = Continuation(fitted.learned, earlier, refit.options, obstacle)
+    return present(fitted, bic_of_forms, data, x, refit=refit, continuation=onwards)

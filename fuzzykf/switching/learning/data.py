@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
-from fuzzykf.labels import NO_LABELS, Labels, ordered, read_labels
+from fuzzykf.labels import NO_LABELS, Labels, match_series, ordered, read_labels
 from fuzzykf.missing import as_floats
 from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.steps import step_note
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["Scale", "TrainingData", "component", "gather", "irregular"]
+__all__ = ["MIN_TRANSITIONS", "Earlier", "Scale", "TrainingData", "component", "gather", "irregular"]
 
 #: Standard deviations of no more than so many gaps between the doubles around the values are rounding errors:
 #: at 1e7 the gap is 1.9e-9.  Of noise that is larger, rounding takes less than a thousandth of the variance.
@@ -37,6 +37,10 @@ DEPENDENT = 1e-10
 #: A model has a dozen parameters per pair of regimes; less data than this cannot support it.
 MIN_TRANSITIONS = 20
 
+#: Standard deviations of earlier data beyond which numbers are in other units: next to their squares those of
+#: the earlier data are lost.
+FARTHEST = 1e8
+
 
 @dataclass(frozen=True)
 class Scale:
@@ -49,6 +53,22 @@ class Scale:
 
     mean: FloatArray
     std: FloatArray
+
+
+class Earlier(NamedTuple):
+    """What data that were learned from before settled for those that follow.
+
+    Attributes
+    ----------
+    scale : Scale
+        The units that stay.
+    labels : Labels
+    dim_x : int
+    """
+
+    scale: Scale
+    labels: Labels
+    dim_x: int
 
 
 @dataclass(frozen=True)
@@ -116,6 +136,7 @@ def gather(
     *,
     state_feedback: bool = True,
     complete: bool = False,
+    earlier: Earlier | None = None,
 ) -> TrainingData:
     """Bring one series or several to a common form.
 
@@ -133,6 +154,9 @@ def gather(
         Whether the state is to depend on the one before it.
     complete : bool
         Whether only rows in which x is known count, as if y were missing elsewhere.
+    earlier : Earlier, optional
+        Of data that these follow: they go by the same names into the same units.  Then a single step will do,
+        and x may be missing everywhere.
 
     Raises
     ------
@@ -149,6 +173,12 @@ def gather(
     states, observations = _parts(x), _parts(y)
     for one, other, switch in zip_longest(states, observations, _parts(r)):
         check_aligned(x=one, y=other, r=switch)
+    if earlier is not None:
+        names = earlier.labels
+        of_x = Labels(observations=names.states, step=names.step)
+        d, m = earlier.scale.mean.size, earlier.dim_x
+        states = [match_series(one, of_x, m, "x") for one in states]
+        observations = [match_series(one, names, d - m, "y") for one in observations]
     labels = read_labels(states, observations)
     xs = _series("x", ordered(states, labels.states, "x"))
     ys = _series("y", ordered(observations, labels.observations, "y"))
@@ -188,13 +218,18 @@ def gather(
         widths = sorted({block.shape[1] for block in series})
         if len(widths) != 1:
             raise ShapeError(f"{name}: got series of {widths} components, expected as many in each")
-    z, known = np.concatenate(rows), np.concatenate(measured)
     m = xs[0].shape[1]
+    if earlier is not None:
+        _check_widths(earlier, m, ys[0].shape[1])
+    z, known = np.concatenate(rows), np.concatenate(measured)
     first = np.concatenate(before) if before else np.empty(0, dtype=int)
     has_state = known[first + 1] & known[first] if state_feedback else known[first + 1]
-    _check_number(known, first, has_state, state_feedback=state_feedback)
-    z, scale = _standardised(z, known, m)
-    _check_noise(z, first, has_state, m, state_feedback=state_feedback)
+    if earlier is None:
+        _check_number(known, first, has_state, state_feedback=state_feedback)
+        z, scale = _standardised(z, known, m)
+        _check_noise(z, first, has_state, m, state_feedback=state_feedback)
+    else:
+        z, scale, labels = _in_scale(z, known, first, earlier), earlier.scale, earlier.labels
     return TrainingData(
         z=z,
         before=first,
@@ -261,6 +296,34 @@ def _standardised(z: FloatArray, known: BoolArray, m: int) -> tuple[FloatArray, 
     standard = np.full(z.shape, np.nan)
     standard[known, :m], standard[:, m:] = states, observations
     return standard, Scale(np.concatenate([mean_x, mean_y]), np.concatenate([std_x, std_y]))
+
+
+def _check_widths(earlier: Earlier, m: int, q: int) -> None:
+    """Raise unless there are as many columns as before."""
+    before = earlier.dim_x, earlier.scale.mean.size - earlier.dim_x
+    for name, now, then in (("x", m, before[0]), ("y", q, before[1])):
+        if now != then:
+            raise ShapeError(f"{name}: got {counted(now, 'column')}, expected {then}, as was learned from")
+
+
+def _in_scale(z: FloatArray, known: BoolArray, first: IntArray, earlier: Earlier) -> FloatArray:
+    """Bring (x, y) to the units of earlier data; x that is not known in whole becomes NaN."""
+    if not first.size:
+        raise ParameterError(
+            "x, y: hold no step in which y is measured before and after, expected at least one: two rows in "
+            "a row"
+        )
+    scale, m = earlier.scale, earlier.dim_x
+    standard: FloatArray = (z - scale.mean) / scale.std
+    standard[~known, :m] = np.nan
+    far = np.abs(np.nan_to_num(standard, nan=0.0))
+    if not far.max() <= FARTHEST:
+        row, column = (int(k) for k in np.unravel_index(int(np.argmax(far)), far.shape))
+        raise ParameterError(
+            f"{component(column, m)}: got {z[row, column]:.6g}, {far[row, column]:.2g} standard deviations "
+            f"away from the mean of the first fit; expected at most {FARTHEST:g}, and the same units"
+        )
+    return standard
 
 
 def _in_units(z: FloatArray, names: list[str]) -> tuple[FloatArray, FloatArray, FloatArray]:

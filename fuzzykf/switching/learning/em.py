@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from fuzzykf.switching.learning.gaussians import GaussianEstimate
 
 __all__ = [
+    "Counts",
     "Estimate",
     "Posterior",
     "Settled",
@@ -97,6 +98,18 @@ class Posterior:
     state_moment: FloatArray
     first: FloatArray
     log_likelihood: float
+
+
+class Counts(NamedTuple):
+    """Expected numbers of transitions, (M, M), and of stretches that begin in each node, (M,)."""
+
+    pairs: FloatArray
+    first: FloatArray
+
+    def log_likelihood(self, chain: ChainFamily) -> float:
+        """Sum of pairs log P and first log pi, with the floor under probabilities that chains have."""
+        P, p = (np.log(np.maximum(a, 1e-300)) for a in (chain.transition, chain.initial))
+        return float((self.pairs * P).sum() + self.first @ p)
 
 
 @dataclass(frozen=True)
@@ -203,6 +216,7 @@ def run_em(
     tolerance: float,
     accelerate: bool = False,
     tick: Callable[[], None] | None = None,
+    before: Counts | None = None,
 ) -> tuple[Estimate, Posterior, list[float], bool]:
     """Alternate expectation and maximisation until the posterior density stands still.
 
@@ -221,19 +235,23 @@ def run_em(
         `extrapolated`), if the density rises.  Each such step counts as an iteration.
     tick : callable, optional
         Called after each iteration.
+    before : Counts, optional
+        What the switch did in rows before the data, which joins what it does in them.
 
     Returns
     -------
     estimate, posterior, trace, converged
-        The trace holds log-likelihood plus log-prior at each expectation step, which never
-        decreases.
+        The trace holds log-likelihood plus log-prior (and the expected log-likelihood of what was before)
+        at each expectation step, which never decreases.
     """
+    M = len(shares)
+    before = Counts(np.zeros((M, M)), np.zeros(M)) if before is None else before
     v = transition_vectors(data)
     little = tolerance * len(v)
 
     def judged(found: Estimate) -> Point:
         posterior = expectation(found, shares, data, v)
-        prior = found.gaussian.log_prior + found.chain.log_prior
+        prior = found.gaussian.log_prior + found.chain.log_prior + before.log_likelihood(found.chain)
         return Point(found, posterior, posterior.log_likelihood + prior)
 
     path = [judged(estimate)]
@@ -243,7 +261,7 @@ def run_em(
     while len(trace) <= max_iter and not converged:
         now = path[-1]
         chain = copy(now.estimate.chain)
-        chain.maximise(now.posterior.pairs, now.posterior.first)
+        chain.maximise(now.posterior.pairs + before.pairs, now.posterior.first + before.first)
         gaussian = now.estimate.gaussian.maximise(cells_of(now.posterior, shares))
         path.append(judged(Estimate(chain, gaussian)))
         trace.append(path[-1].value)

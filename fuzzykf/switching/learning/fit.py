@@ -12,7 +12,6 @@ from fuzzykf.results import FilterTraining
 from fuzzykf.switching.laws.base import NODES
 from fuzzykf.switching.laws.chain import SwitchChain, shares_of, stationary_distribution
 from fuzzykf.switching.laws.law_numbers import ChainNumbers, LawNumbers
-from fuzzykf.switching.laws.learners import ChainFamily, FreeChain
 from fuzzykf.switching.learning.em import Estimate, Posterior, Settled, expectation, pair_shares, run_em
 from fuzzykf.switching.learning.filter_training import Start, train_for_filter
 from fuzzykf.switching.learning.gaussians import (
@@ -44,6 +43,7 @@ from fuzzykf.switching.learning.notes import (
 )
 from fuzzykf.switching.learning.regression import Evidence, merged
 from fuzzykf.switching.learning.starts import classes, guesses, named_guesses, soften, spread
+from fuzzykf.switching.learning.statistics import Learned, hard_start
 from fuzzykf.switching.learning.vine import VineEstimate
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 from fuzzykf.switching.models.hard import CGOMSModel
@@ -53,9 +53,9 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.laws.base import Law
-    from fuzzykf.switching.learning.data import TrainingData
+    from fuzzykf.switching.learning.data import Scale, TrainingData
 
-__all__ = ["Fitted", "Options", "fit_fuzzy", "fit_hard"]
+__all__ = ["CREEP", "Fitted", "Options", "fit_fuzzy", "fit_hard", "fuzzy_model", "hard_model"]
 
 #: An estimate, its posterior, the trace, and whether it converged; see `run_em`.
 Found = tuple[Estimate, Posterior, list[float], bool]
@@ -121,6 +121,7 @@ class Fitted:
     class_weights: FloatArray  # (N, K)
     bounded: bool = False  # whether positive definiteness bounds the parameters
     training: FilterTraining | None = None  # how it was learned for its filter
+    learned: Learned | None = None  # what learning can go on from
 
 
 def _estimator(options: Options, data: TrainingData, n_fuzzy: int = 2) -> type[GaussianEstimate]:
@@ -245,8 +246,7 @@ def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Optio
     found, posterior, trace, converged = _best(starts, shares, data, options)
 
     def make(one: Estimate | Settled, seen: Posterior, rows: TrainingData) -> CGOFMSModel:
-        form = one.gaussian.form(single_cells(seen.gamma, shares, rows), rows.scale)
-        return CGOFMSModel._from_form(one.law if isinstance(one, Settled) else one.chain.law(), form)
+        return fuzzy_model(one, single_cells(seen.gamma, shares, rows), rows.scale)
 
     estimate, posterior, training = _served(found, posterior, make, shares, n_nodes, data, options)
     model = make(estimate, posterior, data)
@@ -271,6 +271,7 @@ def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Optio
         weights,
         bool(bounds),
         training,
+        Learned.of(law, n_nodes, found, posterior, shares, data) if training is None else None,
     )
 
 
@@ -301,9 +302,7 @@ def _hard_starts(
     else:
         guessed = [classes(rank, K) for rank in guesses(data, options.n_starts if K > 1 else 1, options.rng)]
     for shares in guessed:
-        joint = (0.8 * np.eye(K) + 0.2 / K) / K
-        chain: ChainFamily = FreeChain(np.eye(K), joint)
-        starts.append(Estimate(chain, _from_shares(kind, shares, data, fuzzy=False)))
+        starts.append(Estimate(hard_start(K), _from_shares(kind, shares, data, fuzzy=False)))
     return starts
 
 
@@ -314,13 +313,7 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     found, posterior, trace, converged = _best(starts, shares, data, options)
 
     def make(one: Estimate | Settled, seen: Posterior, rows: TrainingData) -> CGOMSModel:
-        form = one.gaussian.form(single_cells(seen.gamma, shares, rows), rows.scale)
-        transition = one.chain.transition
-        try:
-            initial = stationary_distribution(transition)
-        except ParameterError:  # a regime that is never left: how often it was seen is all there is to say
-            initial = seen.gamma.mean(axis=0) / seen.gamma.mean(axis=0).sum()
-        return CGOMSModel._from_form(transition, form, initial)
+        return hard_model(one, single_cells(seen.gamma, shares, rows), rows.scale)
 
     estimate, posterior, training = _served(found, posterior, make, shares, 0, data, options)
     model = make(estimate, posterior, data)
@@ -341,7 +334,26 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
         posterior.gamma,
         bool(bounds),
         training,
+        Learned.of(None, 0, found, posterior, shares, data) if training is None else None,
     )
+
+
+def fuzzy_model(one: Estimate | Settled, rows: Evidence, scale: Scale) -> CGOFMSModel:
+    """Return a fuzzy model in the units of the data; ``rows`` holds the moments of the nodes."""
+    form = one.gaussian.form(rows, scale)
+    return CGOFMSModel._from_form(one.law if isinstance(one, Settled) else one.chain.law(), form)
+
+
+def hard_model(one: Estimate | Settled, rows: Evidence, scale: Scale) -> CGOMSModel:
+    """Return a model of hard regimes in the units of the data; ``rows`` holds the moments of the regimes."""
+    form = one.gaussian.form(rows, scale)
+    transition = one.chain.transition
+    try:
+        initial = stationary_distribution(transition)
+    except ParameterError:  # a regime that is never left: how often it was seen is all there is to say
+        seen = rows.observation.weight @ rows.observation.shares
+        initial = seen / seen.sum()
+    return CGOMSModel._from_form(transition, form, initial)
 
 
 def _served(

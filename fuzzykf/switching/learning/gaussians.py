@@ -77,7 +77,7 @@ def single_cells(weights: FloatArray, shares: FloatArray, data: TrainingData) ->
     def cells(weights: FloatArray, w: FloatArray) -> Cells:
         f = w.shape[1]
         total = weights.sum(axis=0)
-        moment = (weights.T @ (w[:, :, None] * w[:, None, :]).reshape(len(w), -1)).reshape(-1, f, f)
+        moment = (weights.T @ (w[:, :, None] * w[:, None, :]).reshape(-1, f * f)).reshape(-1, f, f)
         return Cells(shares, total, moment / np.where(total > 0.0, total, 1.0)[:, None, None])
 
     every = cells(weights, w)
@@ -195,6 +195,10 @@ class RegressionEstimate(GaussianEstimate):
         before = (self.observation, self.state)
         both = self._both(cells.joined(self.prior), self.dim_x, self.dim_z, before, 3)
         return type(self)(*both, self.prior)
+
+    def with_prior(self, prior: Evidence) -> Self:
+        """Return the same regressions with another prior."""
+        return type(self)(self.observation, self.state, prior)
 
     @property
     def vector(self) -> FloatArray:

@@ -32,6 +32,8 @@ __all__ = [
     "one_name",
     "proof_values",
     "scant_data",
+    "scant_statistics",
+    "scarcity",
     "stability_radius",
     "stuck",
     "too_gradual",
@@ -151,7 +153,7 @@ def no_shorter(law: Law, n_nodes: int) -> list[str]:
     ]
 
 
-def _scarcity(
+def scarcity(
     visits: FloatArray, pairs: FloatArray, state_pairs: FloatArray, possible: BoolArray | None = None
 ) -> list[str]:
     """Say which regimes and pairs of regimes the data hardly visit, or hardly with the state measured.
@@ -190,14 +192,14 @@ def known_scarcity(shares: FloatArray, data: TrainingData, possible: BoolArray |
     """Say what the data hardly visit, the shares of the regimes being known."""
     before, after = shares[data.before], shares[data.after]
     with_state = before[data.has_state].T @ after[data.has_state]
-    return _scarcity(shares.sum(axis=0), before.T @ after, with_state, possible)
+    return scarcity(shares.sum(axis=0), before.T @ after, with_state, possible)
 
 
 def hidden_scarcity(posterior: Posterior, shares: FloatArray, possible: BoolArray | None = None) -> list[str]:
     """Say what the data hardly visit, as far as the posterior knows."""
     visits = posterior.gamma.sum(axis=0) @ shares
     with_state = shares.T @ posterior.state_pairs @ shares
-    return _scarcity(visits, shares.T @ posterior.pairs @ shares, with_state, possible)
+    return scarcity(visits, shares.T @ posterior.pairs @ shares, with_state, possible)
 
 
 def active_constraint(estimate: GaussianEstimate, K: int) -> list[str]:
@@ -242,6 +244,17 @@ def scant_data(n_parameters: int, data: TrainingData) -> list[str]:
     return [
         f"{rows} rows of {d} numbers are few for {n_parameters} parameters, which may fit noise and tell "
         f"little of later data; expected at least {enough} rows, or fewer regimes"
+    ]
+
+
+def scant_statistics(n_parameters: int, n_numbers: float) -> list[str]:
+    """Say that the rows which count, each by its weight, hold too few numbers; see `scant_data`."""
+    if n_numbers >= NUMBERS * n_parameters:
+        return []
+    return [
+        f"new rows, and what is left of those before, count as {n_numbers:.0f} measured numbers, few for "
+        f"{n_parameters} parameters, which may fit noise and tell little of later data; expected at least "
+        f"{int(np.ceil(NUMBERS * n_parameters))}: more rows, or a forget that is nearer to 1"
     ]
 
 
@@ -303,7 +316,7 @@ def stuck(weights: FloatArray, system: SwitchingSystem, data: TrainingData) -> l
 def _constant_stretches(data: TrainingData, column: int) -> list[tuple[int, int]]:
     """Return the first and last rows of the stretches of equal values of a column."""
     mean, std = data.scale.mean[column], data.scale.std[column]
-    gap = np.spacing(abs(mean) + std * np.nanmax(np.abs(data.z[:, column])))
+    gap = np.spacing(abs(mean) + std * np.nan_to_num(np.abs(data.z[:, column]), nan=0.0).max())
     near = min(GAPS * gap / std, STILL)
     equal = np.zeros(len(data.z) + 1, dtype=bool)  # whether a row equals the one before it
     equal[data.after] = np.abs(data.z[data.after, column] - data.z[data.before, column]) <= near
