@@ -1,8 +1,8 @@
 """What it is worth to go on learning: the demand for electricity given the temperature, month by month.
 
 Models learn from January to March and restore April from its temperatures.  Then the demand of April
-becomes known, they learn from it or not, restore May, and so on.  The daily profile is that of the first three
-months.
+becomes known, they learn from it or not, restore May, and so on.  The daily profile is that of the first
+three months.
 """
 
 from __future__ import annotations
