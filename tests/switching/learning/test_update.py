@@ -173,7 +173,7 @@ def test_what_is_forgotten_altogether_leaves_the_new_rows_alone(hard) -> None:
     np.testing.assert_allclose(model.gaussian.vector, alone.gaussian.vector, atol=1e-9)
 
 
-def test_statistics_are_the_discounted_sum(hard) -> None:
+def test_statistics_are_the_discounted_sum_and_so_is_what_is_raised(hard) -> None:
     fit, x, y = hard
     found = fit.update(x[300:], y[300:], forget=0.995)
     learned = found.continuation.learned
@@ -186,6 +186,11 @@ def test_statistics_are_the_discounted_sum(hard) -> None:
     np.testing.assert_allclose(after.counts.first, factor * before.counts.first + seen.first, rtol=1e-9)
     assert after.rows.observation.weight.sum() == pytest.approx(300 * (factor + 1.0))
     assert after.steps.state.weight.sum() == pytest.approx(299 * (factor + 1.0))
+    P, first = now.chain.transition, now.chain.initial
+    of_switch = (before.counts.pairs * np.log(P)).sum() + before.counts.first @ np.log(first)
+    of_rows = now.gaussian.log_likelihood(before.steps)
+    expected = seen.log_likelihood + factor * (of_switch + of_rows) + now.gaussian.log_prior
+    assert found.trace[-1] == pytest.approx(expected, rel=1e-9)
 
 
 # --------------------------------------------------------------------------- what changes
@@ -242,8 +247,10 @@ def test_it_tells_of_the_new_rows(hard) -> None:
     fit, x, y = hard
     y = y[300:].copy()
     y[10] = np.nan
-    found = fit.update(x[300:], y)
+    found = fit.update(x[300:], y, forget=0.995)
     assert found.n_observations == 299
+    weight = found.continuation.learned.statistics.rows.observation.weight.sum()
+    assert weight == pytest.approx(300 * 0.995**300 + 299)  # a row that misses something lets time pass
     assert found.class_weights.shape == (300, 2)
     assert np.isnan(found.class_weights[10]).all()
     rows = gather(x[300:], y, earlier=fit.continuation.earlier)
@@ -273,6 +280,7 @@ def test_names_are_kept_and_tables_go_by_them() -> None:
     assert found.model.labels == fit.model.labels
     pd.testing.assert_index_equal(found.class_weights.index, hours[300:])
     plain = fit.update(data.x[300:], new[["t", "noise"]].to_numpy())
+    assert plain.model.labels == fit.model.labels
     for a, b in zip(forms(found.model), forms(plain.model), strict=True):
         np.testing.assert_array_equal(a, b)
     with pytest.raises(ParameterError, match="y: got no column 'noise'"):
