@@ -521,9 +521,11 @@ class FilterTraining:
         Which of the two fits the model is.
     score_joint, score_filter : float
         Mean log-density, per state and in the units of the data, that the filter of each gave the states of
-        the rows kept back; both had learned from the rows before.
+        the rows kept back; both had learned from the rows before.  The first is that of the joint fit, the
+        second the best of those after it.
     standard_error : float
-        Of the difference of the two.  The joint fit stays unless the difference is larger.
+        Of the difference of the two.  The joint fit stays unless the difference is larger, and the states
+        that were learned from score better, too.
     n_iterations : int
         After so many the score was best.
     inflation : float
@@ -533,6 +535,8 @@ class FilterTraining:
     trace : tuple of float
         Objective at each iteration on all rows, per state and in standard units; empty if the joint fit
         stays.
+    note : str
+        Why the rows before cannot be learned from; then the joint fit stays, and there are no scores.
 
     Examples
     --------
@@ -548,6 +552,7 @@ class FilterTraining:
     inflation: float
     n_kept_back: int
     trace: tuple[float, ...] = ()
+    note: str = ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -337,7 +337,8 @@ def _print(
         training = fit.training
         lines.append(
             f"The {training.kept} fit was kept: of {training.n_kept_back:,} states kept back the log score "
-            f"is {training.score_filter:.4g} for the filter and {training.score_joint:.4g} jointly."
+            f"is {training.score_filter:.4g} for the filter and {training.score_joint:.4g} jointly (standard "
+            f"error of the difference {training.standard_error:.2g})."
         )
     numbers = model.named_parameters() if hasattr(model, "named_parameters") else {}
     numbers = {name: value for name, value in numbers.items() if name != "p_hard"}

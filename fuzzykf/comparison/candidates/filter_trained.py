@@ -31,9 +31,11 @@ def _told(fit: FitResult[Any]) -> str:
     """Say which fit was kept, and why."""
     training = fit.training
     assert training is not None  # it was asked for
+    lead = training.score_filter - training.score_joint
     return (
         f"the {training.kept} fit was kept (log score of the last fifth of the learning part: for the filter "
-        f"{training.score_filter:.3g}, jointly {training.score_joint:.3g})"
+        f"{training.score_filter:.3g}, jointly {training.score_joint:.3g}, difference {lead:.2g} ± "
+        f"{training.standard_error:.2g})"
     )
 
 

@@ -7,7 +7,9 @@ itself is judged, at the states that were measured,
 
 with p(x_n | ...) the mixture over the nodes.  The numbers that are moved are the coefficients of whitened
 regressors, the factors and log-variances of both regressions, and the free numbers of the law.  The ridge
-draws the coefficients of the regimes (but for those of X) towards their mean.
+draws the coefficients of the regimes (but for those of X) towards their mean.  Each pair of regimes is taken
+to have seen one residual of the size that is common to all of them, so that no variance goes to zero where
+states are alike.
 """
 
 from __future__ import annotations
@@ -72,6 +74,7 @@ class Whitened:
 
     def __init__(self, fit: Regression, regressors: FloatArray, n_bare: int = 0) -> None:
         self._shape, self._n_bare = fit.beta.shape, n_bare
+        self._common = np.log(np.exp(fit.g).mean(axis=0))
         t, p = self._shape[1:]
         S = regressors[:, n_bare:].T @ regressors[:, n_bare:] / len(regressors)
         S += _LEAST * np.diag(np.diagonal(S))
@@ -104,6 +107,13 @@ class Whitened:
         off[:, :, : self._n_bare] = 0.0
         slope = np.concatenate([off.ravel(), np.zeros(T.size + g.size)])
         return 0.5 * float((off * off).sum()), slope
+
+    def seen_before(self, numbers: FloatArray) -> tuple[float, FloatArray]:
+        """Half of sum (g + exp(common - g)), and its gradient: one residual of common size in each regime."""
+        beta, T, g = self._split(numbers)
+        size = np.exp(self._common - g)
+        slope = np.concatenate([np.zeros(beta.size + T.size), 0.5 * (1.0 - size).ravel()])
+        return 0.5 * float((g + size).sum()), slope
 
     def _split(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         B, t, p = self._shape
@@ -183,6 +193,10 @@ class FilterObjective:
             found.append(score_states(self._nodes, moves._replace(C=inflation * moves.C), first, one.x)[0])
         return found
 
+    def mean_score(self, numbers: FloatArray, inflation: float = 1.0) -> float:
+        """Return the mean of the log-densities of the states that are learned from."""
+        return float(np.nanmean(np.concatenate(self.scores(numbers, self._learned, inflation))))
+
     def value(self, numbers: FloatArray) -> tuple[float, FloatArray]:
         """Return the objective per measured state, and its gradient; NaN where there is none.
 
@@ -232,9 +246,10 @@ class FilterObjective:
             )
             parts.append(self._law.gradient(point.logits, by_tables)[self._is_free])
         for k, whitened in enumerate((self._of_observation, self._of_state)):
-            ridge, slope = whitened.ridge(np.split(numbers, self._cuts)[k])
-            total -= RIDGE * ridge
-            parts[k] = parts[k] - RIDGE * slope
+            own = np.split(numbers, self._cuts)[k]
+            (ridge, slope), (before, by_before) = whitened.ridge(own), whitened.seen_before(own)
+            total -= RIDGE * ridge + before
+            parts[k] = parts[k] - RIDGE * slope - by_before
         return total / self._n_states, np.concatenate(parts) / self._n_states
 
     def _unpack(self, numbers: FloatArray) -> _Point:

@@ -4,7 +4,8 @@ The last fifth of the measured states is kept back.  On the rows before it the j
 goes on by L-BFGS on the objective of `filter_objective`; every few iterations the filter is scored on the
 rows kept back.  What scored best tells how many iterations to make, and by how much to widen the noise of the
 state.  Then all rows are learned from, with as many iterations.  The joint fit stays unless something scored
-better by more than the standard error of the difference: what nothing speaks against is not worth a change.
+better by more than the standard error of the difference, and what came of it scores the states that it
+learned from better, too: where rows are few, those kept back may lead astray.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from fuzzykf.errors import FuzzykfError, ParameterError
 from fuzzykf.results import FilterTraining
+from fuzzykf.switching.learning.data import component
 from fuzzykf.switching.learning.filter_objective import FilterObjective, stretches
 
 if TYPE_CHECKING:
@@ -44,6 +46,9 @@ LEAST_KEPT = 20
 
 #: Batches of them of which the scores are compared.
 BATCHES = 10
+
+#: Standard deviation, in that of all rows, from which a component varies in those before.
+LEAST_SPREAD = 1e-6
 
 #: How much worse than at the start the objective is told to be where there is none.
 BEYOND = 1e3
@@ -101,7 +106,10 @@ def train_for_filter(
             f"{measured.size:,}; expected at least {LEAST_KEPT}, or 'joint'"
         )
     cut = int(measured[-n_kept])
-    first = fit_before(_until(data, cut))
+    try:
+        first = fit_before(_checked(_until(data, cut)))
+    except (FuzzykfError, np.linalg.LinAlgError) as reason:
+        return FilterTraining("joint", np.nan, np.nan, np.nan, 0, 1.0, n_kept, note=str(reason))
     objective = FilterObjective(
         first.estimate, first.law, first.system.chain, stretches(data, first.system, cut)
     )
@@ -126,6 +134,8 @@ def train_for_filter(
         return training
     objective = FilterObjective(start.estimate, start.law, start.system.chain, stretches(data, start.system))
     numbers, trace = _ascend(objective, training.n_iterations, tick)
+    if not objective.mean_score(numbers, inflation) > objective.mean_score(objective.start):
+        return replace(training, kept="joint")
     return Trained(replace(training, trace=tuple(trace)), *objective.at(numbers, inflation))
 
 
@@ -230,6 +240,16 @@ def _ascend(
         loss, objective.start, method="L-BFGS-B", jac=True, callback=after, options={"maxiter": most}
     )
     return found.x, trace
+
+
+def _checked(rows: TrainingData) -> TrainingData:
+    """Return rows, unless a component hardly varies in them."""
+    spread = np.concatenate(
+        [rows.z[rows.known, : rows.dim_x].std(axis=0), rows.z[:, rows.dim_x :].std(axis=0)]
+    )
+    if not (spread > LEAST_SPREAD).all():
+        raise ParameterError(f"{component(int(np.argmin(spread)), rows.dim_x)}: is constant")
+    return rows
 
 
 def _until(data: TrainingData, end: int) -> TrainingData:

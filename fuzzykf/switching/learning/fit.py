@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -239,16 +239,19 @@ def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Optio
     K = law.n_classes
     kind = _estimator(options, data, K)
     shares = law.learner(n_nodes).class_weights
-    starts = [
-        Estimate(law.learner(n_nodes), _from_shares(kind, guess, data, fuzzy=True))
-        for guess in _fuzzy_guesses(kind, data, law, options)
-    ]
-    found, posterior, trace, converged = _best(starts, shares, data, options)
+
+    def search(rows: TrainingData, options: Options) -> Found:
+        starts = [
+            Estimate(law.learner(n_nodes), _from_shares(kind, guess, rows, fuzzy=True))
+            for guess in _fuzzy_guesses(kind, rows, law, options)
+        ]
+        return _best(starts, shares, rows, options)
 
     def make(one: Estimate | Settled, seen: Posterior, rows: TrainingData) -> CGOFMSModel:
         return fuzzy_model(one, single_cells(seen.gamma, shares, rows), rows.scale)
 
-    estimate, posterior, training = _served(found, posterior, make, shares, n_nodes, data, options)
+    found, posterior, trace, converged = search(data, options)
+    estimate, posterior, training = _served(found, posterior, search, make, shares, n_nodes, data, options)
     model = make(estimate, posterior, data)
     system = model.placed(n_nodes)
     bounds = active_constraint(estimate.gaussian, K)
@@ -309,13 +312,15 @@ def _hard_starts(
 def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     kind = _estimator(options, data)
     shares = np.eye(K)
-    starts = _hard_starts(kind, data, K, options)
-    found, posterior, trace, converged = _best(starts, shares, data, options)
+
+    def search(rows: TrainingData, options: Options) -> Found:
+        return _best(_hard_starts(kind, rows, K, options), shares, rows, options)
 
     def make(one: Estimate | Settled, seen: Posterior, rows: TrainingData) -> CGOMSModel:
         return hard_model(one, single_cells(seen.gamma, shares, rows), rows.scale)
 
-    estimate, posterior, training = _served(found, posterior, make, shares, 0, data, options)
+    found, posterior, trace, converged = search(data, options)
+    estimate, posterior, training = _served(found, posterior, search, make, shares, 0, data, options)
     model = make(estimate, posterior, data)
     bounds = active_constraint(estimate.gaussian, K)
     n_parameters = estimate.gaussian.n_parameters + K * (K - 1)
@@ -359,6 +364,7 @@ def hard_model(one: Estimate | Settled, rows: Evidence, scale: Scale) -> CGOMSMo
 def _served(
     estimate: Estimate,
     posterior: Posterior,
+    search: Callable[[TrainingData, Options], Found],
     make: Callable[[Estimate | Settled, Posterior, TrainingData], Any],
     shares: FloatArray,
     n_nodes: int,
@@ -375,8 +381,8 @@ def _served(
         return Start(one.gaussian, _numbers(model, n_nodes), model.placed(n_nodes))
 
     def fit_before(rows: TrainingData) -> Start:
-        far = options.tolerance < CREEP
-        one, seen, *_ = _run(estimate, shares, rows, options, options.max_iter, accelerate=far)
+        guess = None if options.guess is None else options.guess[: len(rows.z)]
+        one, seen, *_ = search(rows, replace(options, guess=guess))
         return start(one, seen, rows)
 
     begun = start(estimate, posterior, data)

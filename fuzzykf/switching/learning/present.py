@@ -59,7 +59,7 @@ def present(
         n_observations=len(data.z),
         trace=np.array(fitted.trace),
         converged=fitted.converged,
-        warnings=tuple(fitted.warnings),
+        warnings=(*fitted.warnings, *_unjudged(fitted)),
         switch_mean=switch,
         class_weights=weights,
         bic_of_forms=bic_of_forms,
@@ -68,3 +68,14 @@ def present(
         occupancy=fitted.class_weights.mean(axis=0),
         training=fitted.training,
     )
+
+
+def _unjudged(fitted: Fitted) -> list[str]:
+    """Say that nothing could be learned for the filter, and why."""
+    training = fitted.training
+    if training is None or not training.note:
+        return []
+    return [
+        f"the joint fit was kept: the rows before the {training.n_kept_back:,} states kept back cannot be "
+        f"learned from ({training.note})"
+    ]

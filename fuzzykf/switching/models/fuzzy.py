@@ -239,8 +239,9 @@ class CGOFMSModel(SwitchingModel):
             What is raised.  "joint": the likelihood of (x, y).  "filter": the log-density that the filter
             gives the states that were measured, from the joint fit on; the last fifth of them is kept back,
             and decides for how long, by how much the noise of the state is widened, and whether the joint
-            fit stays, as it does unless the difference is larger than its standard error: see ``.training``
-            of the result.  For a hidden switch, in the regression form.
+            fit stays, as it does unless the difference is larger than its standard error and the states
+            that were learned from score better, too: see ``.training`` of the result.  For a hidden switch,
+            in the regression form.
         progress : bool, optional
             Whether to show a progress bar (needs rich).  By default one appears after two seconds if
             standard error is a terminal, or in a notebook.

@@ -79,7 +79,8 @@ def test_it_is_what_the_filter_of_the_model_says(kind, m) -> None:
         n += len(scores)
     ridge = 0.0
     for k, whitened in enumerate((objective._of_observation, objective._of_state)):
-        ridge += RIDGE * whitened.ridge(np.split(objective.start, objective._cuts)[k])[0]
+        numbers = np.split(objective.start, objective._cuts)[k]
+        ridge += RIDGE * whitened.ridge(numbers)[0] + whitened.seen_before(numbers)[0]
     assert ridge > 0.1
     assert objective.value(objective.start)[0] == pytest.approx((total - ridge) / n, rel=1e-10)
 
@@ -184,3 +185,16 @@ def test_a_wider_noise_is_that_of_the_model() -> None:
         objective.scores(objective.start, learned, 2.0), wider.scores(wider.start, learned), strict=True
     ):
         np.testing.assert_allclose(one, other, rtol=1e-10)
+
+
+def test_each_regime_has_seen_a_residual_of_the_common_size() -> None:
+    fit = Regression(np.zeros((2, 1, 1)), np.ones((2, 1, 1)), np.array([[1.0], [3.0]]))
+    whitened = Whitened(fit, np.ones((10, 1)))
+    numbers = whitened.pack(fit)
+    value, slope = whitened.seen_before(numbers)
+    size = (np.exp(1.0) + np.exp(3.0)) / 2.0
+    assert value == pytest.approx(0.5 * (4.0 + size * (np.exp(-1.0) + np.exp(-3.0))))
+    by = 0.5 * (1.0 - size * np.exp([-1.0, -3.0]))
+    np.testing.assert_allclose(slope, [0.0, 0.0, *by])
+    common = np.concatenate([numbers[:2], [np.log(size)] * 2])  # where each has that size, nothing pulls
+    np.testing.assert_allclose(whitened.seen_before(common)[1], 0.0, atol=1e-15)

@@ -180,3 +180,24 @@ def test_states_that_were_measured_now_and_then_will_do() -> None:
     assert fit.training.n_kept_back == 60
     assert np.isfinite(fit.training.score_filter)
     assert not fit.model.placed().pair_tables(0).pairs.Axx.any()
+
+
+def test_no_variance_goes_to_zero_where_states_are_alike() -> None:
+    x, y = slow(400)
+    x = np.where(np.random.default_rng(0).random(400) < 0.8, 0.0, np.abs(x))
+    fit = FITS["hard"](x, y, objective="filter")
+    noise = fit.model.placed().pair_tables(0).pairs.C
+    if fit.training.kept == "filter":
+        assert noise.min() > 1e-5 * x.var()
+    found = fit.model.filter().filter(y)
+    assert np.isfinite(found.x).all()
+
+
+def test_rows_that_cannot_be_learned_from_leave_the_joint_fit() -> None:
+    x, y = slow(500)
+    x[:400] = 1.0  # constant up to the states kept back
+    fit = FITS["hard"](x, y, objective="filter")
+    assert fit.training.kept == "joint"
+    assert np.isnan(fit.training.score_joint)
+    assert any("the rows before the 100 states kept back cannot be learned from" in w for w in fit.warnings)
+    assert "the joint fit was kept" in str(fit.summary())
