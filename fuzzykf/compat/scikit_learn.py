@@ -55,6 +55,8 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
         as fades of the law have room for; see `CGOFMSModel.fit`.
     state_feedback : bool
         Whether the state may depend on the one before it, as in `CGOFMSModel.fit`.
+    objective : {"joint", "filter"}
+        Whether the likelihood of (x, Y) is raised, or what the filter says of x, as in `CGOFMSModel.fit`.
     n_starts : int
         Guesses of the switch to begin from; more than 4 are drawn at random.
     max_iter : int
@@ -101,6 +103,7 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
         form: Literal["auto", "regression", "covariance"] = "auto",
         n_nodes: int | None = None,
         state_feedback: bool = True,
+        objective: Literal["joint", "filter"] = "joint",
         n_starts: int = 4,
         max_iter: int = 500,
         tolerance: float = 1e-6,
@@ -111,6 +114,7 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
         self.form = form
         self.n_nodes = n_nodes
         self.state_feedback = state_feedback
+        self.objective = objective
         self.n_starts = n_starts
         self.max_iter = max_iter
         self.tolerance = tolerance
@@ -180,6 +184,7 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
             "max_iter": self.max_iter,
             "tolerance": self.tolerance,
             "state_feedback": self.state_feedback,
+            "objective": self.objective,
             "rng": _as_generator(self.random_state),
             "progress": False,
         }

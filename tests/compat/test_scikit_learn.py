@@ -188,3 +188,15 @@ def test_scikit_learn_is_imported_when_the_name_is_used(monkeypatch) -> None:
         _ = compat.SwitchingRegressor
     with pytest.raises(AttributeError, match="no attribute 'Regressor'"):
         _ = compat.Regressor
+
+
+def test_a_model_is_learned_for_its_filter_inside_of_a_pipeline() -> None:
+    rng = np.random.default_rng(0)
+    regime = (np.arange(400) // 20) % 2
+    Y = rng.normal(size=(400, 1)) + 4.0 * regime[:, None]
+    x = np.where(regime == 1, 8.0 - Y[:, 0], Y[:, 0]) + 0.3 * rng.normal(size=400)
+    options = {"form": "regression", "n_starts": 1, "max_iter": 10}
+    estimator = SwitchingRegressor("hard", objective="filter", **options).fit(Y, x)
+    expected = CGOMSModel.fit(x, Y, objective="filter", **options)
+    assert estimator.fit_result_.training == expected.training
+    assert estimator.get_params()["objective"] == "filter"

@@ -117,7 +117,10 @@ def test_rows_without_a_state_stay(state_feedback):
 def test_too_few_states_for_a_memory_are_told_of_the_other_way():
     x = X.copy()
     x[::2] = np.nan
-    with pytest.raises(ParameterError, match=r"hold 0 steps .* 30 steps, from which state_feedback=False"):
+    with pytest.raises(
+        ParameterError,
+        match=r"hold 0 steps .* 30 rows that follow one with y, from which state_feedback=False",
+    ):
         gather(x, Y)
     assert gather(x, Y, state_feedback=False).has_state.sum() == 30
     x[20:] = np.nan
