@@ -270,8 +270,8 @@ def _check_number(known: BoolArray, first: IntArray, has_state: BoolArray, *, st
         raise ParameterError(
             f"x, y: hold {counted(n, 'step')} in which x and y are both measured before and after, expected "
             f"at least {MIN_TRANSITIONS} for a state that depends on the one before; x is measured in "
-            f"{alone:,} rows that follow one with y, from which state_feedback=False learns a state that does "
-            "not"
+            f"{alone:,} rows that follow one with y, from which state_feedback=False learns a state that "
+            "does not"
         )
     what = "x and y are both measured" if state_feedback else "y is measured, and x after them"
     raise ParameterError(
