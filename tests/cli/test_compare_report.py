@@ -40,9 +40,10 @@ def data(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _without_boosting():
+def _without_the_long_ones():
+    quick = tuple(name for name in run.RIVALS if name not in ("hard2-filter", "boosting"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "RIVALS", tuple(name for name in run.RIVALS if name != "boosting"))
+        patch.setattr(run, "RIVALS", quick)
         yield
 
 
@@ -84,7 +85,7 @@ def test_the_page_has_the_settings_and_the_numbers_of_the_table(report) -> None:
         assert setting in page
     with (report.parents[1] / "out" / "comparison.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 10
+    assert len(rows) == 2 + len(run.RIVALS)  # the fuzzy filter, its rivals, and hard1
     for row in rows:
         assert f"{float(row['rmse']):.4g}</td>" in page
 
@@ -179,7 +180,8 @@ def test_the_page_draws_without_errors_and_without_a_network(browser, report) ->
 
     # What is drawn at first: the measured state, three methods at most, and what can be switched on.
     boxes = browser.find_elements("css selector", "input[data-traces]")
-    assert len(boxes) == 10  # measured, eight methods, and the rule of the clock
+    # measured, the fuzzy filter, its rivals, hard1, and the rule of the clock
+    assert len(boxes) == 4 + len(run.RIVALS)
     traces = [json.loads(box.get_attribute("data-traces")) for box in boxes]
     at_first = sum(len(new) for box, new in zip(boxes, traces, strict=True) if box.is_selected())
     assert drawn(browser) == at_first > 0

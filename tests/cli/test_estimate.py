@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from fuzzykf import CGLSSM, CGOFMSModel, CGOMSMFilter, CGOMSModel, FadeLaw, OFSRFilter
 from fuzzykf.cli.app import app
+from fuzzykf.comparison import run as comparison_run
 from fuzzykf.switching.laws.cells import CellLaw
 
 
@@ -270,7 +271,7 @@ def test_a_dash_is_standard_output(model, data, tmp_path) -> None:
     assert done.stdout == (tmp_path / "out.csv").read_text("utf-8")
     assert "Filtered 40 rows" in done.stderr
     assert "Wrote to standard output" in done.stderr
-    drawn = fuzzykf("simulate", model, "-n", 3, "-o", "-")
+    drawn = run("simulate", model, "-n", 3, "-o", "-")
     assert drawn.stdout.splitlines()[0] == "row,switch,x,y"
     assert len(drawn.stdout.splitlines()) == 4
     assert sorted(tmp_path.iterdir()) == before
@@ -296,14 +297,15 @@ def test_kept_cells_are_no_formulas_unless_they_are_wanted(model, tmp_path) -> N
         assert [line.partition(",")[0] for line in out.read_text("utf-8").splitlines()] == expected
 
 
-def test_names_of_columns_are_drawn_and_printed_as_they_are(tmp_path, capsys) -> None:
+def test_names_of_columns_are_drawn_and_printed_as_they_are(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(comparison_run, "RIVALS", ("kalman", "line"))
     rng = np.random.default_rng(0)
-    y = rng.normal(size=400)
-    x = np.abs(y) + 0.1 * rng.normal(size=400)
+    y = rng.normal(size=200)
+    x = np.abs(y) + 0.1 * rng.normal(size=200)
     path = tmp_path / "a.csv"
     with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([("$\\bad{$", "\x1b[2Jy"), *zip(x, y, strict=True)])
-    arguments = ["compare", path, "--state", "$\\bad{$", "--obs", "\x1b[2Jy", "--nodes", 0]
+    arguments = ["compare", path, "--state", "$\\bad{$", "--obs", "\x1b[2Jy", "--nodes", 0, "--folds", 1]
     result = run(*arguments, "--switch", "quantiles", "--out", tmp_path / "result")
     assert result.exit_code == 0, result.output
     assert "\x1b" not in result.output
