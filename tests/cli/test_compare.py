@@ -6,6 +6,7 @@ import csv
 import io
 import re
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from typer.testing import CliRunner
 from fuzzykf.__main__ import main
 from fuzzykf.cli.app import app
 from fuzzykf.comparison import run as comparison_run
-from fuzzykf.comparison.candidates import switching
+from fuzzykf.comparison.candidates import boosting, switching
 from fuzzykf.comparison.run import RIVALS
 
 ALL_METHODS = [
@@ -119,6 +120,8 @@ def table_of(path) -> list[dict[str, str]]:
 
 def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(write, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(comparison_run, "RIVALS", RIVALS)
+    trees, threads = boosting._library()
+    monkeypatch.setattr(boosting, "_library", lambda: (partial(trees, max_iter=5), threads))
     out = tmp_path / "out"
     result = quick(write(), "--out", out)
     assert result.exit_code == 0, result.output

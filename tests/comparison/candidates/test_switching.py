@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -55,16 +57,28 @@ def test_a_hard_model_is_learned_once_and_not_taken_over_by_another_part(series)
     assert len(whole.first(300)) == 300
 
 
-@pytest.fixture
-def quick_laws(series, monkeypatch):
-    """Laws that are learned in no time, from switches that are more or less wrong; and those that fail."""
-    r, broken = series[2], set()
+@pytest.fixture(scope="module")
+def guessed(series):
+    """Fits to the first rows with a switch that is more or less wrong, each made once: (law, rows) -> fit."""
+    x, y, r = series
     guesses = {"fmc1": np.roll(r, 1), "fmc2": r, "free": np.roll(r, 40), "fade": np.roll(r, 60)}
+
+    @functools.cache
+    def fit(law, n):
+        return CGOFMSModel.fit(x[:n], y[:n], guesses[law][:n], form="regression")
+
+    return fit
+
+
+@pytest.fixture
+def quick_laws(guessed, monkeypatch):
+    """Laws that are learned in no time; and those that fail."""
+    broken = set()
 
     def fit(self, law):
         if law in broken:
             raise FuzzykfError(f"no {law} today")
-        return CGOFMSModel.fit(self.x, self.y, guesses[law][: len(self)], form="regression")
+        return guessed(law, len(self))
 
     monkeypatch.setattr(LearningPart, "fuzzy", fit)
     return broken
@@ -73,16 +87,16 @@ def quick_laws(series, monkeypatch):
 def test_the_law_is_the_one_of_best_log_score_on_rolling_blocks(series, quick_laws) -> None:
     told: list[str] = []
     x, y, _ = series
-    learned = learn_chosen_law(part(series, progress=told.append))
-    # Oracle: the filters, learned on the first 300, 400 and 500 rows and judged on the next 100.
+    learned = learn_chosen_law(part(series, 300, progress=told.append))
+    # Oracle: the filters, learned on the first 150, 200 and 250 rows and judged on the next 50.
     scores, errors = {}, {}
     for law in ("fmc1", "fmc2", "free", "fade"):
-        blocks = [(split, learn_fuzzy(part(series, split), law)) for split in (300, 400, 500)]
-        found = [one.restore(y[:split], y[split : split + 100]) for split, one in blocks]
-        missed = x[300:600] - np.concatenate([one.mean for one in found])
+        blocks = [(split, learn_fuzzy(part(series, split), law)) for split in (150, 200, 250)]
+        found = [one.restore(y[:split], y[split : split + 50]) for split, one in blocks]
+        missed = x[150:300] - np.concatenate([one.mean for one in found])
         std = np.concatenate([one.std for one in found])
-        scores[law] = norm.logpdf(missed, scale=std).mean() + np.log(np.std(x[:600]))
-        errors[law] = np.sqrt(np.mean(missed**2)) / np.std(x[:600])
+        scores[law] = norm.logpdf(missed, scale=std).mean() + np.log(np.std(x[:300]))
+        errors[law] = np.sqrt(np.mean(missed**2)) / np.std(x[:300])
     best, second = sorted(scores, key=lambda law: -scores[law])[:2]
     assert best == learned.choice == "fmc2"
     assert learned.description.startswith(
@@ -93,18 +107,18 @@ def test_the_law_is_the_one_of_best_log_score_on_rolling_blocks(series, quick_la
     tried = [f"trying the law {law}" for law in ("fmc2", "free", "fade")]
     assert told == [*tried, "learning with the law fmc2"]
     # The winner has learned on the whole part.
-    assert learned.fit.n_observations == 600
+    assert learned.fit.n_observations == 300
 
 
 def test_a_law_that_cannot_be_learned_is_passed_over(series, quick_laws) -> None:
     quick_laws.update({"fmc2", "free", "fade"})
-    told = learn_chosen_law(part(series)).description
+    told = learn_chosen_law(part(series, 300)).description
     assert told.startswith("law: fmc1 (chosen from fmc1 on 3 rolling blocks")
     assert "; free could not be learned: no free today" in told
     quick_laws.add("fmc1")
     refused = "; ".join(f"{law}: no {law} today" for law in ("fmc1", "fmc2", "free", "fade"))
     with pytest.raises(FuzzykfError, match=refused):
-        learn_chosen_law(part(series))
+        learn_chosen_law(part(series, 300))
 
 
 def test_with_a_given_switch_there_is_no_choice(series, monkeypatch) -> None:
