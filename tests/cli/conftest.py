@@ -1,4 +1,4 @@
-"""Commands draw coarse pictures and time few passes here: what is tested does not depend on either."""
+"""Commands draw coarse pictures, time few passes and train few iterations here: no test depends on these."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from fuzzykf.comparison import evaluation
+from fuzzykf.switching.learning import filter_training
 
 
 @pytest.fixture(autouse=True, scope="module")  # so that what a module shares is made in haste as well
@@ -19,4 +20,5 @@ def _in_haste():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", coarse)
         patch.setattr(evaluation, "TIMED_PASSES", 1)
+        patch.setattr(filter_training, "MOST", 5)
         yield

@@ -19,6 +19,8 @@ from fuzzykf.cli.app import app
 from fuzzykf.comparison import run as comparison_run
 from fuzzykf.comparison.candidates import boosting, switching
 from fuzzykf.comparison.run import RIVALS
+from fuzzykf.switching.learning import filter_training
+from fuzzykf.switching.learning.filter_training import MOST
 
 ALL_METHODS = [
     "OFSRFilter",
@@ -313,6 +315,7 @@ def test_without_a_file_it_runs_on_the_packaged_data(plain, tmp_path, monkeypatc
 @pytest.mark.study
 def test_the_page_tells_what_comes_out_on_the_packaged_data(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(comparison_run, "RIVALS", RIVALS)
+    monkeypatch.setattr(filter_training, "MOST", MOST)
     result = run("--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     table = table_of(tmp_path / "out" / "comparison.csv")
