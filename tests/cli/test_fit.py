@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FadeLaw, SwitchingStateSpace
+from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FadeLaw, SwitchingStateSpace, engine
 from fuzzykf.cli.app import app
 from fuzzykf.io import load_model, model_to_dict
 
 QUICK = ["--nodes", 0, "--max-iter", 3, "--starts", 1]
+
+#: Commands know nothing of engines; one fit of a state-space model shows that they get on with NumPy.
+compiled = pytest.mark.skipif(engine.info().name == "numpy", reason="a fit takes long on NumPy")
 
 
 def run(*arguments: object):
@@ -259,6 +262,7 @@ def sensor():
     return np.concatenate([x, drawn.y], axis=1)
 
 
+@compiled
 def test_a_state_space_model_is_learned_and_filters_the_next_file(write, sensor, tmp_path) -> None:
     out, estimates = tmp_path / "model.json", tmp_path / "estimates.csv"
     data = write(sensor, ("level", "gauge"))
@@ -285,8 +289,8 @@ def test_a_state_space_model_is_learned_and_filters_the_next_file(write, sensor,
     ("law", "says"),
     [
         ((), "fuzzy switch, law fade"),
-        (("--law", "fmc1"), "fuzzy switch, law fmc1"),
-        (("--fades", "0-1,1-0", "--stay", 30), "fuzzy switch, law fade"),
+        pytest.param(("--law", "fmc1"), "fuzzy switch, law fmc1", marks=compiled),
+        pytest.param(("--fades", "0-1,1-0", "--stay", 30), "fuzzy switch, law fade", marks=compiled),
     ],
 )
 def test_the_law_of_a_state_space_model_is_chosen_as_of_others(write, sensor, tmp_path, law, says) -> None:
