@@ -48,10 +48,14 @@ def short(monkeypatch):
     monkeypatch.setattr(filter_training, "MOST", 2 * LOOK)
 
 
-@pytest.mark.parametrize("name", FITS)
+#: One whole search, of "hard", is made on NumPy as well.
+compiled = pytest.mark.skipif(
+    engine.info().name == "numpy", reason="its gradients are tested by themselves, and a search takes long"
+)
+
+
+@pytest.mark.parametrize("name", ["hard", pytest.param("fmc1", marks=compiled)])
 def test_it_filters_better_where_joint_learning_leans_on_the_state_before(name, monkeypatch) -> None:
-    if name == "fmc1" and engine.info().name == "numpy":
-        pytest.skip("its gradients are tested by themselves, and a search takes long on NumPy")
     monkeypatch.setattr(filter_training, "MOST", 30)  # there it scores best: the rest is patience
     x, y = slow()
     joint = FITS[name](x[:800], y[:800])
@@ -191,6 +195,7 @@ def test_states_that_were_measured_now_and_then_will_do(short) -> None:
     assert not fit.model.placed().pair_tables(0).pairs.Axx.any()
 
 
+@compiled
 def test_no_variance_goes_to_zero_where_states_are_alike() -> None:
     x, y = slow(400)
     x = np.where(np.random.default_rng(0).random(400) < 0.8, 0.0, np.abs(x))

@@ -10,7 +10,7 @@ import pytest
 
 from fuzzykf import CGOFMSModel, CGOMSModel, FadeLaw, FuzzyMarkovLaw, KalmanFilter
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.switching.learning import em
+from fuzzykf.switching.learning import em, filter_training
 from fuzzykf.switching.learning.data import gather
 from fuzzykf.switching.learning.gaussians import transition_vectors
 from fuzzykf.switching.learning.likelihood import log_likelihood
@@ -360,7 +360,8 @@ def test_an_outlier_leaves_all_finite(hard) -> None:
     assert all(np.isfinite(a).all() for a in forms(found.model))
 
 
-def test_results_without_statistics_say_what_would_do(hard) -> None:
+def test_results_without_statistics_say_what_would_do(hard, monkeypatch) -> None:
+    monkeypatch.setattr(filter_training, "MOST", 5)
     _, x, y = hard
     r = np.arange(300) // 150
     known = CGOMSModel.fit(x[:300], y[:300], r, **OPTIONS)
