@@ -89,7 +89,7 @@ def filters(fuzzy_model):
 
     def estimator():
         one = GaussianMembership([0.0], [[1.0]])
-        return FuzzyRelationEstimator(1, 1, state=one, process_noise=one, measurement_noise=one)
+        return FuzzyRelationEstimator(1, 1, H=[[1.0]], state=one, process_noise=one, measurement_noise=one)
 
     return {
         "OFSRFilter": lambda: OFSRFilter(fuzzy_model, 3),

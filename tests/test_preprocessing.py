@@ -110,7 +110,7 @@ def test_columns_that_vary_are_not_constant_and_have_a_scale(name) -> None:
     standard = standardizer.transform(column)
     assert abs(standard.std() - 1.0) < 0.05
     assert not is_constant(column)
-    assert prepare(column, NOISE).n_train == prepare(NOISE, column).n_train == 240
+    assert prepare(column, NOISE).n_train == prepare(NOISE, column).n_train == 200
     assert np.diff(quantile_switch(column)) > 0.0
     assert block_length(np.convolve(column, np.ones(20) / 20, "valid")) > 1
 
@@ -129,9 +129,9 @@ def test_columns_that_vary_by_rounding_alone_are_constant(name) -> None:
     assert is_constant(column)
     with pytest.raises(ParameterError, match=r"column 0 is .* in every row.*, so it has no scale"):
         Standardizer().fit(column)
-    with pytest.raises(ParameterError, match=r"state: it is .* in all 240 rows to learn on"):
+    with pytest.raises(ParameterError, match=r"state: it is .* in all 200 rows to learn on"):
         prepare(column, NOISE)
-    with pytest.raises(ParameterError, match=r"observation: it is .* in all 240 rows to learn on"):
+    with pytest.raises(ParameterError, match=r"observation: it is .* in all 200 rows to learn on"):
         prepare(NOISE, column)
     with pytest.raises(ParameterError, match=r"are both .*, so they cannot make the switch"):
         quantile_switch(column)

@@ -431,15 +431,15 @@ def _log_scores(scored: FloatArray, resampled: FloatArray, has_error: BoolArray)
     spread = np.std(resampled, axis=0, ddof=1)
     found = []
     for k, mean in enumerate(means):
+        known = bool(has_error[k])  # else it is infinite, and so is every difference
         fields = {
             "log_score_standard_error": spread[k],
             "log_score_low": low[k],
             "log_score_high": high[k],
-            "log_score_behind": means[best] - mean,
+            "log_score_behind": means[best] - mean if known else np.nan,
             "log_score_behind_low": behind_low[k],
             "log_score_behind_high": behind_high[k],
         }
-        known = bool(has_error[k])
         found.append(
             {"log_score": float(mean)} | {n: float(v) if known else float("nan") for n, v in fields.items()}
         )

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from fuzzykf.comparison import block_length, bootstrap_rmse, circular_block_means
+from fuzzykf.comparison.evaluation import _log_scores
 from fuzzykf.comparison.scores import COLUMNS, Score, cells, normal_log_score, row_of, standard_error
 from fuzzykf.errors import ParameterError, ShapeError
 
@@ -154,3 +155,12 @@ def test_the_standard_error_is_the_spread_of_the_bootstrap(coefficient) -> None:
     drawn = circular_block_means(series[:, None], block_length(series), 4000, rng).std()
     assert standard_error(series) == pytest.approx(drawn, rel=0.05)
     assert standard_error(np.ones(50)) == 0.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_of_scores_without_end_none_is_behind_another() -> None:
+    scored = np.array([[-np.inf, 0.0, -np.inf], [1.0, 2.0, -np.inf]])
+    first, best, last = _log_scores(scored, np.zeros((5, 3)), np.array([False, True, False]))
+    assert (first["log_score"], best["log_score"], last["log_score"]) == (-np.inf, 1.0, -np.inf)
+    assert best["log_score_behind"] == 0.0
+    assert np.isnan([first["log_score_behind"], last["log_score_behind"]]).all()
