@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from fuzzykf.engine.selected import MixtureLaw, PairMoves, first_step, score_gradient, score_states
+from fuzzykf.errors import FuzzykfError
 from fuzzykf.gaussian import cholesky
 from fuzzykf.switching.laws.law_numbers import ByTables, ChainTables, LogitNumbers
 from fuzzykf.switching.learning.em import pair_shares
@@ -194,8 +195,13 @@ class FilterObjective:
         return found
 
     def mean_score(self, numbers: FloatArray, inflation: float = 1.0) -> float:
-        """Return the mean of the log-densities of the states that are learned from."""
-        return float(np.nanmean(np.concatenate(self.scores(numbers, self._learned, inflation))))
+        """Return the mean log-density of the states that are learned from; minus infinity without one."""
+        try:
+            found = np.concatenate(self.scores(numbers, self._learned, inflation))
+        except (FuzzykfError, np.linalg.LinAlgError):
+            return -np.inf
+        density = found[np.concatenate([np.isfinite(one.x).all(axis=1) for one in self._learned])]
+        return float(density.mean()) if np.isfinite(density).all() else -np.inf
 
     def value(self, numbers: FloatArray) -> tuple[float, FloatArray]:
         """Return the objective per measured state, and its gradient; NaN where there is none.

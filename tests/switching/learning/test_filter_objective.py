@@ -198,3 +198,12 @@ def test_each_regime_has_seen_a_residual_of_the_common_size() -> None:
     np.testing.assert_allclose(slope, [0.0, 0.0, *by])
     common = np.concatenate([numbers[:2], [np.log(size)] * 2])  # where each has that size, nothing pulls
     np.testing.assert_allclose(whitened.seen_before(common)[1], 0.0, atol=1e-15)
+
+
+def test_where_a_covariance_is_singular_there_is_no_score() -> None:
+    objective, *_, learned = case("hard", 2, 1, MemorylessEstimate, missing=True)
+    scores = np.concatenate(objective.scores(objective.start, learned))
+    assert objective.mean_score(objective.start) == pytest.approx(np.nanmean(scores), rel=1e-12)
+    numbers = objective.start.copy()
+    numbers[objective._cuts[1] - 8 : objective._cuts[1]] = -1e4  # log-variances of the state
+    assert objective.mean_score(numbers) == -np.inf
