@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -17,13 +19,16 @@ from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError
 from fuzzykf.gaussian import as_count
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import Candidate, LearningPart
     from fuzzykf.comparison.clock import Clock
 
 __all__ = ["Round", "cut_folds", "go_through"]
+
+#: Where libraries of linear algebra read how many threads they may have.
+THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,8 +127,9 @@ def go_through(
     context = get_context("spawn")
     told = context.SimpleQueue()
     with ProcessPoolExecutor(n_jobs, context, _listen, (told,)) as pool:
-        # The last folds learn on most rows and take longest: they begin first.
-        futures = [pool.submit(_work, one, methods, titles) for one in reversed(rounds)]
+        with _one_thread_each():  # the processes begin here
+            # The last folds learn on most rows and take longest: they begin first.
+            futures = [pool.submit(_work, one, methods, titles) for one in reversed(rounds)]
         for future in futures:
             future.add_done_callback(lambda _: told.put(None))
         running = len(futures)
@@ -134,6 +140,21 @@ def go_through(
             else:
                 tell(name)
         return [future.result() for future in reversed(futures)]
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let processes that begin have one thread for linear algebra, unless somebody said how many.
+
+    Several processes with as many threads as there are processors wait for one another most of the time.
+    """
+    missing = [name for name in THREADS if name not in os.environ]
+    os.environ.update(dict.fromkeys(missing, "1"))
+    try:
+        yield
+    finally:
+        for name in missing:
+            del os.environ[name]
 
 
 #: In a process of a pool: what tells the one that waits for it of progress.

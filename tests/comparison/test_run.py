@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import time
 from dataclasses import replace
@@ -25,6 +26,7 @@ from fuzzykf.comparison import (
     score,
 )
 from fuzzykf.comparison.candidates.boosting import learn_boosting
+from fuzzykf.comparison.folds import THREADS, _one_thread_each
 from fuzzykf.comparison.wording import about_choices, about_failures
 from fuzzykf.errors import ParameterError
 
@@ -377,3 +379,12 @@ def test_the_law_has_to_be_one_that_there_is() -> None:
     assert [m.name for m in main_methods("free", times=False)] == ["free", *NAMES[1:-1]]
     with pytest.raises(ParameterError, match="law: got 'fmc3', expected 'auto', 'fmc1', 'fmc2', 'free'"):
         main_methods("fmc3")
+
+
+def test_processes_that_share_folds_have_one_thread_each(monkeypatch) -> None:
+    for name in THREADS:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(THREADS[1], "3")
+    with _one_thread_each():
+        assert [os.environ[name] for name in THREADS] == ["1", "3", "1"]
+    assert [os.environ.get(name) for name in THREADS] == [None, "3", None]
