@@ -10,7 +10,7 @@ import numpy as np
 __all__ = ["differences", "parts"]
 
 #: Measured in seconds, different each time; an engine's own; many times the same.
-UNSEEN = {"seconds", "microseconds", "progress", "kernel", "model", "law", "system"}
+UNSEEN = {"seconds", "microseconds", "progress", "kernel", "gaps", "model", "law", "system"}
 
 #: How deep parts have parts, and how many of a list are looked at.
 DEPTH, LONGEST = 4, 50
@@ -19,7 +19,8 @@ DEPTH, LONGEST = 4, 50
 def shown(thing: Any) -> list[str]:
     """Return the names of what an object shows, without its verbs."""
     cls, unseen = type(thing), UNSEEN if hasattr(thing, "step") else UNSEEN - {"model", "law"}
-    names = {name for name in dir(cls) if not callable(getattr(cls, name, None))} | {*vars(thing)}
+    of_class = {name for name in dir(cls) if not callable(getattr(cls, name, None))}
+    names = of_class | {*getattr(thing, "__dict__", ())}
     return sorted(name for name in names - unseen if not name.startswith("_"))
 
 
