@@ -215,3 +215,25 @@ def test_rows_that_cannot_be_learned_from_leave_the_joint_fit() -> None:
     assert np.isnan(fit.training.score_joint)
     assert any("the rows before the 100 states kept back cannot be learned from" in w for w in fit.warnings)
     assert "the joint fit was kept" in str(fit.summary())
+
+
+def test_the_joint_score_is_that_of_a_fit_on_the_rows_before() -> None:
+    # of one regime what the filter says of the state is a normal law
+    x, y = slow(400)
+    options = {"n_regimes": 1, "form": "regression"}
+    training = CGOMSModel.fit(x, y, objective="filter", **options).training
+    before = CGOMSModel.fit(x[:320], y[:320], **options).model
+    found = before.filter().filter(y)
+    z = (x - found.x[:, 0])[320:] / (std := np.sqrt(found.P[320:, 0, 0]))
+    expected = np.mean(-0.5 * z**2 - np.log(std) - 0.5 * np.log(2.0 * np.pi))
+    assert training.score_joint == pytest.approx(expected, abs=1e-3)  # a weak prior knows other units
+
+
+def test_the_joint_fit_stays_where_the_states_learned_from_would_score_worse(monkeypatch) -> None:
+    x, y = slow(800)
+    assert FITS["hard"](x, y, objective="filter").training.kept == "filter"
+    falling = iter((-1.0, -0.5))  # of what was trained, and of the joint fit
+    monkeypatch.setattr(filter_training.FilterObjective, "mean_score", lambda *_: next(falling))
+    fit = FITS["hard"](x, y, objective="filter")
+    assert fit.training.kept == "joint"
+    assert fit.training.score_filter > fit.training.score_joint
