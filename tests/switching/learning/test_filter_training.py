@@ -237,3 +237,13 @@ def test_the_joint_fit_stays_where_the_states_learned_from_would_score_worse(mon
     fit = FITS["hard"](x, y, objective="filter")
     assert fit.training.kept == "joint"
     assert fit.training.score_filter > fit.training.score_joint
+
+
+def test_the_joint_fit_stays_within_the_standard_error(monkeypatch) -> None:
+    x, y = slow(800)
+    lead = FITS["hard"](x, y, objective="filter").training
+    assert lead.kept == "filter"
+    gain = lead.score_filter - lead.score_joint
+    for error, kept in ((0.99 * gain, "filter"), (1.01 * gain, "joint")):
+        monkeypatch.setattr(_KeptBack, "standard_error", lambda *_, error=error: error)
+        assert FITS["hard"](x, y, objective="filter").training.kept == kept
