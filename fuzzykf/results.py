@@ -590,6 +590,9 @@ class FitResult(Generic[M]):
     training : FilterTraining or None
         With ``objective="filter"``: whether the model was learned for its filter or the joint fit was kept,
         with the scores of both on rows kept back.
+    score_of_features : dict
+        With ``features="auto"``: the log score, on the states kept back, of the filter learned with each map
+        of the window; the model has the one of the best.
 
     Examples
     --------
@@ -619,6 +622,7 @@ class FitResult(Generic[M]):
     occupancy: FloatArray | None = field(default=None, repr=False)
     training: FilterTraining | None = None
     continuation: Callable[..., FitResult[M]] | None = field(default=None, repr=False)
+    score_of_features: dict[str, float] = field(default_factory=dict)
 
     @property
     def aic(self) -> float:
@@ -650,7 +654,7 @@ class FitResult(Generic[M]):
     def _repr_html_(self) -> str:
         return self.summary()._repr_html_()
 
-    def update(self, x: Any, y: Any, *, forget: float = 1.0) -> FitResult[M]:
+    def update(self, x: Any, y: Any, *, forget: float = 1.0, inputs: Any = None) -> FitResult[M]:
         """Go on with new rows, so that the model follows what changes.
 
         Of the rows so far the result holds what the maximisation needs: expected transitions and weighted
@@ -669,6 +673,8 @@ class FitResult(Generic[M]):
             What the weight of earlier rows is multiplied by at each new row, in ]0, 1].  With 1 nothing is
             forgotten; with ``0.5 ** (1 / h)`` a row counts half after h rows (its half-life).  Rows in which
             something is missing are rows, and so are those of each series; the rows of one call count alike.
+        inputs : array_like, or list of these, optional
+            Inputs of the new rows, if there were some in the fit.
 
         Returns
         -------
@@ -722,7 +728,7 @@ class FitResult(Generic[M]):
                 f"update: this result, of a {type(self.model).__name__}, holds no statistics to go on from; "
                 "expected one of CGOFMSModel.fit or CGOMSModel.fit, with the switch hidden"
             )
-        return self.continuation(x, y, forget)
+        return self.continuation(x, y, forget, inputs)
 
     def bootstrap(self, n_replicates: int, rng: np.random.Generator) -> list[FitResult[M]]:
         """Simulate from the model and learn again, to see how well parameters are known.
@@ -745,4 +751,6 @@ class FitResult(Generic[M]):
         if self.refit is None:
             raise ParameterError("bootstrap: this result was not made by a fit (or it was updated)")
         model: Any = self.model
-        return [self.refit(model.simulate(self.n_observations, rng)) for _ in range(n_replicates)]
+        us = getattr(self.refit, "us", None)
+        told = {} if us is None else {"us": us}
+        return [self.refit(model.simulate(self.n_observations, rng, **told)) for _ in range(n_replicates)]

@@ -57,6 +57,10 @@ class Dynamics(Immutable, ABC):
         """Say whether filtering is exact on a chain."""
         return Exactness(True, "exact: Y alone is Markov given the switch")
 
+    def facts(self) -> list[tuple[str, str]]:
+        """Return what a table of the model says of them beside their kind."""
+        return []
+
     @abstractmethod
     def placed(self, chain: SwitchChain) -> SwitchingSystem:
         """Return the dynamics on the nodes of a chain, as the recursion takes them.

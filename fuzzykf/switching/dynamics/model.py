@@ -7,11 +7,15 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
-from fuzzykf.errors import ShapeError
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_count, brief, check_generator
 from fuzzykf.immutable import Immutable
 from fuzzykf.io import Document
 from fuzzykf.labels import NO_LABELS, Labels
 from fuzzykf.reprs import html_table, reprs, shown_html, value_text
+from fuzzykf.switching.dynamics.driven_simulation import sample_nodes, simulate_driven
+from fuzzykf.switching.dynamics.inputs import InputForm
+from fuzzykf.switching.dynamics.told_inputs import told_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -245,7 +249,9 @@ class SwitchingModel(Immutable, Document):
 
     # ------------------------------------------------------------------ data and pictures
 
-    def simulate(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> Simulation:
+    def simulate(
+        self, n: int, rng: np.random.Generator, n_nodes: int | None = None, us: Any = None
+    ) -> Simulation:
         """Draw a series of switches, states and observations.
 
         Parameters
@@ -257,6 +263,9 @@ class SwitchingModel(Immutable, Document):
             Nodes between the regimes that the switch moves on; see ``law.sample``.  By default
             any value between them, where the law has such, else as many as the law says.  A model of
             hard regimes has nothing in between.
+        us : array_like, shape (n, k), or (n,) if there is one input, optional
+            Inputs, of a model that has them; ``us[0]`` is not used.  Where they act on the switch, it moves
+            on nodes.
 
         Returns
         -------
@@ -265,8 +274,23 @@ class SwitchingModel(Immutable, Document):
             switch, regimes 0, ..., K - 1 of a hard one; class weights (n, K) of a fuzzy one between
             more than two.
         """
+        if isinstance(self.form, InputForm):
+            return self._simulate_driven(n, rng, n_nodes, us)
+        if us is not None:
+            raise ParameterError(f"us: got {brief(us)}, but the model has no inputs; expected None")
         r = self._sample_switch(n, rng, n_nodes)
         return self.form.simulate(self.class_weights(r), r, rng)
+
+    def _simulate_driven(self, n: int, rng: np.random.Generator, n_nodes: int | None, us: Any) -> Simulation:
+        system: Any = self.placed(n_nodes)
+        check_generator(rng)
+        told = told_inputs("us", us, as_count("n", n, 0), system, True)
+        if system.push is None:
+            r = self._sample_switch(n, rng, n_nodes)
+        else:
+            path = sample_nodes(system, told, rng)
+            r = system.chain.nodes[path] if self.is_fuzzy else path.astype(np.float64)
+        return simulate_driven(system.form, r, self.class_weights(r), told, rng)
 
     def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
         """Draw mean and spread of state and observation for every value of the switch.
@@ -293,6 +317,7 @@ class SwitchingModel(Immutable, Document):
             ("switch", self.describe_switch()),
             *self.labels.facts(self.dim_x, self.dim_z),
             ("form", self.form.kind),
+            *self.form.facts(),
         ]
         return html_table(type(self).__name__, (), rows)
 

@@ -14,7 +14,7 @@ G = Qxy Qyy^-1, H = Axy - G Ayy, c = Nx - G Ny and C = Qxx - G Qyx.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -202,6 +202,8 @@ class PairTables:
 
     transition: FloatArray
     pairs: PairCoefficients
+    #: Whether the window is more than the latest observations: see `fuzzykf.switching.dynamics.inputs`.
+    is_driven: ClassVar[bool] = False
 
     @cached_property
     def kernel(self) -> Kernel:

@@ -12,6 +12,7 @@ FORMS = Registry(
         "covariance": "fuzzykf.switching.dynamics.forms:CovarianceForm",
         "transition": "fuzzykf.switching.dynamics.forms:TransitionForm",
         "regression": "fuzzykf.switching.dynamics.forms:RegressionForm",
+        "inputs": "fuzzykf.switching.dynamics.inputs:InputForm",
         "pairwise": "fuzzykf.switching.dynamics.pairwise:PairwiseForm",
         "cglssm": "fuzzykf.switching.state_space.converted_form:ConvertedForm",
         "space_on_nodes": "fuzzykf.switching.state_space.converted_form:ConvertedNodesForm",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.immutable import keeps
-from fuzzykf.switching.filters.saved import SavedFilter
+from fuzzykf.switching.filters.driven_filter import DrivenFilter
 from fuzzykf.switching.inference.registry import METHODS
 from fuzzykf.switching.models.hard import CGOMSModel
 
@@ -12,7 +12,7 @@ __all__ = ["CGOMSMFilter", "HardSwitchFilter"]
 
 
 @keeps("model")
-class CGOMSMFilter(SavedFilter):
+class CGOMSMFilter(DrivenFilter):
     """Exact recursive filter for K hard regimes.
 
     `HardSwitchFilter` is another name of the same class.  CGOMSM stands for conditionally Gaussian observed

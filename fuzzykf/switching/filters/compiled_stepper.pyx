@@ -123,13 +123,15 @@ cdef class Stepper:
             or PyDict_GetItemWithError(d, "predict") != NULL or PyDict_GetItemWithError(d, "update") != NULL
         )
 
-    def step(self, z):
+    def step(self, z, u=None):
         """Predict, then update with ``z``.
 
         Parameters
         ----------
         z : array_like or None
             The observation; None or NaN where missing.
+        u : array_like, shape (k,) or (k, 1), optional
+            Inputs of its time, of a model that has them.
 
         Returns
         -------
@@ -139,6 +141,8 @@ cdef class Stepper:
         cdef double value
         cdef const double *y
         cdef int q = self.q, t
+        if u is not None:
+            return self._step_any(z, u)
         if (self.kernel is None and self.nodes is None) or self.predicted or self._has_own_verbs():
             return self._step_any(z)
         if PyFloat_Check(z):

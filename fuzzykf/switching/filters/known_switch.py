@@ -160,7 +160,7 @@ class KnownSwitchFilter(SwitchingFilter):
 
     # ------------------------------------------------------------------ verbs
 
-    def predict(self, r: ArrayLike | None = None, u: ArrayLike | None = None) -> None:
+    def predict(self, r: ArrayLike | None = None, u: ArrayLike | None = None) -> None:  # type: ignore[override]
         """Move to the time of the next observation.
 
         Parameters
@@ -240,7 +240,7 @@ class KnownSwitchFilter(SwitchingFilter):
         self._r, self._r_next, self._tables = self._r_next, None, None
         self._latest, self._next = self._next, NOTHING
 
-    def step(
+    def step(  # type: ignore[override]
         self,
         z: Numbers,
         r: ArrayLike | None = None,

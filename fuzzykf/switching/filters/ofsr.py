@@ -6,14 +6,14 @@ from typing import Any
 
 from fuzzykf.errors import ParameterError
 from fuzzykf.immutable import keeps
-from fuzzykf.switching.filters.saved import SavedFilter
+from fuzzykf.switching.filters.driven_filter import DrivenFilter
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 
 __all__ = ["FuzzySwitchFilter", "OFSRFilter"]
 
 
 @keeps("model", "n_nodes", "rule")
-class OFSRFilter(SavedFilter):
+class OFSRFilter(DrivenFilter):
     """Optimal fuzzy switching recursive filter (2020 paper, section IV), for a switch that slides or jumps.
 
     `FuzzySwitchFilter` is another name of the same class.  The filter is exact for the Markov chain on

@@ -26,6 +26,7 @@ from fuzzykf.many import read_many, stacked
 from fuzzykf.overrides import ACCESS, VERBS, is_patched, lookups, overrides
 from fuzzykf.reprs import WIDTH, shown, value_text
 from fuzzykf.sequel import warn_of_steps
+from fuzzykf.switching.filters.driver import NOWHERE, driver_of, read_step
 from fuzzykf.switching.filters.looking_back import SwitchingWayBack, smooth_series
 from fuzzykf.switching.filters.stepper import STREAMS, Stepper
 from fuzzykf.switching.filters.walk import walk
@@ -44,6 +45,8 @@ from fuzzykf.switching.inference.series import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Iterator
+
+    from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.many import ManySeries
@@ -104,7 +107,7 @@ class SwitchingFilter(Stepper, Filter):
             raise ParameterError(
                 f"system: got {type(system).__name__}, expected a SwitchingSystem (a model has placed())"
             )
-        self._system, self._method = system, method
+        self._system, self._method, self._driver = system, method, driver_of(system, method)
         self.dim_x, self.dim_z = system.dim_x, system.dim_z
         self._start()
 
@@ -116,6 +119,7 @@ class SwitchingFilter(Stepper, Filter):
         self._log_likelihood = 0.0
         self._before: Source | None = None  # from which the latest observation was predicted
         self._steady: PairTables | None = None  # the tables of all steps to come, once they are constant
+        self._onwards = NOWHERE
         self.__dict__.pop("_sequel", None)
 
     def reset(self) -> None:
@@ -128,6 +132,9 @@ class SwitchingFilter(Stepper, Filter):
         return self._system.initial()
 
     def _next_tables(self) -> PairTables:
+        if self._driver is not None:
+            driven: PairTables = self._driver.tables(self._onwards)
+            return driven
         if self._steady is not None:
             return self._steady
         tables, steady_from = self._system.pair_tables(self._n - 1), self._system.steady_from
@@ -137,16 +144,32 @@ class SwitchingFilter(Stepper, Filter):
 
     # ------------------------------------------------------------------ verbs
 
-    def predict(self) -> None:
+    def predict(self, u: ArrayLike | None = None) -> None:
         """Move to the time of the next observation.
 
         Before the first observation this shows the initial law and may be repeated.
         Later, a predict that follows a predict says that the observation in between is
         missing.
+
+        Parameters
+        ----------
+        u : array_like, shape (k,) or (k, 1), optional
+            Inputs of that time, of a model that has them; a number if there is one.  Not used before the
+            first observation.
+
+        Raises
+        ------
+        ShapeError, ParameterError
+            If ``u`` has a wrong shape, is not finite, is missing, or the model has no inputs.
         """
+        told = None
+        if u is not None or self._driver is not None:
+            told = read_step(self._driver, u, self._n)
         if self._predicted and self._n > 0:
             self._take(np.full(self.dim_z, np.nan))
         self._predicted = True
+        if told is not None:
+            self._onwards = replace(self._onwards, u=told)
 
     def update(self, z: Numbers) -> None:
         """Take the observation ``z`` into account.
@@ -174,19 +197,19 @@ class SwitchingFilter(Stepper, Filter):
         y = as_observation(z, self.dim_z)
         self._take(np.full(self.dim_z, np.nan) if y is None else y)
 
-    def _step_any(self, z: Numbers) -> FloatArray:
+    def _step_any(self, z: Numbers, u: ArrayLike | None = None) -> FloatArray:
         """Do a step with any observation; `step` comes here unless it can be compiled."""
         z = z if isinstance(z, float | np.ndarray) else match_row(z, labels_of(self))
         y = as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
-        if y is not None and self._hand_over() and not np.isnan(y).any():
+        if y is not None and u is None and self._hand_over() and not np.isnan(y).any():
             estimate: FloatArray = self.step(y)
             return estimate
-        return self._step_by_verbs(z)
+        return self._step_by_verbs(z, u)
 
-    def _step_by_verbs(self, z: Numbers) -> FloatArray:
+    def _step_by_verbs(self, z: Numbers, u: ArrayLike | None = None) -> FloatArray:
         """Predict and update; an error leaves the filter as it was."""
         with self._as_it_was_on_error():
-            self.predict()
+            self.predict(*(() if u is None else (u,)))
             self.update(z)
         return self.x
 
@@ -257,7 +280,9 @@ class SwitchingFilter(Stepper, Filter):
     _as_source = Source
 
     def _take(self, y: FloatArray) -> None:
-        before = None
+        before, onwards = None, self._onwards
+        if self._driver is not None:
+            onwards = self._driver.after(onwards, self._mixture, y)
         if self._mixture is None:
             mixture, log_likelihood = self._method.first(self._initial_law(), y)
         else:
@@ -268,7 +293,7 @@ class SwitchingFilter(Stepper, Filter):
         self._mixture, self._log_likelihood, self._before = mixture, log_likelihood, before
         self._z = y
         self._n += 1
-        self._predicted = False
+        self._predicted, self._onwards = False, onwards
 
     def filter(
         self,

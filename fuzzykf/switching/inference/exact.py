@@ -30,7 +30,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.engine import selected as engine
+from fuzzykf.switching.dynamics.inputs import DrivenSystem
 from fuzzykf.switching.dynamics.pairs import Ahead
+from fuzzykf.switching.inference.driven import filter_stretch
 from fuzzykf.switching.inference.method import Known, Method, out_of_range, tables_to
 from fuzzykf.switching.inference.mixture import Mixture
 from fuzzykf.switching.inference.signed import check_signed, too_coarse
@@ -67,14 +69,12 @@ class Exact(Method):
             raise out_of_range(y)
         return Mixture(table, y, unknown=int(np.isnan(y).sum()), root=root), value
 
-    def advance(
-        self, tables: PairTables, mixture: Mixture, y: FloatArray, width: int
-    ) -> tuple[Mixture, float]:
+    def advance(self, tables: Any, mixture: Mixture, y: FloatArray, width: int) -> tuple[Mixture, float]:
         """Take the next observation, (q,), NaN where missing, into account.
 
         Parameters
         ----------
-        tables : PairTables
+        tables : PairTables or DrivenTables
         mixture : Mixture
         y : ndarray, shape (q,)
         width : int
@@ -87,14 +87,17 @@ class Exact(Method):
         """
         window = y if width == y.size else np.concatenate([y, mixture.window])[:width]
         if not mixture.unknown and is_complete(y):
-            state = mixture.table, mixture.sign, mixture.window
-            table, sign, log_likelihood = engine.step(tables.kernel, *state, y)
+            seen = tables.window(mixture.window, y) if tables.is_driven else mixture.window
+            table, sign, log_likelihood = engine.step(tables.kernel, mixture.table, mixture.sign, seen, y)
             if sign is not None:
                 check_signed(table, sign)
             if not (log_likelihood > engine.FARTHEST and engine.is_in_range(table)):
                 raise out_of_range(y)
             return Mixture(table, window, sign), log_likelihood
-        known = mixture.table, mixture.sign, mixture.window, mixture.root
+        before = mixture.window
+        if tables.is_driven:
+            before = self._window_in_gap(tables, mixture, y)
+        known = mixture.table, mixture.sign, before, mixture.root
         try:
             table, sign, root, branches, log_likelihood = engine.step_in_part(
                 tables.gaps, *known, y, window, mixture.branches
@@ -111,12 +114,23 @@ class Exact(Method):
         left = root if unknown else None
         return Mixture(table, window, sign, None, unknown, left, branches), log_likelihood
 
-    def ahead(self, tables: PairTables, mixture: Mixture) -> Ahead:
+    def _window_in_gap(self, tables: Any, mixture: Mixture, y: FloatArray) -> FloatArray:
+        """Return the window of a step with inputs or features; these take what is expected of Y'."""
+        if tables.lacks(y):
+            tables = tables.filled(np.where(np.isnan(y), self.ahead(tables, mixture).z, y))
+        window: FloatArray = tables.window(mixture.window, y)
+        return window
+
+    def ahead(self, tables: Any, mixture: Mixture) -> Ahead:
         """Moments of (X', Y') and the probabilities of the nodes before Y' is seen."""
         m = tables.pairs.Axx.shape[-1]
-        mu, mean, covariance = engine.before_step(
-            tables.in_slots, mixture.table, mixture.sign, mixture.window, mixture.mass
-        )
+
+        def moments(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+            return engine.before_step(tables.in_slots, mixture.table, mixture.sign, window, mixture.mass)
+
+        mu, mean, covariance = moments(tables.window(mixture.window) if tables.is_driven else mixture.window)
+        if tables.is_driven and tables.reads_next:  # features of Y' are those of its mean
+            mu, mean, covariance = moments(tables.window(mixture.window, mean[m:]))
         return Ahead(mu, mean[:m], covariance[:m, :m], mean[m:], covariance[m:, m:])
 
     @property
@@ -139,6 +153,11 @@ class Exact(Method):
         own = type(self)
         if own.first is not Exact.first or own.advance is not Exact.advance or own.ahead is not Exact.ahead:
             return super().series(system, tables, begin, ys, start, stop, out, mass)
+        if isinstance(system, DrivenSystem):
+            assert begin[0] is not None
+            found = filter_stretch(system, tables, begin[0], ys, start, stop, out)
+            _check_range(found[1], out, ys, start, stop)
+            return found
         summary = tables.summary(system.chain)
         found = engine.filter_series(tables.kernel, summary, begin, ys, start, stop, out, mass)
         if "sign" in out:

@@ -37,16 +37,21 @@ def forecast(
     steps : int
     """
     steps = as_count("steps", steps, 1, MOST_STEPS)
+    expects = getattr(system, "expects", None)  # where features take what is expected
     nothing = np.full(system.dim_z, np.nan)
     rows = []
     for k in range(n, n + steps):
         if mixture is None:
             law = system.initial()
             rows.append(law.ahead(system.dim_x))
+            if expects is not None:
+                expects(rows[-1].z)
             mixture, _ = method.first(law, nothing)
         else:
             tables = system.pair_tables(k - 1)
             rows.append(method.ahead(tables, mixture))
+            if expects is not None:
+                expects(rows[-1].z)
             mixture, _ = method.advance(tables, mixture, nothing, min(k + 1, system.order) * system.dim_z)
     mu, x, P, z_prior, S = (np.array(column) for column in zip(*rows, strict=True))
     chain = system.chain

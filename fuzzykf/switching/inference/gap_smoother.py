@@ -24,7 +24,7 @@ all nodes together.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -60,13 +60,19 @@ def window_known(mixture: Mixture, m: int) -> Moments:
     return _window(mixture, table, root, m)
 
 
+def window_before(tables: Any, known: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the window of a step, with inputs and features where there are some."""
+    window: FloatArray = tables.window(known, y) if tables.is_driven else known
+    return window
+
+
 def pairs_ahead(
     tables: PairTables, mixture: Mixture, y: FloatArray
 ) -> tuple[engine.PairMixture, engine.PairMixture]:
     """Move all branches of a mixture through every slot of a step, before and after what is there of y."""
     table, sign, root = branches_of(mixture)
     step = engine.apart(tables.in_slots, tables.noise_root, mixture.table.shape[1], mixture.branches)
-    before = engine.pair_mixture(*step, table, sign, mixture.window, root)
+    before = engine.pair_mixture(*step, table, sign, window_before(tables, mixture.window, y), root)
     return before, engine.condition_pairs(before, y, tables.pairs.dim_x)
 
 
@@ -103,25 +109,29 @@ def step_back(
         before, after = pairs_ahead(tables, mixture, y)
         joint = engine.collapse_weights(after.log_w, after.sign)[2] * gamma  # p(i, j | y_1..N)
         seen = after.mean[..., shown]
-        return _regress_rows(tables, before, joint, Moments(seen, np.zeros((*seen.shape, 1))), q)
+        told = Moments(seen, np.zeros((*seen.shape, 1)))
+        return _regress_rows(tables, before, joint, told, q, mixture.window.size)
     M2 = following.table.shape[1]
     joint = gamma.reshape(-1, M2)
     if not mixture.unknown:
         return _by_row(tables, joint)[0].sum(axis=1), window_known(mixture, m)
-    state = mixture.table, mixture.sign, mixture.window, mixture.root
+    state = mixture.table, mixture.sign, window_before(tables, mixture.window, y), mixture.root
     before = engine.pair_mixture(tables.in_slots, tables.noise_root, *state)
     told = Moments(*(part.reshape(-1, M2, *part.shape[1:]) for part in window))
-    return _told_apart(mixture, *_regress_rows(tables, before, joint, told, q), m)
+    return _told_apart(mixture, *_regress_rows(tables, before, joint, told, q, mixture.window.size), m)
 
 
 def _regress_rows(
-    tables: PairTables, before: engine.PairMixture, joint: FloatArray, told: Moments, q: int
+    tables: PairTables, before: engine.PairMixture, joint: FloatArray, told: Moments, q: int, size: int
 ) -> tuple[FloatArray, Moments]:
-    """Sum up over the nodes j that follow, given the smoothed moments of the next window in each pair."""
+    """Sum up over the nodes j that follow, given the smoothed moments of the next window in each pair.
+
+    The window here are ``size`` numbers; what inputs and features add to it in the step is known.
+    """
     m, w = tables.pairs.dim_x, told.mean.shape[-1]
-    root = _root_of(before)
-    J, left = _regress(root[..., m : m + w, :], root[..., m + q :, :])
-    mean = before.mean[..., m + q :] + _times(J, told.mean - before.mean[..., m : m + w])
+    root, here = _root_of(before), slice(m + q, m + q + size)
+    J, left = _regress(root[..., m : m + w, :], root[..., here, :])
+    mean = before.mean[..., here] + _times(J, told.mean - before.mean[..., m : m + w])
     root = np.concatenate([J @ told.root, left], axis=-1)
     joint, mean, root = _by_row(tables, joint, mean, root)
     total = joint.sum(axis=1)

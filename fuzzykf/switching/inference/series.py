@@ -274,13 +274,14 @@ def _filter_block(
         sign = None if mixture.sign is None else np.repeat(mixture.sign[None], s, axis=0)
         mass[1] = np.nan if mixture.mass is None else mixture.mass
     steady_from = n if system.steady_from is None else system.steady_from - shift
+    through = getattr(system, "goes_through", False)  # with tables that differ in what is known alone
     while k < n:
         stop = holes[bisect_left(holes, k)]
         if tables is None or k <= steady_from + 1:
             tables = system.pair_tables(max(k + shift - 1, 0)) if k or (stop and not steady_from) else None
         if law is not None and k == 0 and wants_prior:
             priors.append((0, law.ahead(m)))
-        steady = k > steady_from or (k == 0 and order == 1 and not chain.is_signed)
+        steady = k > steady_from or (k == 0 and order == 1 and not chain.is_signed) or through
         known = stop > k and not (mixture is not None and mixture.unknown)
         begun = mixture is None or not mixture.unknown or mixture.root is not None
         if takes_gaps and tables is not None and steady and begun and (k or stop) and k != by_hand:
@@ -305,6 +306,8 @@ def _filter_block(
             old, table = method.series(system, tables, begin, ys, k, end, out, mass)
             old_sign, sign = _sign(out, end - 2) if end - 2 >= k else sign, _sign(out, end - 1)
             first = end == 1  # nothing was known before it
+            if through:
+                tables = system.pair_tables(end + shift - 2)
             before = None if first else Source(_mixture(ys, old, old_sign, end - 2, order, mass[0]), tables)
             mixture = _mixture(ys, table, sign, end - 1, order, mass[1])
             k = end

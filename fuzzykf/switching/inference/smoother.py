@@ -25,6 +25,7 @@ from fuzzykf.switching.inference.gap_smoother import (
     pairs_ahead,
     smooth_state,
     step_back,
+    window_before,
     window_known,
 )
 from fuzzykf.switching.inference.method import Smoothed, out_of_range
@@ -184,10 +185,11 @@ class _Backward:
         steps = np.arange(max(0, len(ys) - 1))
         plain = np.isnan(ys[1:]).sum(axis=1) == 0
         plain[[k for k in trajectory.gaps if k < plain.size]] = False
-        if system.steady_from is None or system.chain.is_signed:
+        through = getattr(system, "goes_through", False)  # with tables that differ in what is known alone
+        if (system.steady_from is None and not through) or system.chain.is_signed:
             plain[:] = False
         else:
-            plain[: system.steady_from] = False
+            plain[: system.steady_from or 0] = False
         #: where the stretch of plain steps up to k begins; k + 1 if k itself is not plain
         self._since = np.maximum.accumulate(np.where(plain, 0, steps + 1)) if plain.size else steps
         self._ends = np.append(np.flatnonzero(~plain), plain.size)
@@ -198,8 +200,10 @@ class _Backward:
 
     def _rows(self, start: int, stop: int) -> FloatArray:
         """Rows (1, w, y') of the plain steps start, ..., stop - 1."""
-        ones = np.ones((stop - start, 1))
-        return np.concatenate([ones, self._windows[start:stop], self.ys[start + 1 : stop + 1]], axis=1)
+        windows = getattr(self.system, "windows", None)  # with inputs and features
+        further = () if windows is None else windows(start + 1, stop + 1)
+        ones, ys = np.ones((stop - start, 1)), self.ys[start + 1 : stop + 1]
+        return np.concatenate([ones, self._windows[start:stop], *further, ys], axis=1)
 
     def smooth(self, start: int, stop: int, after: FloatArray) -> FloatArray:
         """Smoothed probabilities at the plain steps start, ..., stop - 1, given those at ``stop``."""
@@ -230,7 +234,8 @@ class _Backward:
         tables = self.system.pair_tables(k)
         if k not in self.trajectory.gaps and not np.isnan(self.ys[k + 1]).any():
             width = min(k + 1, self.system.order) * self.system.dim_z
-            u = np.concatenate([np.ones(1), self._windows[k, :width], self.ys[k + 1]])
+            window = window_before(tables, self._windows[k, :width], self.ys[k + 1])
+            u = np.concatenate([np.ones(1), window, self.ys[k + 1]])
             return engine.log_pairs(tables.kernel, u[None]).reshape(tables.transition.shape)
         mixture, following, step = self.mixture(k), self.trajectory.gaps.get(k + 1), tables.in_slots
         if following is not None and following.branches is not None:  # it knows, up to a common term

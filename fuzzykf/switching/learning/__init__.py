@@ -32,14 +32,16 @@ from fuzzykf.switching.learning.memory import check_memory, memory_of_fuzzy, mem
 from fuzzykf.switching.learning.notes import one_name
 from fuzzykf.switching.learning.present import present
 from fuzzykf.switching.learning.update import Continuation, why_not
+from fuzzykf.switching.learning.window import as_features, chosen
 from fuzzykf.switching.models.base import given_regimes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fuzzykf.arrays import BoolArray
+    from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.results import Simulation
     from fuzzykf.switching.learning.data import TrainingData
+    from fuzzykf.switching.learning.further import Further
     from fuzzykf.switching.models.fuzzy import CGOFMSModel
     from fuzzykf.switching.models.hard import CGOMSModel
 
@@ -52,6 +54,11 @@ def fit_fuzzy_model(
     x: Any, y: Any, r: Any, *, law: Any, n_nodes: int | None, progress: bool | None, **options: Any
 ) -> FitResult[CGOFMSModel]:
     """See `CGOFMSModel.fit`."""
+    again = _over_features(
+        partial(fit_fuzzy_model, x, y, r, law=law, n_nodes=n_nodes, progress=progress), options
+    )
+    if again is not None:
+        return again
     K = 2 if isinstance(law, str) else as_law(law).n_classes
     nodes = None if n_nodes is None else as_count("n_nodes", n_nodes, 0)
     data = _prepared(x, y, r, options, K)
@@ -63,6 +70,18 @@ def fit_fuzzy_model(
 
     start = law_to_learn(law, nodes, check_size, is_hidden=r is None)
     return _learn(partial(fit_fuzzy, law=start, n_nodes=nodes), data, x, y, progress, options, K)
+
+
+def _over_features(fit: Callable[..., FitResult[Any]], options: dict[str, Any]) -> FitResult[Any] | None:
+    """Settle which map of the window is learned with; fit with each where one is to be chosen."""
+    has_inputs, order = options.get("inputs") is not None, options.pop("order", 1)
+    objective = options.get("objective", "joint")
+    given = as_features(order, options.get("features"), has_inputs=has_inputs, objective=objective)
+    options["features"] = given
+    if not isinstance(given, str):
+        return None
+    memo: dict[int, Any] = {}
+    return chosen(order, has_inputs, lambda one: fit(**{**options, "features": one, "memo": memo}))
 
 
 def _memory(n_nodes: int, size: Callable[[int], int], K: int, data: TrainingData, form: str) -> int:
@@ -80,6 +99,10 @@ def fit_hard_model(
     **options: Any,
 ) -> FitResult[CGOMSModel]:
     """See `CGOMSModel.fit`."""
+    size: Any = {"n_switches": n_switches, "n_regimes": n_regimes}
+    again = _over_features(partial(fit_hard_model, x, y, r, **size, progress=progress), options)
+    if again is not None:
+        return again
     K = given_regimes(n_switches, n_regimes, 2)
     data = _prepared(x, y, r, options)
     for form in forms_to_try(options["form"], data):
@@ -104,9 +127,10 @@ def _learn(
         )
 
     fitted, values = _with_progress(progress, learn)
-    told = {**options, "form": fitted.model.form.kind}
+    told = {**options, "form": "regression" if data.further is not None else fitted.model.form.kind}
+    told.pop("memo", None)
     known = None if data.is_complete else data.known
-    refit = Refit(fit, told, data.r is not None, data.labels, n_fuzzy, known)
+    refit = Refit(fit, told, data.r is not None, data.labels, n_fuzzy, known, data.further, data.us)
     found = _present(fitted, values, data, x, refit)
     return replace(found, warnings=(*irregular(x, y), *one_name(data.labels), *found.warnings))
 
@@ -128,6 +152,10 @@ class Refit:
         Number of classes between which a fuzzy switch moves.
     known : ndarray of bool, shape (N,), optional
         Rows in which x was known, and is known again; by default all.
+    further : Further, optional
+        Names of inputs, and the map of the window, as learned.
+    us : ndarray, shape (N, k), optional
+        Inputs of the rows.
     """
 
     fit: Callable[..., Fitted]
@@ -136,12 +164,18 @@ class Refit:
     labels: Labels = NO_LABELS
     n_fuzzy: int = 2
     known: BoolArray | None = None
+    further: Further | None = None
+    us: FloatArray | None = None
 
     def __call__(self, sample: Simulation) -> FitResult[Any]:
         """Learn from a simulation."""
         x = sample.x if self.known is None else np.where(self.known[:, None], sample.x, np.nan)
         r = sample.r if self.knows_switch else None
-        data = gather(x, sample.y, r, self.n_fuzzy, state_feedback=self.options.get("state_feedback", True))
+        feedback = self.options.get("state_feedback", True)
+        features = None if self.further is None else self.further.features
+        data = gather(
+            x, sample.y, r, self.n_fuzzy, state_feedback=feedback, inputs=self.us, features=features
+        )
         guess = None if self.knows_switch else sample.r
         found = self.fit(data, options=Options(guess=guess, **self.options))
         value = bic(found.n_parameters, len(data.z), found.log_likelihood)
@@ -179,8 +213,25 @@ def _prepared(x: Any, y: Any, r: Any, options: dict[str, Any], n_fuzzy: int = 2)
                 "itself; expected None, or objective='joint'"
             )
         options["form"] = "regression"
+    inputs, features = options.pop("inputs", None), options.pop("features", None)
+    if inputs is not None or features is not None:
+        if options["form"] == "covariance":
+            raise ParameterError(
+                "form: got 'covariance' with inputs or features, which it does not have; expected "
+                "'regression' or 'auto'"
+            )
+        options["form"] = "regression"
     state_feedback, complete = options.get("state_feedback", True), options["form"] == "covariance"
-    return gather(x, y, r, n_fuzzy, state_feedback=state_feedback, complete=complete)
+    return gather(
+        x,
+        y,
+        r,
+        n_fuzzy,
+        state_feedback=state_feedback,
+        complete=complete,
+        inputs=inputs,
+        features=features,
+    )
 
 
 def _with_progress(progress: bool | None, learn: Callable[[Callable[[], None] | None], T]) -> T:
@@ -195,6 +246,6 @@ def _present(
     fitted: Fitted, bic_of_forms: dict[str, float], data: TrainingData, x: Any, refit: Refit
 ) -> FitResult[Any]:
     obstacle = why_not(refit.options, knows_switch=refit.knows_switch)
-    earlier = Earlier(data.scale, data.labels, data.dim_x)
+    earlier = Earlier(data.scale, data.labels, data.dim_x, data.further)
     onwards = Continuation(fitted.learned, earlier, refit.options, obstacle)
     return present(fitted, bic_of_forms, data, x, refit=refit, continuation=onwards)

@@ -14,6 +14,8 @@ from fuzzykf.labels import NO_LABELS, Labels, match_series, ordered, read_labels
 from fuzzykf.missing import as_floats
 from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.steps import step_note
+from fuzzykf.switching.dynamics.features import WindowFeatures
+from fuzzykf.switching.learning.further import Further, further_of, input_names, read_inputs
 from fuzzykf.texts import counted
 from fuzzykf.times import as_spans
 
@@ -64,11 +66,14 @@ class Earlier(NamedTuple):
         The units that stay.
     labels : Labels
     dim_x : int
+    further : Further or None
+        Likewise: the map of the window and its units.
     """
 
     scale: Scale
     labels: Labels
     dim_x: int
+    further: Further | None = None
 
 
 @dataclass(frozen=True)
@@ -100,6 +105,10 @@ class TrainingData:
         Number of rows given.
     labels : Labels
         What the data say of themselves: names, units, the length of a step.
+    further : Further or None
+        Inputs and features of each transition.
+    us : ndarray, shape (N, k), or None
+        Inputs of the rows of `z`, as they were given.
     """
 
     z: FloatArray
@@ -114,6 +123,13 @@ class TrainingData:
     kept: np.ndarray
     n_rows: int
     labels: Labels = NO_LABELS
+    further: Further | None = None
+    us: FloatArray | None = None
+
+    @property
+    def window(self) -> tuple[int, int]:
+        """How many further numbers both equations have, and each of its own; see `Further`."""
+        return (0, 0) if self.further is None else self.further.sizes
 
     @property
     def is_complete(self) -> bool:
@@ -137,6 +153,8 @@ def gather(
     state_feedback: bool = True,
     complete: bool = False,
     earlier: Earlier | None = None,
+    inputs: Any = None,
+    features: WindowFeatures | None = None,
 ) -> TrainingData:
     """Bring one series or several to a common form.
 
@@ -157,6 +175,9 @@ def gather(
     earlier : Earlier, optional
         Of data that these follow: they go by the same names into the same units.  Then a single step will do,
         and x may be missing everywhere.
+    inputs : array_like, shape (n, k) or (n,), or sequence of these, optional
+        Known at all times.
+    features : WindowFeatures, optional
 
     Raises
     ------
@@ -171,8 +192,9 @@ def gather(
             "stretch of data is needed in which x was measured as well"
         )
     states, observations = _parts(x), _parts(y)
-    for one, other, switch in zip_longest(states, observations, _parts(r)):
-        check_aligned(x=one, y=other, r=switch)
+    told = [inputs] if len(observations) == 1 else _parts(inputs)
+    for one, other, switch, u in zip_longest(states, observations, _parts(r), told):
+        check_aligned(x=one, y=other, r=switch, inputs=u)
     if earlier is not None:
         names = earlier.labels
         of_x = Labels(observations=names.states, step=names.step)
@@ -230,6 +252,14 @@ def gather(
         _check_noise(z, first, has_state, m, state_feedback=state_feedback)
     else:
         z, scale, labels = _in_scale(z, known, first, earlier), earlier.scale, earlier.labels
+    kept = np.concatenate(positions)
+    further, us = None, None
+    if inputs is not None or features is not None:
+        us = None if inputs is None else read_inputs(inputs, [len(one) for one in ys])
+        called = () if us is None else input_names(inputs, us[0].shape[1])
+        before_these = None if earlier is None else earlier.further
+        given = features or WindowFeatures()
+        further = further_of(ys, us, kept[first + 1], given, called, labels.observations, before_these)
     return TrainingData(
         z=z,
         before=first,
@@ -240,9 +270,11 @@ def gather(
         dim_x=m,
         known=known,
         has_state=has_state,
-        kept=np.concatenate(positions),
+        kept=kept,
         n_rows=n_given,
         labels=labels,
+        further=further,
+        us=None if us is None else np.concatenate(us)[kept],
     )
 
 

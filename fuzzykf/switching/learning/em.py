@@ -40,6 +40,7 @@ __all__ = [
     "extrapolated",
     "pair_shares",
     "run_em",
+    "tilted",
 ]
 
 
@@ -65,11 +66,14 @@ class Settled(NamedTuple):
         The law of the switch, or its chain where regimes are hard.
     chain : SwitchChain
     gaussian : GaussianEstimate
+    tilt : ndarray, shape (K, k), or None
+        How inputs, in standard units, act on the transitions: see `FilterObjective`.
     """
 
     law: Any
     chain: SwitchChain
     gaussian: GaussianEstimate
+    tilt: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -135,6 +139,7 @@ def expectation(
     q = data.z.shape[1] - m
     M, f = len(shares), v.shape[1]
     transition = estimate.chain.transition
+    tilt = estimate.tilt if isinstance(estimate, Settled) else None
     possible = np.flatnonzero(transition.reshape(-1))  # no others are looked at
     regimes = pair_shares(shares)[possible]
     W, constant = estimate.gaussian.rows(regimes)
@@ -156,9 +161,11 @@ def expectation(
         if constant_y is not None:
             of_y = white[~has_state, :q]
             log_emission[~has_state] = constant_y - 0.5 * (of_y * of_y).sum(axis=1)
-        posterior, xi, log_likelihood = forward_backward(
-            estimate.chain.initial, transition, _spread_out(log_emission, possible, M)
-        )
+        spread = _spread_out(log_emission, possible, M)
+        if tilt is not None:
+            assert data.further is not None
+            spread += tilted(transition, shares @ tilt, data.further.us[done - T : done])
+        posterior, xi, log_likelihood = forward_backward(estimate.chain.initial, transition, spread)
         gamma[start:stop] = posterior
         first += posterior[0]
         if T:
@@ -178,6 +185,18 @@ def expectation(
         return Posterior(gamma, pairs, moment, pairs, moment, first, total)
     every = moment + without.reshape(M, M, f, f)
     return Posterior(gamma, pairs + pairs_without, every, pairs, moment, first, total)
+
+
+def tilted(transition: FloatArray, push: FloatArray, us: FloatArray) -> FloatArray:
+    """Return log P_ij(n) - log P_ij, (T, M, M), where inputs (T, k) push each node by ``push`` (M, k).
+
+    See `fuzzykf.switching.dynamics.inputs`.
+    """
+    weight = us @ push.T
+    top = weight.max(axis=1, keepdims=True)
+    total = np.log(np.exp(weight - top) @ transition.T) + top
+    found: FloatArray = weight[:, None, :] - total[:, :, None]
+    return found
 
 
 def _spread_out(log_emission: FloatArray, possible: IntArray, M: int) -> FloatArray:

@@ -10,6 +10,11 @@ regressors, the factors and log-variances of both regressions, and the free numb
 draws the coefficients of the regimes (but for those of X) towards their mean.  Each pair of regimes is taken
 to have seen one residual of the size that is common to all of them, so that no variance goes to zero where
 states are alike.
+
+Where there are inputs u_n, in standard units, they act on the transitions as well: with s_j the shares of the
+regimes in node j, and a matrix ``tilt`` that has a ridge,
+
+    P_ij(n) prop. to P_ij exp(s_j' tilt u_n).
 """
 
 from __future__ import annotations
@@ -48,6 +53,10 @@ ALPHA = 0.1
 #: Weight of the ridge, in observations.
 RIDGE = 100.0
 
+#: Weight of the ridge on how inputs act on transitions: that of a standard normal law of each log-odds, for
+#: an input of standard deviation one.
+RIDGE_TILT = 1.0
+
 #: Of whitened regressors: a share of the variance that no direction is below.
 _LEAST = 1e-8
 
@@ -57,6 +66,9 @@ class Stretch(NamedTuple):
 
     x: FloatArray  # (T + 1, m), NaN where not measured
     y: FloatArray  # (T + 1, q)
+    before: FloatArray  # (T, p): regressors of the observation of each step
+    after: FloatArray  # (T, l): those of the state, but for the state before
+    us: FloatArray  # (T, k): inputs
     first: MixtureLaw  # what the first observation says of each node, before the law of the switch does
 
 
@@ -129,6 +141,7 @@ class _Point(NamedTuple):
     state: Regression
     logits: FloatArray  # of the law
     tables: ChainTables
+    tilt: FloatArray  # (K, k)
 
 
 class FilterObjective:
@@ -157,20 +170,23 @@ class FilterObjective:
         M = len(chain)
         self._shares = pair_shares(chain.class_weights)[self._nodes[0] * M + self._nodes[1]]
         self._n_states = max(sum(int(np.isfinite(one.x).all(axis=1).sum()) for one in learned), 1)
-        self._of_observation = Whitened(
-            estimate.observation, np.concatenate([_regressors(one)[0] for one in learned])
-        )
-        state = np.concatenate([_regressors(one)[1] for one in learned])
+        self._of_observation = Whitened(estimate.observation, np.concatenate([one.before for one in learned]))
+        state = np.concatenate([one.after for one in learned])
         bare = np.zeros((len(state), self._p))  # the state before stays in standard units
         self._of_state = Whitened(estimate.state, np.concatenate([bare, state], axis=1), self._p)
         parts = self._of_observation.pack(estimate.observation), self._of_state.pack(estimate.state)
         logits = np.empty(0) if law is None else law.start
         self._is_free = np.isfinite(logits)  # what is at minus infinity stays there
-        self._logits, self._cuts = logits, np.cumsum([one.size for one in parts])
-        self.start: FloatArray = np.concatenate([*parts, logits[self._is_free]])
+        self._logits = logits
+        self._class_weights = chain.class_weights
+        n_inputs = learned[0].us.shape[1] if len(chain) > 1 else 0
+        self._tilt = chain.class_weights.shape[1], n_inputs
+        free = logits[self._is_free]
+        self._cuts = np.cumsum([*(one.size for one in parts), free.size])
+        self.start: FloatArray = np.concatenate([*parts, free, np.zeros(self._tilt[0] * n_inputs)])
 
-    def at(self, numbers: FloatArray, inflation: float = 1.0) -> tuple[RegressionEstimate, Any]:
-        """Return the Gaussian part of these numbers, and the law, or None if there are no numbers of it.
+    def at(self, numbers: FloatArray, inflation: float = 1.0) -> tuple[RegressionEstimate, Any, FloatArray]:
+        """Return the Gaussian part of these numbers, the law or None if it has none, and the tilt (K, k).
 
         Parameters
         ----------
@@ -181,7 +197,7 @@ class FilterObjective:
         point = self._unpack(numbers)
         state = point.state._replace(g=point.state.g + np.log(inflation))
         law = None if self._law is None else self._law.value(point.logits)
-        return type(self.estimate)(point.observation, state, self.estimate.prior), law
+        return self.estimate.with_regressions(point.observation, state), law, point.tilt
 
     def scores(
         self, numbers: FloatArray, stretches: list[Stretch], inflation: float = 1.0
@@ -217,6 +233,7 @@ class FilterObjective:
         of_pairs_y, of_pairs_x = self._at_pairs(point)
         P = len(self._shares)
         total, by_T, by_p = 0.0, np.zeros(P), np.zeros(len(point.tables.initial))
+        by_tilt = np.zeros(self._tilt)
         moment, weight = 0.0, np.zeros(P)
         by_beta = np.zeros((P, *of_pairs_x.beta.shape[1:]))
         by_C = np.zeros((P, m, m))
@@ -225,16 +242,18 @@ class FilterObjective:
             found = score_gradient(self._nodes, moves, first, one.x, ALPHA)
             total += float(np.nansum(found.log_density) + ALPHA * found.log_likelihood.sum())
             by = found.moves
-            u = np.concatenate([one.y[1:], _regressors(one)[0]], axis=1)
+            u = np.concatenate([one.y[1:], one.before], axis=1)
             products = (u[:, :, None] * u[:, None, :]).reshape(len(u), u.shape[1] ** 2)
             moment = moment + by.log_weight.T @ products
             weight += by.log_weight.sum(axis=0)
+            moved, tilted = self._tilt_back(point, one.us, by.log_weight)
+            by_T += moved
+            by_tilt += tilted
             by_p += found.first.log_p
             by_beta[..., : self._p] += by.A[..., : self._p]
-            by_state = by.offset.reshape(len(u), P * m).T @ _regressors(one)[1]
+            by_state = by.offset.reshape(len(u), P * m).T @ one.after
             by_beta[..., self._p :] += by_state.reshape(P, m, -1)
             by_C += by.C
-        by_T += weight
         width = u.shape[1]
         slope_y = weighted_slope(of_pairs_y, weight, np.reshape(moment, (P, width, width)))
         slope_x = Regression(by_beta, *by_covariance(of_pairs_x, by_C))
@@ -256,14 +275,17 @@ class FilterObjective:
             (ridge, slope), (before, by_before) = whitened.ridge(own), whitened.seen_before(own)
             total -= RIDGE * ridge + before
             parts[k] = parts[k] - RIDGE * slope - by_before
+        total -= 0.5 * RIDGE_TILT * float((point.tilt * point.tilt).sum())
+        parts.append((by_tilt - RIDGE_TILT * point.tilt).ravel())
         return total / self._n_states, np.concatenate(parts) / self._n_states
 
     def _unpack(self, numbers: FloatArray) -> _Point:
-        of_y, of_x, free = np.split(numbers, self._cuts)
+        of_y, of_x, free, tilt = np.split(numbers, self._cuts)
         logits = self._logits.copy()
         logits[self._is_free] = free
         tables = self._fixed if self._law is None else self._law.tables(logits)
-        return _Point(self._of_observation.unpack(of_y), self._of_state.unpack(of_x), logits, tables)
+        regressions = self._of_observation.unpack(of_y), self._of_state.unpack(of_x)
+        return _Point(*regressions, logits, tables, tilt.reshape(self._tilt))
 
     def _at_pairs(self, point: _Point) -> tuple[Regression, Regression]:
         return of_pairs(point.observation, self._shares), of_pairs(point.state, self._shares)
@@ -272,23 +294,42 @@ class FilterObjective:
         observation, state = self._at_pairs(point)
         m = self.estimate.dim_x
         with np.errstate(divide="ignore"):
-            log_T, log_p = np.log(point.tables.transition[*self._nodes]), np.log(point.tables.initial)
-        before, regressors = _regressors(one)
+            log_p = np.log(point.tables.initial)
         A = np.zeros((len(self._shares), m, m))
         A[..., : self._p] = state.beta[..., : self._p]
-        weight = log_densities(observation, one.y[1:], before)
-        weight += log_T
-        slopes = state.beta[..., self._p :].reshape(-1, regressors.shape[1])
-        offset = (regressors @ slopes.T).reshape(len(before), len(self._shares), m)
+        weight = log_densities(observation, one.y[1:], one.before)
+        weight += self._log_transitions(point, one.us)
+        slopes = state.beta[..., self._p :].reshape(-1, one.after.shape[1])
+        offset = (one.after @ slopes.T).reshape(len(one.after), len(self._shares), m)
         moves = PairMoves(weight, offset, A, state.covariance)
         return moves, one.first._replace(log_p=log_p + one.first.log_p)
 
+    def _log_transitions(self, point: _Point, us: FloatArray) -> FloatArray:
+        """Log P_ij(n) of the pairs, (T, P); (P,) where inputs do not act on it."""
+        with np.errstate(divide="ignore"):
+            log_T: FloatArray = np.log(point.tables.transition[*self._nodes])
+        if not self._tilt[1]:
+            return log_T
+        before, after = self._nodes
+        push = us @ (self._class_weights @ point.tilt).T  # (T, M)
+        top = push.max(axis=1, keepdims=True)
+        total = np.log(np.exp(push - top) @ point.tables.transition.T) + top
+        moved: FloatArray = log_T + push[:, after] - total[:, before]
+        return moved
 
-def _regressors(one: Stretch) -> tuple[FloatArray, FloatArray]:
-    """Return (y, 1) and (y, y', 1) of the steps of a stretch."""
-    before, after = one.y[:-1], one.y[1:]
-    ones = np.ones((len(before), 1))
-    return np.concatenate([before, ones], axis=1), np.concatenate([before, after, ones], axis=1)
+    def _tilt_back(self, point: _Point, us: FloatArray, by_log: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Turn derivatives by log P_ij(n), (T, P), into those by log P_ij, (P,), and by the tilt."""
+        if not self._tilt[1]:
+            return by_log.sum(axis=0), np.zeros(self._tilt)
+        before, after = self._nodes
+        M = len(self._class_weights)
+        leaves = np.zeros((M, by_log.shape[1]))
+        leaves[before, np.arange(before.size)] = 1.0
+        P = np.exp(self._log_transitions(point, us))
+        rest = by_log - P * (by_log @ leaves.T)[:, before]
+        reached = np.zeros((by_log.shape[1], M))
+        reached[np.arange(after.size), after] = 1.0
+        return rest.sum(axis=0), self._class_weights.T @ (rest @ reached).T @ us
 
 
 def _by_probability(g: FloatArray, p: FloatArray) -> FloatArray:
@@ -318,9 +359,17 @@ def stretches(data: TrainingData, system: SwitchingSystem, end: int | None = Non
     for start, stop in zip(data.starts, stops if end is None else np.minimum(stops, end), strict=True):
         if stop <= start:
             continue
+        done = int(np.searchsorted(data.before, start))
         x, y = data.z[start:stop, :m], data.z[start:stop, m:]
         table, log_likelihood = first_step(np.zeros(M), mean, covariance, factor, y[:1])
         log_p, moments = table[0, 0] + log_likelihood[0], table[0, 1:]
         first = MixtureLaw(log_p, moments[:m].T, moments[m:].T.reshape(M, m, m))
-        found.append(Stretch(np.ascontiguousarray(x), np.ascontiguousarray(y), first))
+        steps = slice(done, done + len(y) - 1)
+        one = np.ones((len(y) - 1, 1))
+        before, after, us = [y[:-1], one], [y[:-1], y[1:], one], np.empty((len(y) - 1, 0))
+        if data.further is not None:
+            common, own_y, own_next = (part[steps] for part in data.further.columns)
+            before, after, us = [*before, common, own_y], [*after, common, own_next], data.further.us[steps]
+        of_y, of_x = (np.concatenate(parts, axis=1) for parts in (before, after))
+        found.append(Stretch(np.ascontiguousarray(x), np.ascontiguousarray(y), of_y, of_x, us, first))
     return found

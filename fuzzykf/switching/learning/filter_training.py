@@ -68,6 +68,7 @@ class Trained(NamedTuple):
     training: FilterTraining
     estimate: RegressionEstimate
     law: Any  # None where it has nothing to move
+    tilt: FloatArray  # (K, k): how inputs act on transitions, in standard units
 
 
 def train_for_filter(
@@ -265,4 +266,5 @@ def _until(data: TrainingData, end: int) -> TrainingData:
         kept=data.kept[:end],
         known=data.known[:end],
         has_state=data.has_state[inside],
+        further=None if data.further is None else data.further.rows(inside),
     )

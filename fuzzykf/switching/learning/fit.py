@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.results import FilterTraining
 from fuzzykf.switching.laws.base import NODES
 from fuzzykf.switching.laws.chain import SwitchChain, shares_of, stationary_distribution
-from fuzzykf.switching.laws.law_numbers import ChainNumbers, LawNumbers
-from fuzzykf.switching.learning.em import Estimate, Posterior, Settled, expectation, pair_shares, run_em
-from fuzzykf.switching.learning.filter_training import Start, train_for_filter
+from fuzzykf.switching.learning.em import Estimate, Posterior, Settled, pair_shares, run_em
 from fuzzykf.switching.learning.gaussians import (
     GaussianEstimate,
     MemorylessEstimate,
@@ -42,6 +39,7 @@ from fuzzykf.switching.learning.notes import (
     ways,
 )
 from fuzzykf.switching.learning.regression import Evidence, merged
+from fuzzykf.switching.learning.served import searched, served
 from fuzzykf.switching.learning.starts import classes, guesses, named_guesses, soften, spread
 from fuzzykf.switching.learning.statistics import Learned, hard_start
 from fuzzykf.switching.learning.vine import VineEstimate
@@ -52,8 +50,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.results import FilterTraining
+    from fuzzykf.switching.dynamics.forms import GaussianForm
     from fuzzykf.switching.laws.base import Law
     from fuzzykf.switching.learning.data import Scale, TrainingData
+    from fuzzykf.switching.learning.further import Further
 
 __all__ = ["CREEP", "Fitted", "Options", "fit_fuzzy", "fit_hard", "fuzzy_model", "hard_model"]
 
@@ -94,6 +95,8 @@ class Options:
         Whether the state depends on the one before it.
     objective : {"joint", "filter"}
         What is raised: the likelihood of (x, y), or what the filter says of x.
+    memo : dict or None
+        Joint searches without inputs and features by the number of their rows, for fits of the same data.
     """
 
     form: str
@@ -105,6 +108,7 @@ class Options:
     guess: FloatArray | None = None
     state_feedback: bool = True
     objective: str = "joint"
+    memo: dict[int, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,7 @@ def _from_shares(
     single = row_cells(shares, data).each(merged)
     pairs = Evidence.of(pair_cells(shares[data.before], shares[data.after], v), data.has_state).each(merged)
     proof = _proof(shares.shape[1], fuzzy=fuzzy)
-    return kind.start(pairs, single, data.dim_x, data.z.shape[1] - data.dim_x, proof)
+    return kind.start(pairs, single, data.dim_x, data.z.shape[1] - data.dim_x, proof, data.window)
 
 
 # --------------------------------------------------------------------------- the switch is known
@@ -173,7 +177,8 @@ def fit_fuzzy(data: TrainingData, law: Law, n_nodes: int | None, options: Option
     fitted = law.likeliest(np.split(shares, data.starts[1:]), nodes)
     nodes = fitted.nodes_up_to(nodes)  # on which the likelihood is told
     estimate = _from_shares(_estimator(options, data, K), shares, data, fuzzy=True)
-    model = CGOFMSModel._from_form(fitted, estimate.form(row_cells(shares, data), data.scale))
+    one = Settled(fitted, fitted.discretize(nodes), estimate)
+    model = fuzzy_model(one, row_cells(shares, data), data.scale, data.further)
     bounds = active_constraint(estimate, K)
     system = model.placed(nodes)
     notes = known_scarcity(shares, data, ways(system.chain)) + bounds + unlike(law, fitted, shares)
@@ -223,7 +228,9 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     visits = shares.sum(axis=0)
     estimate = _from_shares(_estimator(options, data), shares, data, fuzzy=False)
     single = single_cells(shares, np.eye(K), data)
-    model = CGOMSModel._from_form(transition, estimate.form(single, data.scale), visits / visits.sum())
+    chain = SwitchChain.from_classes(transition, visits / visits.sum())
+    form = _form(Settled(chain, chain, estimate), single, data.scale, data.further)
+    model = CGOMSModel._from_form(transition, form, visits / visits.sum())
     system = model.placed()
     value = log_likelihood(system, data)
     bounds = active_constraint(estimate, K)
@@ -241,17 +248,20 @@ def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Optio
     shares = law.learner(n_nodes).class_weights
 
     def search(rows: TrainingData, options: Options) -> Found:
-        starts = [
-            Estimate(law.learner(n_nodes), _from_shares(kind, guess, rows, fuzzy=True))
-            for guess in _fuzzy_guesses(kind, rows, law, options)
-        ]
-        return _best(starts, shares, rows, options)
+        def joint(plain: TrainingData) -> Found:
+            starts = [
+                Estimate(law.learner(n_nodes), _from_shares(kind, guess, plain, fuzzy=True))
+                for guess in _fuzzy_guesses(kind, plain, law, options)
+            ]
+            return _best(starts, shares, plain, options)
+
+        return searched(joint, rows, options)
 
     def make(one: Estimate | Settled, seen: Posterior, rows: TrainingData) -> CGOFMSModel:
-        return fuzzy_model(one, single_cells(seen.gamma, shares, rows), rows.scale)
+        return fuzzy_model(one, single_cells(seen.gamma, shares, rows), rows.scale, rows.further)
 
     found, posterior, trace, converged = search(data, options)
-    estimate, posterior, training = _served(found, posterior, search, make, shares, n_nodes, data, options)
+    estimate, posterior, training = served(found, posterior, search, make, shares, n_nodes, data, options)
     model = make(estimate, posterior, data)
     system = model.placed(n_nodes)
     bounds = active_constraint(estimate.gaussian, K)
@@ -314,13 +324,16 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     shares = np.eye(K)
 
     def search(rows: TrainingData, options: Options) -> Found:
-        return _best(_hard_starts(kind, rows, K, options), shares, rows, options)
+        def joint(plain: TrainingData) -> Found:
+            return _best(_hard_starts(kind, plain, K, options), shares, plain, options)
+
+        return searched(joint, rows, options)
 
     def make(one: Estimate | Settled, seen: Posterior, rows: TrainingData) -> CGOMSModel:
-        return hard_model(one, single_cells(seen.gamma, shares, rows), rows.scale)
+        return hard_model(one, single_cells(seen.gamma, shares, rows), rows.scale, rows.further)
 
     found, posterior, trace, converged = search(data, options)
-    estimate, posterior, training = _served(found, posterior, search, make, shares, 0, data, options)
+    estimate, posterior, training = served(found, posterior, search, make, shares, 0, data, options)
     model = make(estimate, posterior, data)
     bounds = active_constraint(estimate.gaussian, K)
     n_parameters = estimate.gaussian.n_parameters + K * (K - 1)
@@ -343,15 +356,28 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     )
 
 
-def fuzzy_model(one: Estimate | Settled, rows: Evidence, scale: Scale) -> CGOFMSModel:
+def _form(one: Estimate | Settled, rows: Evidence, scale: Scale, further: Further | None) -> GaussianForm:
+    """Return the Gaussian part in the units of the data; ``rows`` holds the moments of nodes or regimes."""
+    if further is None:
+        return one.gaussian.form(rows, scale)
+    assert isinstance(one.gaussian, RegressionEstimate)  # no other form has inputs or features
+    tilt = one.tilt if isinstance(one, Settled) else None
+    return one.gaussian.driven_form(rows, scale, further, tilt)
+
+
+def fuzzy_model(
+    one: Estimate | Settled, rows: Evidence, scale: Scale, further: Further | None = None
+) -> CGOFMSModel:
     """Return a fuzzy model in the units of the data; ``rows`` holds the moments of the nodes."""
-    form = one.gaussian.form(rows, scale)
+    form = _form(one, rows, scale, further)
     return CGOFMSModel._from_form(one.law if isinstance(one, Settled) else one.chain.law(), form)
 
 
-def hard_model(one: Estimate | Settled, rows: Evidence, scale: Scale) -> CGOMSModel:
+def hard_model(
+    one: Estimate | Settled, rows: Evidence, scale: Scale, further: Further | None = None
+) -> CGOMSModel:
     """Return a model of hard regimes in the units of the data; ``rows`` holds the moments of the regimes."""
-    form = one.gaussian.form(rows, scale)
+    form = _form(one, rows, scale, further)
     transition = one.chain.transition
     try:
         initial = stationary_distribution(transition)
@@ -359,47 +385,6 @@ def hard_model(one: Estimate | Settled, rows: Evidence, scale: Scale) -> CGOMSMo
         seen = rows.observation.weight @ rows.observation.shares
         initial = seen / seen.sum()
     return CGOMSModel._from_form(transition, form, initial)
-
-
-def _served(
-    estimate: Estimate,
-    posterior: Posterior,
-    search: Callable[[TrainingData, Options], Found],
-    make: Callable[[Estimate | Settled, Posterior, TrainingData], Any],
-    shares: FloatArray,
-    n_nodes: int,
-    data: TrainingData,
-    options: Options,
-) -> tuple[Estimate | Settled, Posterior, FilterTraining | None]:
-    """Go on from the joint fit by what serves the filter, if that was asked for and is better."""
-    if options.objective == "joint":
-        return estimate, posterior, None
-
-    def start(one: Estimate, seen: Posterior, rows: TrainingData) -> Start:
-        model = make(one, seen, rows)
-        assert isinstance(one.gaussian, RegressionEstimate)  # no other form has this objective
-        return Start(one.gaussian, _numbers(model, n_nodes), model.placed(n_nodes))
-
-    def fit_before(rows: TrainingData) -> Start:
-        guess = None if options.guess is None else options.guess[: len(rows.z)]
-        one, seen, *_ = search(rows, replace(options, guess=guess))
-        return start(one, seen, rows)
-
-    begun = start(estimate, posterior, data)
-    trained = train_for_filter(begun, data, fit_before, options.tick)
-    if isinstance(trained, FilterTraining):
-        return estimate, posterior, trained
-    law = begun.system.chain if trained.law is None else trained.law
-    chain = law if isinstance(law, SwitchChain) else law.discretize(n_nodes)
-    settled = Settled(law, chain, trained.estimate)
-    return settled, expectation(settled, shares, data, transition_vectors(data)), trained.training
-
-
-def _numbers(model: CGOFMSModel | CGOMSModel, n_nodes: int) -> LawNumbers | None:
-    """Return the free numbers of the law of the switch; one regime that stays has none."""
-    if isinstance(model, CGOFMSModel):
-        return model.law.free_numbers(n_nodes)
-    return ChainNumbers(model.placed().chain) if model.n_classes > 1 else None
 
 
 def _best(starts: list[Estimate], shares: FloatArray, data: TrainingData, options: Options) -> Found:

@@ -7,16 +7,26 @@ the maximisation given weighted second moments, and the form in the units of the
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar, Self
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from fuzzykf.switching.dynamics.forms import GaussianForm, RegressionForm
-from fuzzykf.switching.learning.regression import Cells, Evidence, Regression, fit_regression, prior_cells
+from fuzzykf.switching.dynamics.inputs import InputForm
+from fuzzykf.switching.learning.regression import (
+    Cells,
+    Evidence,
+    Regression,
+    fit_regression,
+    prior_cells,
+    ridge,
+)
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.learning.data import Scale, TrainingData
+    from fuzzykf.switching.learning.further import Further
 
 __all__ = [
     "GaussianEstimate",
@@ -32,23 +42,29 @@ __all__ = [
 
 
 def transition_vectors(data: TrainingData) -> FloatArray:
-    """Rows v = (1, y, y', x, x') of all transitions; x is zero where it is not known."""
+    """Rows v = (1, y, y', x, x', what `Further` has) of all transitions; x is zero where it is not known."""
     m = data.dim_x
     z = _filled(data)
     now, then = z[data.before], z[data.after]
     one = np.ones((len(now), 1))
-    return np.concatenate([one, now[:, m:], then[:, m:], now[:, :m], then[:, :m]], axis=1)
+    further = () if data.further is None else data.further.columns
+    return np.concatenate([one, now[:, m:], then[:, m:], now[:, :m], then[:, :m], *further], axis=1)
 
 
-def positions(m: int, q: int) -> dict[str, list[int]]:
-    """Positions of the parts of v."""
-    return {
-        "one": [0],
-        "y": list(range(1, 1 + q)),
-        "y'": list(range(1 + q, 1 + 2 * q)),
-        "x": list(range(1 + 2 * q, 1 + 2 * q + m)),
-        "x'": list(range(1 + 2 * q + m, 1 + 2 * q + 2 * m)),
-    }
+def positions(m: int, q: int, window: tuple[int, int] = (0, 0)) -> dict[str, list[int]]:
+    """Positions of the parts of v.
+
+    Parameters
+    ----------
+    m, q : int
+        Components of the state and of an observation.
+    window : tuple of int
+        How many numbers ``common`` and ``own`` of `WindowFeatures` have.
+    """
+    common, own = window
+    sizes = {"one": 1, "y": q, "y'": q, "x": m, "x'": m, "common": common, "own y": own, "own y'": own}
+    bounds = np.cumsum([0, *sizes.values()]).tolist()
+    return {name: list(range(*at)) for name, at in zip(sizes, pairwise(bounds), strict=True)}
 
 
 def _filled(data: TrainingData) -> FloatArray:
@@ -100,10 +116,19 @@ class GaussianEstimate(ABC):
 
     @classmethod
     @abstractmethod
-    def start(cls, cells: Evidence, single: Evidence, m: int, q: int, proof: FloatArray) -> Self:
+    def start(
+        cls,
+        cells: Evidence,
+        single: Evidence,
+        m: int,
+        q: int,
+        proof: FloatArray,
+        window: tuple[int, int] = (0, 0),
+    ) -> Self:
         """Estimate from cells of pairs of regimes and of single regimes.
 
-        ``proof`` (p, K * K) holds the shares of pairs at which the model has to be valid.
+        ``proof`` (p, K * K) holds the shares of pairs at which the model has to be valid, ``window`` the
+        sizes of `WindowFeatures`.
         """
 
     @abstractmethod
@@ -174,31 +199,72 @@ def _expected(cells: Cells, W: FloatArray, constant: FloatArray) -> float:
 
 
 class RegressionEstimate(GaussianEstimate):
-    """The regression form: y' on (y, 1), then x' on (x, y, y', 1)."""
+    """The regression form: y' on (y, 1, phi), then x' on (x, y, y', 1, psi), see `WindowFeatures`."""
 
     #: Whether x' depends on x.
     state_feedback: ClassVar[bool] = True
 
-    def __init__(self, observation: Regression, state: Regression, prior: Evidence) -> None:
-        self.observation, self.state, self.prior = observation, state, prior
+    def __init__(
+        self,
+        observation: Regression,
+        state: Regression,
+        prior: Evidence,
+        window: tuple[int, int] = (0, 0),
+    ) -> None:
+        self.observation, self.state, self.prior, self.window = observation, state, prior, window
         self.dim_z, self.dim_x = observation.beta.shape[1], state.beta.shape[1]
         self.n_classes = round(len(observation.beta) ** 0.5)
 
     @classmethod
-    def start(cls, cells: Evidence, single: Evidence, m: int, q: int, proof: FloatArray) -> Self:
+    def start(
+        cls,
+        cells: Evidence,
+        single: Evidence,
+        m: int,
+        q: int,
+        proof: FloatArray,
+        window: tuple[int, int] = (0, 0),
+    ) -> Self:
         """Estimate from cells, by maximum likelihood; valid everywhere by construction."""
         prior = cells.each(prior_cells)
-        return cls(*cls._both(cells.joined(prior), m, q, (None, None), 100), prior)
+        return cls(*cls._both(cells.joined(prior), (m, q), window, (None, None), 100), prior, window)
 
     def maximise(self, cells: Evidence) -> Self:
         """Take a few rounds of the maximisation."""
         before = (self.observation, self.state)
-        both = self._both(cells.joined(self.prior), self.dim_x, self.dim_z, before, 3)
-        return type(self)(*both, self.prior)
+        both = self._both(cells.joined(self.prior), (self.dim_x, self.dim_z), self.window, before, 3)
+        return type(self)(*both, self.prior, self.window)
+
+    @property
+    def log_prior(self) -> float:
+        """Log-density of the prior, that of inputs and features included, but for a constant."""
+        drawn = ridge(self.observation.beta, self.n_drawn) + ridge(self.state.beta, self.n_drawn)
+        return super().log_prior + drawn
+
+    @property
+    def n_drawn(self) -> int:
+        """How many coefficients of each target have a ridge."""
+        return sum(self.window)
 
     def with_prior(self, prior: Evidence) -> Self:
         """Return the same regressions with another prior."""
-        return type(self)(self.observation, self.state, prior)
+        return type(self)(self.observation, self.state, prior, self.window)
+
+    def widened(self, window: tuple[int, int]) -> Self:
+        """Return the same estimate with inputs and features that have no effect yet."""
+        n, f = sum(window), window[0] + 2 * window[1]
+
+        def wider(fit: Regression) -> Regression:
+            return fit._replace(beta=np.pad(fit.beta, ((0, 0), (0, 0), (0, n))))
+
+        prior = self.prior.each(
+            lambda cells: cells._replace(moment=np.pad(cells.moment, ((0, 0), (0, f), (0, f))))
+        )
+        return type(self)(wider(self.observation), wider(self.state), prior, window)
+
+    def with_regressions(self, observation: Regression, state: Regression) -> Self:
+        """Return an estimate of these regressions with the same prior."""
+        return type(self)(observation, state, self.prior, self.window)
 
     @property
     def vector(self) -> FloatArray:
@@ -210,18 +276,17 @@ class RegressionEstimate(GaussianEstimate):
         parts = (*self.observation, *self.state)
         pieces = np.split(vector, np.cumsum([part.size for part in parts])[:-1])
         new = [piece.reshape(part.shape) for piece, part in zip(pieces, parts, strict=True)]
-        return type(self)(Regression(*new[:3]), Regression(*new[3:]), self.prior)
+        return self.with_regressions(Regression(*new[:3]), Regression(*new[3:]))
 
     def rows(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whiten the residuals of both regressions."""
         m, q = self.dim_x, self.dim_z
-        f = 1 + 2 * q + 2 * m
+        common, own = self.window
+        f = 1 + 2 * q + 2 * m + common + 2 * own
         blocks = []
         constant = np.full(len(shares), -0.5 * (m + q) * np.log(2.0 * np.pi))
-        at = positions(m, q)
-        for fit, target, regressors in (
-            (self.observation, at["y'"], at["y"] + at["one"]),
-            (self.state, at["x'"], self._regressors(m, q)),
+        for fit, (target, regressors) in zip(
+            (self.observation, self.state), self._equations((m, q), self.window), strict=True
         ):
             B, t, p = fit.beta.shape
             beta = (shares @ fit.beta.reshape(B, -1)).reshape(-1, t, p)
@@ -242,14 +307,49 @@ class RegressionEstimate(GaussianEstimate):
 
     def form(self, single: Evidence, scale: Scale) -> RegressionForm:
         """Return the form in the units of the data."""
+        return RegressionForm(**self._regressions(single, scale))
+
+    def driven_form(
+        self, single: Evidence, scale: Scale, further: Further, tilt: FloatArray | None
+    ) -> InputForm:
+        """Return the form with inputs and features in the units of the data.
+
+        Parameters
+        ----------
+        single, scale
+            As in `form`.
+        further : Further
+            What the units of inputs and features are.
+        tilt : ndarray, shape (K, k), or None
+            How inputs, in standard units, act on the transitions.
+        """
+        found = self._regressions(single, scale)
+        m, k, width = self.dim_x, len(further.inputs), self.n_drawn
+        for name, offset, fit, std in (
+            ("By", "Ny", self.observation, scale.std[m:]),
+            ("Bx", "c", self.state, scale.std[:m]),
+        ):
+            beta = fit.beta[..., fit.beta.shape[-1] - width :]
+            found[name] = self._table(beta) * std[:, None] / further.std
+            found[offset] = found[offset] - found[name] @ further.mean
+        return InputForm(
+            **found,
+            features=further.features,
+            inputs=further.inputs,
+            tilt=None if tilt is None else tilt / further.std[:k],
+            centre=further.mean[:k],
+        )
+
+    def _table(self, a: FloatArray) -> FloatArray:
+        """Bring what pairs of regimes have, (K * K, ...), to (K, K, ...)."""
+        return a.reshape(self.n_classes, self.n_classes, *a.shape[1:])
+
+    def _regressions(self, single: Evidence, scale: Scale) -> dict[str, FloatArray]:
+        """Return what `RegressionForm` takes."""
         m, q, K = self.dim_x, self.dim_z, self.n_classes
         means, covariances = regime_moments(single, m, q)
         mx, my, sx, sy = scale.mean[:m], scale.mean[m:], scale.std[:m], scale.std[m:]
-
-        def table(a: FloatArray) -> FloatArray:
-            return a.reshape(K, K, *a.shape[1:])
-
-        observation, state = self.observation, self.state
+        observation, state, table = self.observation, self.state, self._table
         Ayy = table(observation.beta[..., :q]) * sy[:, None] / sy
         Ny = table(observation.beta[..., q]) * sy + my - Ayy @ my
         p = m if self.state_feedback else 0
@@ -259,48 +359,55 @@ class RegressionEstimate(GaussianEstimate):
         H = table(state.beta[..., p : p + q]) * sx[:, None] / sy
         G = table(state.beta[..., p + q : p + 2 * q]) * sx[:, None] / sy
         c = table(state.beta[..., p + 2 * q]) * sx + mx - Axx @ mx - (H + G) @ my
-        return RegressionForm(
-            Ayy=Ayy,
-            Ny=Ny,
-            Qyy=table(observation.covariance) * sy[:, None] * sy,
-            Axx=Axx,
-            H=H,
-            G=G,
-            c=c,
-            C=table(state.covariance) * sx[:, None] * sx,
-            means=means * scale.std + scale.mean,
-            covariances=covariances * scale.std[:, None] * scale.std,
-        )
+        return {
+            "Ayy": Ayy,
+            "Ny": Ny,
+            "Qyy": table(observation.covariance) * sy[:, None] * sy,
+            "Axx": Axx,
+            "H": H,
+            "G": G,
+            "c": c,
+            "C": table(state.covariance) * sx[:, None] * sx,
+            "means": means * scale.std + scale.mean,
+            "covariances": covariances * scale.std[:, None] * scale.std,
+        }
 
     @property
     def n_parameters(self) -> int:
         """Number of free parameters."""
         m, q, K = self.dim_x, self.dim_z, self.n_classes
         d = m + q
-        state = m * len(self._regressors(m, q)) + m * (m + 1) // 2
-        pair = q * (q + 1) + q * (q + 1) // 2 + state
+        of_y, of_x = (len(regressors) for _, regressors in self._equations((m, q), self.window))
+        pair = q * of_y + q * (q + 1) // 2 + m * of_x + m * (m + 1) // 2
         return K * K * pair + K * (d + d * (d + 1) // 2)
 
     @classmethod
-    def _regressors(cls, m: int, q: int) -> list[int]:
-        """Positions in v of what x' depends on."""
-        at = positions(m, q)
-        return (at["x"] if cls.state_feedback else []) + at["y"] + at["y'"] + at["one"]
+    def _equations(
+        cls, sizes: tuple[int, int], window: tuple[int, int]
+    ) -> tuple[tuple[list[int], list[int]], tuple[list[int], list[int]]]:
+        """Positions in v of targets and regressors, of the observation and of the state."""
+        at = positions(*sizes, window)
+        state = (at["x"] if cls.state_feedback else []) + at["y"] + at["y'"] + at["one"]
+        return (
+            (at["y'"], at["y"] + at["one"] + at["common"] + at["own y"]),
+            (at["x'"], state + at["common"] + at["own y'"]),
+        )
 
     @classmethod
     def _both(
         cls,
         cells: Evidence,
-        m: int,
-        q: int,
+        sizes: tuple[int, int],
+        window: tuple[int, int],
         start: tuple[Regression | None, Regression | None],
         n_rounds: int,
     ) -> tuple[Regression, Regression]:
         """Regressions of the observation and of the state."""
-        at = positions(m, q)
+        of_y, of_x = cls._equations(sizes, window)
+        how: Any = {"n_drawn": sum(window), "n_rounds": n_rounds}
         return (
-            fit_regression(cells.observation, at["y'"], at["y"] + at["one"], start[0], n_rounds=n_rounds),
-            fit_regression(cells.state, at["x'"], cls._regressors(m, q), start[1], n_rounds=n_rounds),
+            fit_regression(cells.observation, *of_y, start[0], **how),
+            fit_regression(cells.state, *of_x, start[1], **how),
         )
 
 

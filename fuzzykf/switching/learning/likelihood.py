@@ -6,18 +6,20 @@ so the likelihood of a stretch of data is exact.  Where states are missing their
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.engine.selected import LOG_ZERO
 from fuzzykf.gaussian import cholesky, log_density, logsumexp
 from fuzzykf.switching.dynamics.pairs import log_probability
+from fuzzykf.switching.learning.em import tilted
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
     from fuzzykf.switching.learning.data import TrainingData
+    from fuzzykf.switching.learning.further import Further
 
 __all__ = ["emissions", "forward", "log_likelihood"]
 
@@ -26,7 +28,11 @@ _CHUNK = 1024
 
 
 def emissions(
-    system: SwitchingSystem, now: FloatArray, then: FloatArray, has_state: BoolArray | None = None
+    system: SwitchingSystem,
+    now: FloatArray,
+    then: FloatArray,
+    has_state: BoolArray | None = None,
+    window: FloatArray | None = None,
 ) -> FloatArray:
     """Log p(z_{n+1} | z_n, r_n = i, r_{n+1} = j) for n transitions, (n, M, M).
 
@@ -36,10 +42,13 @@ def emissions(
         Z before and after each transition.
     has_state : ndarray of bool, shape (n,), optional
         Transitions of which the state counts: of others it is log p(y_{n+1} | y_n, i, j).  By default all.
+    window : ndarray, shape (n, w), optional
+        What the regressions take in the place of y_n, where there are inputs or features.
     """
     m = system.dim_x
     pairs = system.pair_tables(0).pairs
-    x, y, x1, y1 = now[:, :m], now[:, m:], then[:, :m], then[:, m:]
+    x, x1, y1 = now[:, :m], then[:, :m], then[:, m:]
+    y = now[:, m:] if window is None else window
     factor_y = cholesky(pairs.Qyy, lambda k: f"noise covariance of the observation, pair {k}")
     factor_x = cholesky(pairs.C, lambda k: f"noise covariance of the state, pair {k}")
     mean_y = np.einsum("ijkl,nl->nijk", pairs.Ayy, y) + pairs.Ny
@@ -61,7 +70,7 @@ def forward(log_transition: FloatArray, log_first: FloatArray, log_emission: Flo
 
     Parameters
     ----------
-    log_transition : ndarray, shape (M, M)
+    log_transition : ndarray, shape (M, M) or (n, M, M)
     log_first : ndarray, shape (M,)
         log p(r_1) + log p(z_1 | r_1).
     log_emission : ndarray, shape (n, M, M)
@@ -100,14 +109,20 @@ def log_likelihood(system: SwitchingSystem, data: TrainingData) -> float:
     factor = cholesky(law.covariance, lambda k: f"covariance of Z in node {k[0]}")
     factor_y = cholesky(law.covariance[:, m:, m:], lambda k: f"covariance of Y in node {k[0]}")
     log_transition = log_probability(np.maximum(system.chain.transition, 0.0))
+    windows = None if data.further is None else data.further.windows(z[data.before, m:])
+    push = None if data.further is None else _push(system, data.further)
     total, done = 0.0, 0
     stops = np.append(data.starts[1:], len(z))
     for start, stop in zip(data.starts, stops, strict=True):
         off = z[start] - law.mean
         density = log_density(off, factor) if data.known[start] else log_density(off[:, m:], factor_y)
         first = np.maximum(log_probability(law.probability), LOG_ZERO) + density
-        has_state = data.has_state[done : done + stop - start - 1]
-        total += _stretch(system, log_transition, first, z[start:stop], has_state)
+        steps = slice(done, done + stop - start - 1)
+        window = None if windows is None else windows[steps]
+        moves = log_transition
+        if data.further is not None and push is not None:
+            moves = moves + tilted(system.chain.transition, push, data.further.us[steps])
+        total += _stretch(system, moves, first, z[start:stop], data.has_state[steps], window)
         done += stop - start - 1
     return total
 
@@ -118,12 +133,25 @@ def _stretch(
     log_first: FloatArray,
     z: FloatArray,
     has_state: BoolArray,
+    window: FloatArray | None = None,
 ) -> float:
     blocks = [
-        emissions(system, z[k:end], z[k + 1 : end + 1], has_state[k:end])
+        emissions(
+            system,
+            z[k:end],
+            z[k + 1 : end + 1],
+            has_state[k:end],
+            None if window is None else window[k:end],
+        )
         for k in range(0, len(z) - 1, _CHUNK)
         for end in [min(k + _CHUNK, len(z) - 1)]
     ]
-    M = log_transition.shape[0]
+    M = log_transition.shape[-1]
     emission = np.concatenate(blocks) if blocks else np.empty((0, M, M))
     return float(forward(log_transition, log_first, emission).sum())
+
+
+def _push(system: Any, further: Further) -> FloatArray | None:
+    """Return how inputs in standard units push each node, (M, k)."""
+    push = getattr(system, "push", None)
+    return None if push is None else push * further.std[: len(further.inputs)]

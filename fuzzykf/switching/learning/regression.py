@@ -30,11 +30,15 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import BoolArray, FloatArray
 
-__all__ = ["Cells", "Evidence", "Regression", "fit_regression", "join", "merged", "prior_cells"]
+__all__ = ["Cells", "Evidence", "Regression", "fit_regression", "join", "merged", "prior_cells", "ridge"]
 
 #: Weight of the prior of each regime, or pair of regimes, in average observations.  It decides
 #: only where the data say next to nothing.
 PRIOR_COUNT = 1e-4
+
+#: Weights of the ridge on coefficients of inputs and features, in observations of unit noise: on their mean
+#: over the regimes, and on what sets them apart from it.
+RIDGE_MEAN, RIDGE_APART = 1.0, 100.0
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
@@ -118,12 +122,26 @@ class Regression(NamedTuple):
         return compose(self.T, self.g)
 
 
+def ridge(beta: FloatArray, n_drawn: int) -> float:
+    """Log-density of a ridge on the last ``n_drawn`` coefficients of each target, but for a constant."""
+    drawn = beta[..., beta.shape[-1] - n_drawn :]
+    return -0.5 * float(np.einsum("btp,bc,ctp->", drawn, _ridge_weights(len(beta)), drawn))
+
+
+def _ridge_weights(B: int) -> FloatArray:
+    """Weights (B, B) of products of coefficients of two regimes."""
+    common = np.full((B, B), 1.0 / B)
+    weights: FloatArray = RIDGE_MEAN * common + RIDGE_APART * (np.eye(B) - common)
+    return weights
+
+
 def fit_regression(
     cells: Cells,
     targets: list[int],
     regressors: list[int],
     start: Regression | None = None,
     *,
+    n_drawn: int = 0,
     n_rounds: int = 100,
     tolerance: float = 1e-9,
 ) -> Regression:
@@ -141,6 +159,8 @@ def fit_regression(
         Positions in v.
     start : Regression, optional
         Where to begin; by default the regression that all regimes share.
+    n_drawn : int
+        So many regressors, the last ones, have a `ridge`.
     n_rounds : int
         Largest number of rounds.
     tolerance : float
@@ -156,10 +176,10 @@ def fit_regression(
     current = _pooled(cells, S_pp, S_tp, S_tt) if start is None else start
     value = -np.inf
     for _ in range(n_rounds):
-        beta = _coefficients(cells, S_pp, S_tp, current)
+        beta = _coefficients(cells, S_pp, S_tp, current, n_drawn)
         residual = _residual_moments(cells.shares, beta, S_pp, S_tp, S_tt)
         current = Regression(beta, *_factors(cells, residual, current))
-        gained = _likelihood(cells, residual, current)
+        gained = _likelihood(cells, residual, current) + ridge(beta, n_drawn)
         if gained - value <= tolerance * max(1.0, abs(gained)):
             break
         value = gained
@@ -193,7 +213,9 @@ def _precision(shares: FloatArray, fit: Regression) -> FloatArray:
     return precision
 
 
-def _coefficients(cells: Cells, S_pp: FloatArray, S_tp: FloatArray, current: Regression) -> FloatArray:
+def _coefficients(
+    cells: Cells, S_pp: FloatArray, S_tp: FloatArray, current: Regression, n_drawn: int
+) -> FloatArray:
     """Generalised least squares for beta (B, t, p)."""
     shares, count = cells.shares, cells.weight
     c, B = shares.shape
@@ -203,6 +225,9 @@ def _coefficients(cells: Cells, S_pp: FloatArray, S_tp: FloatArray, current: Reg
     left = (shares[:, :, None] * shares[:, None, :]).reshape(c, B * B)
     right = (W[:, :, :, None, None] * S_pp[:, None, None]).reshape(c, -1)
     system = (left.T @ right).reshape(B, B, t, t, p, p).transpose(0, 2, 4, 1, 3, 5)
+    for k in range(p - n_drawn, p) if n_drawn else ():
+        for target_row in range(t):
+            system[:, target_row, k, :, target_row, k] += _ridge_weights(B)
     target = np.einsum("cb,cst,ctp->bsp", shares, W, S_tp, optimize=True)
     return _solve(system.reshape(B * t * p, B * t * p), target.reshape(-1)).reshape(B, t, p)
 

@@ -96,7 +96,7 @@ class Continuation:
     options: Mapping[str, Any]
     obstacle: str = ""
 
-    def __call__(self, x: Any, y: Any, forget: Any) -> FitResult[Any]:
+    def __call__(self, x: Any, y: Any, forget: Any, inputs: Any = None) -> FitResult[Any]:
         """Learn from new rows, those before being forgotten in part."""
         if self.learned is None:
             raise ParameterError(f"update: this result was learned {self.obstacle}")
@@ -104,7 +104,10 @@ class Continuation:
         if not 0.0 < factor <= 1.0:
             raise ParameterError(f"forget: got {forget}, expected a number in ]0, 1]")
         feedback = self.options.get("state_feedback", True)
-        data = gather(x, y, state_feedback=feedback, earlier=self.earlier)
+        _check_inputs(inputs, self.earlier)
+        further = self.earlier.further
+        features = None if further is None else further.features
+        data = gather(x, y, state_feedback=feedback, earlier=self.earlier, inputs=inputs, features=features)
         fitted = _learn(self.learned, data, factor, self.options)
         notes = [*irregular(x, y), *one_name(self.earlier.labels), *fitted.warnings]
         value = bic(fitted.n_parameters, len(data.z), fitted.log_likelihood)
@@ -115,6 +118,15 @@ class Continuation:
             x,
             continuation=replace(self, learned=fitted.learned),
         )
+
+
+def _check_inputs(inputs: Any, earlier: Earlier) -> None:
+    """Raise unless there are inputs where the first fit had some."""
+    names = () if earlier.further is None else earlier.further.inputs
+    if inputs is None and names:
+        raise ParameterError(f"inputs: missing; the first fit had {', '.join(names)}")
+    if inputs is not None and not names:
+        raise ParameterError("inputs: got some, but the first fit had none; expected None")
 
 
 def _learn(learned: Learned, data: TrainingData, forget: float, options: Mapping[str, Any]) -> Fitted:
@@ -135,7 +147,7 @@ def _learn(learned: Learned, data: TrainingData, forget: float, options: Mapping
     statistics = before.joined(Statistics.of(posterior, shares, data))
     is_hard = learned.law is None
     make = hard_model if is_hard else fuzzy_model
-    model: Any = make(estimate, statistics.rows, data.scale)
+    model: Any = make(estimate, statistics.rows, data.scale, data.further)
     system = model.placed() if is_hard else model.placed(learned.n_nodes)
     n_parameters = estimate.gaussian.n_parameters + estimate.chain.n_parameters
     weights = posterior.gamma @ shares

@@ -58,8 +58,16 @@ class VineEstimate(GaussianEstimate):
         self.bounded = bounded
 
     @classmethod
-    def start(cls, cells: Evidence, single: Evidence, m: int, q: int, proof: FloatArray) -> Self:
-        """Estimate from moments, then by maximum likelihood."""
+    def start(
+        cls,
+        cells: Evidence,
+        single: Evidence,
+        m: int,
+        q: int,
+        proof: FloatArray,
+        window: tuple[int, int] = (0, 0),
+    ) -> Self:
+        """Estimate from moments, then by maximum likelihood; this form has no features of the window."""
         K = single.state.shares.shape[1]
         prior = cells.each(prior_cells)
         seen = single.joined(single.each(prior_cells)).state, cells.joined(prior).state

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.results import FitResult
+    from fuzzykf.switching.dynamics.features import WindowFeatures
     from fuzzykf.switching.dynamics.placed import StationarySystem
     from fuzzykf.switching.laws.base import Law
     from fuzzykf.switching.laws.chain import SwitchChain
@@ -187,6 +188,9 @@ class CGOFMSModel(SwitchingModel):
         tolerance: float = 1e-6,
         state_feedback: bool = True,
         objective: Literal["joint", "filter"] = "joint",
+        order: int = 1,
+        inputs: Any = None,
+        features: WindowFeatures | Literal["auto"] | None = None,
         rng: np.random.Generator | None = None,
         progress: bool | None = None,
     ) -> FitResult[CGOFMSModel]:
@@ -242,6 +246,17 @@ class CGOFMSModel(SwitchingModel):
             fit stays, as it does unless the difference is larger than its standard error and the states
             that were learned from score better, too: see ``.training`` of the result.  For a hidden switch,
             in the regression form.
+        order : int
+            How many observations before a step have coefficients of their own: short for
+            ``features=WindowFeatures(order=...)``.
+        inputs : array_like, shape (n, k) or (n,), or list of these, optional
+            What is known at all times: clock, calendar, control.  Inputs act linearly on the new observation
+            and the new state, in each pair of regimes; with ``objective="filter"`` also on the probabilities
+            of transitions.  The filter is told them as ``us``.
+        features : WindowFeatures or "auto", optional
+            A map of the latest observations, see `WindowFeatures`.  "auto" learns with each of a few maps and
+            takes the one whose filter scores best on the states kept back (``.score_of_features`` of the
+            result); it needs ``objective="filter"``, as the joint likelihood rises with every feature.
         progress : bool, optional
             Whether to show a progress bar (needs rich).  By default one appears after two seconds if
             standard error is a terminal, or in a notebook.
@@ -302,6 +317,9 @@ class CGOFMSModel(SwitchingModel):
             tolerance=tolerance,
             state_feedback=state_feedback,
             objective=objective,
+            order=order,
+            inputs=inputs,
+            features=features,
             rng=rng,
             progress=progress,
         )

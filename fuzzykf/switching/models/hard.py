@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.results import FitResult
     from fuzzykf.switching.dynamics.base import Dynamics
+    from fuzzykf.switching.dynamics.features import WindowFeatures
     from fuzzykf.switching.dynamics.joint import JointSystem
     from fuzzykf.switching.dynamics.pairs import SwitchingSystem
     from fuzzykf.switching.state_space.converted import Construction, Mode, Noise
@@ -344,6 +345,9 @@ class CGOMSModel(SwitchingModel):
         tolerance: float = 1e-6,
         state_feedback: bool = True,
         objective: Literal["joint", "filter"] = "joint",
+        order: int = 1,
+        inputs: Any = None,
+        features: WindowFeatures | Literal["auto"] | None = None,
         rng: np.random.Generator | None = None,
         progress: bool | None = None,
     ) -> FitResult[CGOMSModel]:
@@ -360,7 +364,7 @@ class CGOMSModel(SwitchingModel):
             Number K of regimes; 2 unless said otherwise.
         n_switches : int
             Another name of ``n_regimes``: the switch takes so many values.
-        form, n_starts, max_iter, tolerance, state_feedback, objective, rng, progress
+        form, n_starts, max_iter, tolerance, state_feedback, objective, order, inputs, features, rng, progress
             As in `CGOFMSModel.fit`.
 
         Returns
@@ -399,6 +403,9 @@ class CGOMSModel(SwitchingModel):
             tolerance=tolerance,
             state_feedback=state_feedback,
             objective=objective,
+            order=order,
+            inputs=inputs,
+            features=features,
             rng=rng,
             progress=progress,
         )

@@ -11,7 +11,9 @@ from fuzzykf import CGOMSModel, SwitchingStateSpace
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching import CGLSSM, SwitchChain
 from fuzzykf.switching.dynamics.base import Dynamics
+from fuzzykf.switching.dynamics.features import WindowFeatures
 from fuzzykf.switching.dynamics.forms import CovarianceForm, RegressionForm, TransitionForm
+from fuzzykf.switching.dynamics.inputs import InputForm
 from fuzzykf.switching.dynamics.pairwise import PairwiseForm
 from fuzzykf.switching.dynamics.registry import FORMS
 from fuzzykf.switching.state_space.converted_form import ConvertedForm
@@ -29,6 +31,11 @@ EXAMPLES = {
     "regression": RegressionForm(
         Ayy=0.5 * ONE, Ny=0.0 * ONE[..., 0], Qyy=ONE, Axx=0.9 * ONE, H=0.1 * ONE, G=0.3 * ONE,
         c=0.0 * ONE[..., 0], C=ONE, means=MEANS, covariances=[Z, Z],
+    ),
+    "inputs": InputForm(
+        Ayy=0.5 * ONE, Ny=0.0 * ONE[..., 0], Qyy=ONE, Axx=0.9 * ONE, H=0.1 * ONE, G=0.3 * ONE,
+        c=0.0 * ONE[..., 0], C=ONE, means=MEANS, covariances=[Z, Z], By=0.2 * np.ones((2, 2, 1, 2)),
+        Bx=0.1 * np.ones((2, 2, 1, 2)), features=WindowFeatures(order=2, hinges=[[1.0]]),
     ),
     "pairwise": PairwiseForm(
         [[[0.5, 0.1], [0.0, 0.8]]] * 2, noise=[np.eye(2), 2.0 * Z], offset=MEANS, means=MEANS,
@@ -61,15 +68,19 @@ def test_a_model_holds_any_of_them(form):
     data = model.simulate(30, np.random.default_rng(0))
     assert data.x.shape == data.y.shape == (30, 1)
     assert model.filter().filter(data.y).x.shape == (30, 1)
+    mean, covariance = form.marginal(np.eye(2))
+    np.testing.assert_allclose(mean, system.initial().mean, atol=1e-14)
+    np.testing.assert_allclose(covariance, system.initial().covariance, rtol=1e-12, atol=1e-14)
+    if form.kind == "inputs":
+        with pytest.raises(ParameterError, match="no KnownSwitchFilter takes"):
+            model.along(data.r)
+        return
     path = model.along(data.r)
     np.testing.assert_array_equal(path.r, data.r)
     # a path through the regimes meets the tables of the chain
     i, j = int(data.r[0]), int(data.r[1])
     for here, there in zip(path.pair_tables(0).pairs, system.pair_tables(0).pairs, strict=True):
         np.testing.assert_allclose(here[0, 0], there[i, j], rtol=1e-12, atol=1e-14)
-    mean, covariance = form.marginal(np.eye(2))
-    np.testing.assert_allclose(mean, system.initial().mean, atol=1e-14)
-    np.testing.assert_allclose(covariance, system.initial().covariance, rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize(

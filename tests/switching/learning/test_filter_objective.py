@@ -140,7 +140,9 @@ def test_the_gradient_is_the_limit_of_differences(kind, m, q, estimate, missing)
 @pytest.mark.parametrize("kind", ["hard", "fmc1"])
 def test_a_stretch_of_one_row_counts(kind) -> None:
     objective, model, data, learned = case(kind, 2, 1)
-    alone = learned[0]._replace(x=learned[0].x[:1], y=learned[0].y[:1])
+    alone = learned[0]._replace(
+        x=learned[0].x[:1], y=learned[0].y[:1], before=learned[0].before[:0], after=learned[0].after[:0]
+    )
     chain = model.placed(0 if kind == "hard" else NODES).chain
     longer = FilterObjective(objective.estimate, objective._law, chain, [*learned, alone])
     n = [sum(len(one.x) for one in part) for part in (learned, [*learned, alone])]
@@ -179,7 +181,7 @@ def test_the_ridge_draws_to_the_mean_and_leaves_the_state_before_alone() -> None
 
 def test_a_wider_noise_is_that_of_the_model() -> None:
     objective, _, _, learned = case("hard", 2, 1)
-    estimate, _ = objective.at(objective.start, 2.0)
+    estimate, *_ = objective.at(objective.start, 2.0)
     wider = FilterObjective(estimate, objective._law, case("hard", 2, 1)[1].placed().chain, learned)
     for one, other in zip(
         objective.scores(objective.start, learned, 2.0), wider.scores(wider.start, learned), strict=True

@@ -120,7 +120,9 @@ class Parabola:
 
 def kept_back(best):
     objective = Parabola(best)
-    series = [Stretch(np.array([[0.0], [np.nan], [1.0]]), np.zeros((3, 1)), SimpleNamespace())]
+    nothing = np.zeros((2, 0))
+    x = np.array([[0.0], [np.nan], [1.0]])
+    series = [Stretch(x, np.zeros((3, 1)), nothing, nothing, nothing, SimpleNamespace())]
     return objective, _KeptBack(objective, series, 1)
 
 

@@ -314,5 +314,5 @@ def test_forms_are_in_the_units_of_the_data(m, q, kind):
 def test_parameters_of_regressions_are_counted(m, q, K, expected):
     # per pair: Ayy, Ny, Qyy and Axx, H, G, c, C; per class: mean and covariance of Z
     estimate = object.__new__(RegressionEstimate)
-    estimate.dim_x, estimate.dim_z, estimate.n_classes = m, q, K
+    estimate.dim_x, estimate.dim_z, estimate.n_classes, estimate.window = m, q, K, (0, 0)
     assert estimate.n_parameters == expected

@@ -67,6 +67,7 @@ def test_known_fades(law, fuzzy_model):
             visits.append(path)
     data = SimpleNamespace(
         z=z,
+        further=None,
         scale=SimpleNamespace(std=1.0, mean=0.0),
         starts=np.array([0]),
         known=np.ones(len(z), dtype=bool),

@@ -1,0 +1,233 @@
+"""What a step may depend on beside the latest observation: inputs, and a fixed map of the window.
+
+The equations of Y' and X' may have further regressors, as long as these are functions of what is known when
+they are used: of inputs u', known at all times (clock, calendar, control), of earlier observations and, in
+that of X', of the new observation.  Filtering stays exact with any such functions.  With u' the inputs of the
+new time, y the latest observation and y' the new one,
+
+    Y':  phi = (common, own(y, u')),    X':  psi = (common, own(y', u')),
+    common = (u', earlier observations one by one, means of blocks of still earlier ones),
+    own(y, u) = (max(y - knot, 0) for each knot, products u y).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.gaussian import as_array, as_count, as_flag, is_whole
+from fuzzykf.immutable import Immutable
+from fuzzykf.reprs import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from fuzzykf.arrays import FloatArray
+
+__all__ = ["WindowFeatures"]
+
+#: Observations that a map looks back at, at most: beyond a month of hours nobody has use for one.
+MOST_LAGS = 1000
+
+#: Hinges of a component, at most.
+MOST_HINGES = 20
+
+
+class WindowFeatures(Immutable):
+    """A map of the latest observations, for the equations of a learned switching model.
+
+    Parameters
+    ----------
+    order : int
+        How many observations before a step have a coefficient of their own; 1 is the latest alone, which
+        every model has.
+    blocks : sequence of int
+        Lengths of blocks of still earlier observations: their means have coefficients (distributed lags).
+        With order 2 and blocks (2, 4) these are the means of lags 3 to 4 and 5 to 8.
+    hinges : int or array_like, shape (q, h)
+        max(y - knot, 0) for each component and knot, which bends the dependence on the latest observation
+        and, of the state, on the new one.  A number asks for so many knots, which learning puts at equally
+        spaced quantiles.
+    products : bool
+        Whether each input is multiplied with the latest observation and, of the state, with the new one.
+
+    Attributes
+    ----------
+    n_past : int
+        How many observations before a step it looks at.
+    knots : ndarray, shape (q, h), or None
+        None until they are known.
+
+    Raises
+    ------
+    ParameterError
+        If a number is no whole number in its range, or there are too many of something.
+
+    Examples
+    --------
+    >>> WindowFeatures(order=2, blocks=(2, 4)).names(["t"], [])
+    (['t[-2]', 't[-3..-4]', 't[-5..-8]'], [])
+    >>> WindowFeatures(hinges=[[10.0]], products=True).names(["t"], ["day"])
+    (['day'], ['t > 10', 'day * t'])
+    """
+
+    def __init__(
+        self,
+        *,
+        order: int = 1,
+        blocks: Iterable[int] = (),
+        hinges: int | Sequence[Sequence[float]] | FloatArray = 0,
+        products: bool = False,
+    ) -> None:
+        self.order = as_count("order", order, 1, MOST_LAGS)
+        self.blocks = tuple(as_count("blocks", length, 1, MOST_LAGS) for length in blocks)
+        self.n_past = self.order + sum(self.blocks)
+        if self.n_past > MOST_LAGS:
+            raise ParameterError(
+                f"order, blocks: look back at {self.n_past} observations, expected at most {MOST_LAGS}"
+            )
+        knots = None if is_whole(hinges) else as_array("hinges", hinges, (None, None))
+        n_hinges = hinges if knots is None else knots.shape[1]
+        self.n_hinges = as_count("hinges", n_hinges, 0, MOST_HINGES)  # type: ignore[arg-type]
+        if knots is not None and not (np.diff(knots, axis=1) > 0.0).all():
+            raise ParameterError(f"hinges: got {knots.tolist()}, expected knots that rise in each row")
+        self.knots = knots
+        self.products = as_flag("products", products)
+
+    @property
+    def is_trivial(self) -> bool:
+        """Whether there is nothing beside the latest observation and inputs."""
+        return self.n_past == 1 and not self.n_hinges and not self.products
+
+    def sizes(self, q: int, k: int) -> tuple[int, int]:
+        """Return how many numbers ``common`` and ``own`` have, for q components and k inputs."""
+        common = k + q * (self.order - 1 + len(self.blocks))
+        return common, q * (self.n_hinges + (k if self.products else 0))
+
+    def learned(self, ys: FloatArray) -> Self:
+        """Return the map with its knots at quantiles of observations (n, q).
+
+        Raises
+        ------
+        ParameterError
+            If observations repeat so often that two knots fall together.
+        """
+        if self.knots is not None or not self.n_hinges:
+            if self.knots is not None and len(self.knots) != ys.shape[1]:
+                raise ShapeError(
+                    f"hinges: got knots of {len(self.knots)} components, expected {ys.shape[1]}, as y has"
+                )
+            return self
+        at = np.arange(1, self.n_hinges + 1) / (self.n_hinges + 1)
+        knots = np.quantile(ys, at, axis=0).T
+        if not (np.diff(knots, axis=1) > 0.0).all():
+            raise ParameterError(
+                f"hinges: got {self.n_hinges}, but quantiles of y fall together ({knots.tolist()}), as "
+                "values repeat; expected fewer, or the knots themselves"
+            )
+        return type(self)(order=self.order, blocks=self.blocks, hinges=knots, products=self.products)
+
+    def names(self, observations: Sequence[str], inputs: Sequence[str]) -> tuple[list[str], list[str]]:
+        """Return the names of ``common`` and of ``own``."""
+        common = list(inputs)
+        common += [f"{y}[-{lag}]" for lag in range(2, self.order + 1) for y in observations]
+        first = self.order + 1
+        for length in self.blocks:
+            last = first + length - 1
+            span = f"-{first}" if length == 1 else f"-{first}..-{last}"
+            common += [f"{y}[{span}]" for y in observations]
+            first = last + 1
+        own = []
+        for row, y in enumerate(observations):
+            at = [f"knot {k}" for k in range(self.n_hinges)]
+            if self.knots is not None:
+                at = [f"{knot:.4g}" for knot in self.knots[row]]
+            own += [f"{y} > {knot}" for knot in at]
+        if self.products:
+            own += [f"{u} * {y}" for u in inputs for y in observations]
+        return common, own
+
+    def common(self, past: FloatArray, us: FloatArray) -> FloatArray:
+        """Return what both equations have, (..., c).
+
+        Parameters
+        ----------
+        past : ndarray, shape (..., n_past, q)
+            Observations before the step, the latest first.
+        us : ndarray, shape (..., k)
+            Inputs of the new time.
+        """
+        lead = past.shape[:-2]
+        parts = [us, past[..., 1 : self.order, :].reshape(*lead, -1)]
+        first = self.order
+        for length in self.blocks:
+            parts.append(past[..., first : first + length, :].mean(axis=-2))
+            first += length
+        return np.concatenate(parts, axis=-1)
+
+    def own(self, ys: FloatArray, us: FloatArray) -> FloatArray:
+        """Return what each equation has of its own observation, (..., o).
+
+        Parameters
+        ----------
+        ys : ndarray, shape (..., q)
+            The latest observation for Y', the new one for X'.
+        us : ndarray, shape (..., k)
+            Inputs of the new time.
+        """
+        lead, parts = ys.shape[:-1], []
+        if self.n_hinges:
+            assert self.knots is not None  # learned by now
+            parts.append(np.maximum(ys[..., None] - self.knots, 0.0).reshape(*lead, -1))
+        if self.products:
+            parts.append((us[..., :, None] * ys[..., None, :]).reshape(*lead, -1))
+        return np.concatenate(parts, axis=-1) if parts else np.empty((*lead, 0))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the map as plain values."""
+        hinges = self.n_hinges if self.knots is None else self.knots.tolist()
+        return {"order": self.order, "blocks": list(self.blocks), "hinges": hinges, "products": self.products}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Self:
+        """Make it from what `to_dict` returned."""
+        return cls(**values)
+
+    @shown
+    def __repr__(self) -> str:
+        options = [f"order={self.order}"] if self.order > 1 else []
+        options += [f"blocks={self.blocks}"] if self.blocks else []
+        options += [f"hinges={self.n_hinges}"] if self.n_hinges else []
+        options += ["products=True"] if self.products else []
+        return f"WindowFeatures({', '.join(options)})"
+
+
+def past_of(ys: FloatArray, lead: FloatArray, n_past: int) -> FloatArray:
+    """Return what stands before each of n observations (n, q), the latest first: (n, n_past, q).
+
+    Parameters
+    ----------
+    ys : ndarray, shape (n, q)
+    lead : ndarray, shape (n_past, q)
+        Observations before the first, in their order.
+    """
+    whole = np.concatenate([lead, ys])[:-1] if len(ys) else lead[:0]
+    windows = np.lib.stride_tricks.sliding_window_view(whole, n_past, axis=0) if len(ys) else None
+    if windows is None:
+        return np.empty((0, n_past, ys.shape[1]))
+    return np.moveaxis(windows, -1, 1)[:, ::-1]
+
+
+def carried(ys: FloatArray) -> FloatArray:
+    """Return observations (n, q) in which what is missing counts as the last value before it.
+
+    Before the first value there is that one itself; a component that was never seen is zero.
+    """
+    n = len(ys)
+    there = ~np.isnan(ys)
+    last = np.maximum.accumulate(np.where(there, np.arange(n)[:, None], -1), axis=0)
+    first = np.where(there.any(axis=0), there.argmax(axis=0), -1)
+    at = np.where(last >= 0, last, first)
+    return np.where(at >= 0, np.take_along_axis(ys, np.maximum(at, 0), axis=0), 0.0)
