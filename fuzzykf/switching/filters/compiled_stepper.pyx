@@ -3,24 +3,32 @@
 
 from cpython.dict cimport PyDict_GetItemWithError
 from cpython.float cimport PyFloat_AS_DOUBLE, PyFloat_Check
-from libc.math cimport isfinite
+from libc.math cimport NAN, fabs, isfinite, isnan
 from libc.string cimport memcpy, memmove, memset
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, doubles
+from fuzzykf.engine.compiled.gaps cimport (
+    GapRoom, GapTables, fk_gap_rows, fk_gaps_engine, fk_open_complete, gaps_versions, shown_state,
+)
 from fuzzykf.engine.compiled.nodes cimport (
     NodeKernel, NodeSpan, fk_nodes_advance, nodes_versions,
 )
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
     FK_FARTHEST, Kernel, Workspace, fk_advance, fk_engine, fk_in_range, fk_kernel, fk_log_likelihood, fk_padded,
-    fk_probabilities, fk_state, fk_to_logs, load, start, store, versions,
+    fk_probabilities, fk_state, fk_table_size, fk_to_logs, load, start, store, versions,
 )
 
 cimport numpy as cnp
 
 import numpy as np
 
+from fuzzykf.switching.inference.mixture import Mixture
+
 cnp.import_array()
+
+#: Means and roots of covariances beyond this are for the verbs, which say what leaves the range of numbers.
+cdef double LARGEST = 1e152
 
 cdef extern from *:
     """
@@ -37,11 +45,24 @@ cdef inline const fk_engine *engine() noexcept nogil:
     return versions + level
 
 
+cdef bint fit(const double *rows, int n, int e, int M) noexcept:
+    """Whether means and roots of n branches a node are numbers, whose squares are, too."""
+    cdef int ld = fk_padded(M), b, r, i
+    cdef const double *row
+    for b in range(n):
+        for r in range(1, fk_gap_rows(e)):
+            row = rows + (<size_t> b * fk_gap_rows(e) + r) * ld
+            for i in range(M):
+                if not fabs(row[i]) <= LARGEST:
+                    return False
+    return True
+
+
 cdef class Stepper:
     """The state of a switching filter, and `step`; see `fuzzykf.switching.filters.stepper.Stepper`.
 
-    Once `_arm` has handed over a state and the tables of all steps to come, observations that
-    are complete go through the compiled step alone, as long as the verbs are those that they were
+    Once `_arm` has handed over a complete state and the tables of all steps to come, observations
+    go through the compiled step alone, complete or not, as long as the verbs are those that they were
     then.  The attributes are made when they are read.
     """
 
@@ -55,9 +76,14 @@ cdef class Stepper:
     cdef Buffer windows
     cdef double *u  # (1, w, y) of the latest step
     cdef double *window  # the latest observations, newest first
+    cdef double *nothing  # an observation of which nothing is there
     cdef fk_state *now
     cdef fk_state *old
     cdef fk_state *spare
+    cdef GapTables gaps  # None as long as nothing has been missing
+    cdef GapRoom room
+    cdef double *rows[3]  # of the branches of now, old and spare
+    cdef int branches[3]  # how many each node has; 0 where nothing of the window is unknown
     cdef double *kept  # u of the step before
     cdef bint ahead  # whether the compiled state is newer than the attributes
     cdef unsigned int version  # of the class, when the tables were handed over
@@ -81,14 +107,16 @@ cdef class Stepper:
         return True
 
     cdef int _arm_nodes(self, NodeKernel kernel, table, bint every_pair) except -1:
-        cdef int M = kernel.k.M, m = kernel.k.m
+        cdef int M = kernel.k.M, m = kernel.k.m, t
         cdef cnp.ndarray source = doubles(table, "table", (1 + m + m * m, M))
         self.span = NodeSpan(kernel, 1, 1)
         load(self.span.one.table, at(source), 1 + m + m * m, M)
-        self.windows = Buffer(1 + kernel.k.q)
-        self.u, self.p = self.windows.data, self.span.p
+        self.windows = Buffer(1 + 2 * kernel.k.q)
+        self.u, self.p, self.nothing = self.windows.data, self.span.p, self.windows.data + 1 + kernel.k.q
         self.now, self.old, self.spare = &self.span.one, &self.span.two, &self.span.three
         self.M, self.m, self.q, self.w = M, m, kernel.k.q, 0
+        for t in range(self.q):
+            self.nothing[t] = NAN
         self.nodes, self.every_pair = kernel, every_pair
         return 0
 
@@ -106,8 +134,12 @@ cdef class Stepper:
                 memset(self.work.one.table + kernel.k.M1, 0, (fk_padded(kernel.k.M1) - kernel.k.M1) * sizeof(double))
                 self.work.one.linear = 1
         cdef size_t width = 1 + kernel.k.w + kernel.k.q
-        self.windows = Buffer(2 * width + kernel.k.w)
+        cdef int t
+        self.windows = Buffer(2 * width + kernel.k.w + kernel.k.q)
         self.u, self.kept, self.window = self.windows.data, self.windows.data + width, self.windows.data + 2 * width
+        self.nothing = self.window + kernel.k.w
+        for t in range(kernel.k.q):
+            self.nothing[t] = NAN
         self.u[0] = 1.0
         memcpy(self.window, at(w), kernel.k.w * sizeof(double))
         self.now, self.old, self.spare, self.p = &self.work.one, &self.work.two, &self.work.three, self.work.p
@@ -141,6 +173,7 @@ cdef class Stepper:
         cdef double value
         cdef const double *y
         cdef int q = self.q, t
+        cdef bint complete = True, moved
         if u is not None:
             return self._step_any(z, u)
         if (self.kernel is None and self.nodes is None) or self.predicted or self._has_own_verbs():
@@ -156,18 +189,27 @@ cdef class Stepper:
             and cnp.PyArray_ISCARRAY_RO(<cnp.ndarray> z)
         ):
             y = <const double *> cnp.PyArray_DATA(<cnp.ndarray> z)
+        elif z is None:
+            y = self.nothing
         else:
             return self._step_any(z)
         for t in range(q):
             if not isfinite(y[t]):
-                return self._step_any(z)
-        if not (self._advance_pairs(y) if self.nodes is None else self._advance_nodes(y)):
+                if not isnan(y[t]):
+                    return self._step_any(z)
+                complete = False
+        if self.nodes is not None:
+            moved = self._advance_nodes(y)
+        elif complete and not self.branches[0]:
+            moved = self._advance_pairs(y)
+        elif self.gaps is None and not self._open_gaps():
+            return self._step_any(z)
+        else:
+            moved = self._advance_gap(y)
+        if not moved:
             # the verbs say what is wrong, from the state before
             return self._step_by_verbs(np.array([y[t] for t in range(q)]))
-        cdef fk_state *swap = self.old
-        self.old = self.now
-        self.now = self.spare
-        self.spare = swap
+        self._turn()
         self.n += 1
         self.ahead = True
         cdef cnp.npy_intp *shape = [self.m, 1]
@@ -210,6 +252,72 @@ cdef class Stepper:
             return False
         return True
 
+    cdef bint _open_gaps(self) except -1:
+        """Make room for gaps; whether the engine has tables for them."""
+        gaps = self.tables.gaps
+        if not isinstance(gaps, GapTables):
+            return False
+        self.room = GapRoom(gaps, 1)
+        self.rows[0], self.rows[1], self.rows[2] = self.room.rows[0], self.room.rows[1], self.room.rows[2]
+        self.gaps = gaps
+        return True
+
+    cdef bint _advance_gap(self, const double *y) noexcept:
+        """Take an observation of which, or of the window before it, something is missing, likewise."""
+        cdef fk_kernel *k = &self.kernel.k
+        cdef int m = k.m, q = k.q, w = k.w, M = k.M2, n = self.branches[0], n_to = 0, e = k.m, t
+        cdef double *u = self.u
+        cdef double *window = self.window
+        cdef const double *log_p = self.now.table
+        cdef double value = 0.0
+        cdef fk_state logs = self.now[0]
+        memcpy(self.kept, u, (1 + w + q) * sizeof(double))
+        memcpy(u + 1, window, w * sizeof(double))
+        memcpy(u + 1 + w, y, q * sizeof(double))
+        if not n:  # its probabilities stay as they are, for whoever asks what was known before
+            logs.table = self.room.table
+            memcpy(logs.table, self.now.table, fk_table_size(M, m) * sizeof(double))
+            fk_to_logs(&logs, M)
+            fk_open_complete(M, m, logs.table, self.rows[0])
+            log_p, n = logs.table, 1
+        cdef bint moved = (gaps_versions + level).step(
+            &self.gaps.k, self.rows[0], n, log_p, u + 1, y, w, self.spare.table, self.rows[2], &n_to, &value,
+            self.room.scratch,
+        )
+        memmove(window + q, window, (w - q) * sizeof(double))
+        memcpy(window, y, q * sizeof(double))
+        for t in range(w):
+            e += isnan(window[t])
+        if not (moved and fk_in_range(self.spare, M, m) and fit(self.rows[2], n_to, e, M)):
+            memcpy(window, u + 1, w * sizeof(double))
+            memcpy(u, self.kept, (1 + w + q) * sizeof(double))
+            return False
+        self.spare.linear, self.spare.log_known, self.spare.total = 0, 1, value
+        self.branches[2] = n_to
+        return True
+
+    cdef void _turn(self) noexcept:
+        """Let the state in `spare` be that of now, and that of now the one before."""
+        cdef fk_state *swap = self.old
+        self.old = self.now
+        self.now = self.spare
+        self.spare = swap
+        if self.gaps is None:
+            return
+        cdef double *rows = self.rows[1]
+        self.rows[1], self.rows[0] = self.rows[0], self.rows[2]
+        self.rows[2] = rows
+        self.branches[1], self.branches[0], self.branches[2] = self.branches[0], self.branches[2], 0
+
+    cdef object _known(self, fk_state *state, const double *rows, int n, cnp.ndarray window):
+        """Return what a state with n branches a node says, as Python has it."""
+        if not n:
+            return self._as_mixture(self._table(state), window, self._mass(state))
+        table, root, branches = shown_state(
+            rows, n, state.table, self.M, self.m, at(window), self.w, self.room
+        )
+        return Mixture(table, window, None, None, int(np.isnan(window).sum()), root, branches)
+
     cdef cnp.ndarray _table(self, fk_state *state):
         cdef int M = self.M, rows = 1 + self.m + self.m * self.m
         cdef cnp.ndarray table = np.empty((rows, M))
@@ -239,8 +347,8 @@ cdef class Stepper:
         memcpy(at(u), self.u + 1, (w + q) * sizeof(double))
         if w:
             memcpy(at(window), self.window, w * sizeof(double))
-        mixture = self._as_mixture(self._table(self.now), window, self._mass(self.now))
-        before = self._as_mixture(self._table(self.old), u[:w].copy(), self._mass(self.old))
+        mixture = self._known(self.now, self.rows[0], self.branches[0], window)
+        before = self._known(self.old, self.rows[1], self.branches[1], u[:w].copy())
         before = self._as_source(before, self.tables)
         self.mixture, self.before, self.z = mixture, before, u[w:].copy()
         self.log_likelihood = fk_log_likelihood(self.now)
@@ -249,7 +357,8 @@ cdef class Stepper:
 
     cdef int _disarm(self) except -1:
         self._sync()
-        self.kernel = self.nodes = None
+        self.kernel = self.nodes = self.gaps = self.room = None
+        self.branches[0], self.branches[1], self.branches[2] = 0, 0, 0
         return 0
 
     @property

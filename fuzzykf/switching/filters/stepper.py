@@ -12,7 +12,7 @@ from fuzzykf import engine
 
 __all__ = ["STREAMS", "Stepper"]
 
-#: Whether `Stepper` has a ``step`` of its own, which takes complete observations.
+#: Whether `Stepper` has a ``step`` of its own, which takes observations in the engine.
 STREAMS = engine.info().name == "compiled"
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ if TYPE_CHECKING or not STREAMS:
         """Owner of the state of a switching filter.
 
         A subclass implements ``_step_any``, which takes any observation, and may call `_arm` to
-        let a compiled stepper take over while observations are complete and tables constant: it
-        then has a ``step`` that goes through the compiled core alone.
+        let a compiled stepper take over from a complete state while tables are constant: it
+        then has a ``step`` that goes through the compiled core alone, in gaps as well.
         """
 
         _n: int  # observations taken, missing ones included
@@ -42,7 +42,7 @@ if TYPE_CHECKING or not STREAMS:
 
             On nodes, whose tables are of another kind, ``every_pair`` says that it is GPB2.
 
-            Returns whether `step` will take complete observations by itself: never in NumPy.
+            Returns whether `step` will take observations by itself: never in NumPy.
             """
             return False
 

@@ -8,7 +8,17 @@ import pickle
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter, engine
+from fuzzykf import (
+    CGOFMSModel,
+    CGOMSMFilter,
+    CGOMSModel,
+    FuzzyMarkovLaw,
+    OFSRFilter,
+    SwitchingKalmanFilter,
+    SwitchingStateSpace,
+    engine,
+)
+from fuzzykf.errors import NumericalRangeError, ParameterError
 
 pytestmark = [
     pytest.mark.usefixtures("instructions"),
@@ -69,10 +79,9 @@ def test_the_compiled_step_takes_over_and_hands_back(monkeypatch, fuzzy_model) -
     original = OFSRFilter._step_any
     monkeypatch.setattr(OFSRFilter, "_step_any", lambda self, z: slow.append(z) or original(self, z))
     f = OFSRFilter(fuzzy_model)
-    for z in (1.0, 2.0, 3.0, 0.5, None, 1.0, 2.0, 3.0):
+    for z in (1.0, 2.0, 3.0, 0.5, None, 1.0, float("nan"), np.array([np.nan]), 2.0, 3.0):
         f.step(z)
-    # the first has no tables, the second hands over; so after a gap, which needs two
-    assert slow == [1.0, 2.0, None, 1.0, 2.0]
+    assert slow == [1.0, 2.0]  # the first has no tables, the second hands over
     with pytest.raises(ValueError, match="z: got"):
         f.step([1.0, 2.0])
     with pytest.raises(ValueError, match="z: got"):
@@ -93,6 +102,132 @@ def test_a_subclass_that_overrides_a_verb_is_not_bypassed(fuzzy_model) -> None:
     for z in range(5):
         f.step(float(z))
     assert f.count == 5
+
+
+#: What can be read of a filter.
+READ = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood", "z", "y", "S", "nis")
+
+
+def are_alike(f, g) -> None:
+    """Whether two filters say the same, and know the same of what is missing."""
+    for name in READ:
+        np.testing.assert_allclose(getattr(f, name), getattr(g, name), rtol=1e-12, atol=1e-12, err_msg=name)
+    for one, other in ((f._mixture, g._mixture), (f._before.mixture, g._before.mixture)):
+        assert (one.unknown, one.branches is None) == (other.unknown, other.branches is None)
+        np.testing.assert_array_equal(one.window, other.window)
+        np.testing.assert_allclose(one.table, other.table, rtol=1e-11, atol=1e-12)
+        if one.branches is not None:
+            np.testing.assert_allclose(one.branches.table, other.branches.table, rtol=1e-11, atol=1e-12)
+
+
+def gappy(model, n=28):
+    """Observations with single gaps, a long one, parts missing and an outlier, the first two complete."""
+    y = model.simulate(n, np.random.default_rng(8)).y
+    gone = np.random.default_rng(9).random(y.shape) < 0.3
+    gone[:2], gone[14:18], gone[18], gone[22] = False, True, False, False
+    y[22] *= 40.0
+    return np.where(gone, np.nan, y)
+
+
+def of_order_two():
+    one = [[[0.8]], [[0.5]]]
+    return CGOMSModel.from_cglssm([[0.9, 0.1], [0.25, 0.75]], one, one, one, one, order=2)
+
+
+@pytest.mark.parametrize(
+    ("make", "model"),
+    [
+        (OFSRFilter, vector_model(1, 1)),
+        (OFSRFilter, vector_model(2, 2)),
+        (CGOMSMFilter, of_order_two()),
+    ],
+    ids=["scalar", "vectors", "order 2"],
+)
+def test_steps_in_gaps_are_those_of_the_verbs(make, model) -> None:
+    # whatever is read in between, and however often the state leaves the compiled core in a gap
+    y = gappy(model)
+    read, unread, copied, verbs = make(model), make(model), make(model), make(model)
+    for k, z in enumerate(y):
+        for f in (read, unread):
+            f.step(None if np.isnan(z).all() and k % 2 else z)
+        copied = pickle.loads(pickle.dumps(copied)) if k % 3 else copy.copy(copied)
+        copied.step(z)
+        verbs.predict()
+        if k != 15:  # a predict after a predict stands for a missing observation
+            verbs.update(z)
+            if k > 0:
+                are_alike(copied if k % 4 == 0 else read, verbs)
+    are_alike(unread, verbs)
+
+
+def test_a_predict_in_a_gap_goes_on_from_what_the_engine_knows(fuzzy_model) -> None:
+    f, g = OFSRFilter(fuzzy_model), OFSRFilter(fuzzy_model)
+    for z in (0.4, 1.0, 0.2, None):
+        f.step(z)
+        g.predict()
+        g.update(z)
+    for one in (f, g):
+        one.predict()
+        one.predict()
+    are_alike(f, g)
+    f.update(0.7)  # at the time of the second predict
+    g.update(0.7)
+    are_alike(f, g)
+
+
+@pytest.mark.parametrize("in_gap", [False, True])
+def test_a_refused_step_leaves_a_gap_as_it_was(in_gap, fuzzy_model) -> None:
+    f, g = OFSRFilter(fuzzy_model), OFSRFilter(fuzzy_model)
+    for one in (f, g):
+        for z in (0.4, 1.0, 0.2, 0.3, None, *[0.1] * (not in_gap)):
+            one.step(z)
+    before = pickle.dumps(g)
+    for z in (np.inf, 1e200, [1.0, 2.0], np.array([np.nan, 1.0])):
+        with pytest.raises((ParameterError, NumericalRangeError), match="got"):
+            f.step(z)
+        assert pickle.dumps(f) == before
+    for z in (None, 0.4, 0.1):
+        np.testing.assert_allclose(f.step(z), g.step(z), rtol=1e-13)
+
+
+def test_an_outlier_after_a_gap_keeps_its_digits(fuzzy_model) -> None:
+    # the core leaves it to the verbs, from the state before
+    f, g = OFSRFilter(fuzzy_model), OFSRFilter(fuzzy_model)
+    for z in (0.4, 1.0, 0.2, None, 1e4, 0.3, None, 0.2):
+        f.step(z)
+        g.predict()
+        g.update(z)
+        assert np.isfinite(f.log_likelihood)
+        if g._before is not None:
+            are_alike(f, g)
+
+
+@pytest.mark.parametrize("method", ["imm", "gpb2"])
+def test_steps_on_nodes_take_gaps(method, monkeypatch) -> None:
+    H = [[1.0, 0.0], [0.3, 1.0]]
+    model = SwitchingStateSpace(
+        FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16),
+        [[[0.9, 0.1], [0.0, 0.8]], [[0.5, 0.0], [0.2, 0.7]]],
+        H,
+        [0.1 * np.eye(2), np.eye(2)],
+        0.2 * np.eye(2),
+    )
+    f, g = (SwitchingKalmanFilter(model, method=method) for _ in range(2))
+    slow = []
+    original = SwitchingKalmanFilter._step_any
+    monkeypatch.setattr(
+        SwitchingKalmanFilter, "_step_any", lambda self, z: slow.append(z) or original(self, z)
+    )
+    y = np.random.default_rng(0).normal(size=(30, 2))
+    y[np.random.default_rng(1).random(y.shape) < 0.3] = np.nan
+    y[:2] = 0.1
+    for k, z in enumerate(y):
+        f.step(None if np.isnan(z).all() else z)
+        g.predict()
+        g.update(z)
+        if k:
+            are_alike(f, g)
+    assert len(slow) == 2
 
 
 @pytest.mark.parametrize("size", [(1, 1), (4, 2)])
