@@ -6,20 +6,21 @@ from libc.string cimport memcpy
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, at_or_null, doubles
 from fuzzykf.engine.compiled.gaps cimport (
-    GapRoom, GapTables, fk_gaps, fk_gaps_engine, fk_open_complete, gaps_versions, open_state, shown_state,
+    GapRoom, GapTables, fk_gap_state, fk_gaps, fk_gaps_engine, fk_open_complete, gaps_versions, open_state,
+    shown_state,
 )
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
     Kernel, Summary, Workspace, fk_chunk_tables, fk_chunk_weights, fk_engine, fk_filter, fk_first, fk_kernel,
     fk_load_mass, fk_output, fk_padded, fk_probabilities, fk_room, fk_state, fk_store_mass, fk_summarise,
-    fk_to_logs, load, outputs, store, versions,
+    fk_table_size, fk_to_logs, load, outputs, store, versions,
 )
 
 cimport numpy as cnp
 
 import numpy as np
 
-from fuzzykf.engine.numpy.gap_series import GapState as State
+from fuzzykf.engine.numpy.gap_series import GapState as State, first_in_part
 from fuzzykf.engine.numpy.series import state_table
 
 cnp.import_array()
@@ -58,6 +59,35 @@ cdef object shown(
     return State(table, None, None)
 
 
+cdef class Firsts:
+    """What is known after first observations in which something is missing, conditioned in NumPy."""
+
+    cdef Buffer memory  # the table of X alone and the rows of each state
+    cdef cnp.ndarray which  # (s,): which state is that of a series; -1 if its first observation is complete
+    cdef cnp.ndarray values  # their log-likelihoods
+    cdef size_t table, size
+
+    def __cinit__(self, begin, cnp.ndarray y, int M, int m, int q):
+        cdef cnp.ndarray of_x
+        cdef double *to
+        firsts = np.asarray(y)[:, 0]
+        gone = np.isnan(firsts)
+        whole = gone.all(axis=1)
+        part = np.flatnonzero(gone.any(axis=1) & ~whole)
+        self.which = np.full(len(firsts), -1, dtype=np.intp)
+        self.which[part], self.which[whole] = np.arange(len(part)), len(part)
+        self.table = fk_table_size(M, m)
+        self.size = self.table + fk_gap_state(M, 1, m + q)
+        states = [*firsts[part], *([np.full(q, np.nan)] if whole.any() else [])]
+        self.values, self.memory = np.empty(len(states)), Buffer(max(len(states), 1) * self.size)
+        for k, one in enumerate(states):
+            state, self.values[k] = first_in_part(begin, one)
+            of_x = doubles(state_table(state.table, m), "table", (1 + m + m * m, M))
+            to = self.memory.data + <size_t> k * self.size
+            load(to, at(of_x), 1 + m + m * m, M)
+            open_state(to + self.table, state.table, state.root, None, one, M, m)
+
+
 def fit_together(gaps, kernel):
     return isinstance(gaps, GapTables) and isinstance(kernel, Kernel)
 
@@ -80,11 +110,18 @@ def filter_gappy(
     cdef cnp.ndarray l_ = None, mean = None, S_ = None, f_ = None, given = None, begun
     cdef bint is_state = isinstance(begin, State)
     cdef GapRoom gap_room
+    cdef Firsts firsts
+    cdef Py_ssize_t *which = NULL
+    cdef double *of_firsts = NULL
+    cdef double *first_values = NULL
     if start == 0:
-        if w != q or np.isnan(y[:, 0]).any():
-            raise ValueError("ys: expected complete first observations, and tables of order one")
+        if w != q:
+            raise ValueError("start: got 0, expected 0 with tables of order one alone")
         l_, mean = doubles(begin[0], "log_initial", (M,)), doubles(begin[1], "mean", (M, d))
         S_, f_ = doubles(begin[2], "covariance", (M, d, d)), doubles(begin[3], "factor", (M, q, q))
+        firsts = Firsts(begin, y, M, m, q)
+        which, of_firsts = <Py_ssize_t *> cnp.PyArray_DATA(firsts.which), firsts.memory.data
+        first_values = at(firsts.values)
     elif is_state and begin.root is not None:
         if s != 1:
             raise ValueError(f"begin: got the state of one series for {s}")
@@ -127,6 +164,8 @@ def filter_gappy(
     cdef double *swap
     cdef double *x
     cdef double *P
+    cdef const double *one_first
+    cdef Py_ssize_t end_at
     cdef double value = 0.0
     if start and given is None:
         window_of(series + (start - 1) * q, order, q, window)
@@ -139,7 +178,17 @@ def filter_gappy(
         for a in range(s):
             one = series + a * n * q
             now, old, n_now, n_old = &work.one, &work.two, 0, -1  # there is no old one
-            if start == 0:
+            end_at = stop
+            if start == 0 and which[a] >= 0:
+                one_first = of_firsts + which[a] * firsts.size
+                memcpy(work.one.table, one_first, firsts.table * sizeof(double))
+                memcpy(rows_now, one_first + firsts.table, (firsts.size - firsts.table) * sizeof(double))
+                n_now = 1
+                work.one.linear, work.one.log_known, work.one.total = 0, 1, first_values[which[a]]
+                if isnan(work.one.total):
+                    end_at = first
+                fk_summarise(engine(), &summary.s, &work.one, M, m, a * n, &o, &room)
+            elif start == 0:
                 work.one.total = fk_first(
                     M, m, q, log_initial, means, covariances, factors, one, work.one.table, ld, root
                 )
@@ -154,10 +203,10 @@ def filter_gappy(
                     if to_mass != NULL and k.is_scalar:
                         fk_load_mass(&work.one, to_mass + (s + a) * M, M)
             t = first
-            while t < stop:
+            while t < end_at:
                 if n_now == 0 and complete(one + t * q, q):
                     end = t + 1
-                    while end < stop and complete(one + end * q, q):
+                    while end < end_at and complete(one + end * q, q):
                         end += 1
                     swapped = fk_filter(
                         engine(), k, &summary.s, now, old, one + (t - 1) * q, end - t, &o, a * n + t, &room

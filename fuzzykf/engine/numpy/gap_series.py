@@ -6,15 +6,17 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from fuzzykf.engine.numpy.gaps import before_step, step_in_part
+from fuzzykf.engine.numpy.gaps import before_step, first_step_in_part, step_in_part
+from fuzzykf.engine.numpy.outliers import FARTHEST
 from fuzzykf.engine.numpy.series import filter_series, state_table, summarise
+from fuzzykf.engine.numpy.switching import is_in_range
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.engine.numpy.gaps import Branches, GapTables
     from fuzzykf.engine.numpy.tables import Kernel, Summary
 
-__all__ = ["GapState", "filter_gappy", "fit_together"]
+__all__ = ["GapState", "filter_gappy", "first_in_part", "fit_together"]
 
 
 class GapState(NamedTuple):
@@ -49,8 +51,8 @@ def filter_gappy(
     kernel, summary, ys, start, stop, out, mass
         As in `filter_series`, of chains without negative weights.
     begin : tuple or GapState
-        If start is 0, as in `filter_series`, and the first observations are complete; else the tables
-        (s, 1 + m + m*m, M) of series whose windows are complete, or the state of a single one.
+        If start is 0, as in `filter_series`; else the tables (s, 1 + m + m*m, M) of series whose windows
+        are complete, or the state of a single one.
 
     Returns
     -------
@@ -58,26 +60,32 @@ def filter_gappy(
         The states after the last two observations, of X alone; the last one twice where there is one alone.
     reached : ndarray of int, shape (s,)
         How far each series came: an engine may stop before an observation that is for `step_in_part`,
-        and what it returns is then of the observations before that.
+        and what it returns is then of the observations before that; and it stops after a first observation
+        in part that leaves the range of numbers, the states being NaN.
     states : tuple of GapState
         The last two states of the last series.
     """
     _, _, m, q = kernel.shape
     order, switch = (kernel.rows.shape[1] - 1 - q) // q, summary.switch
     there = np.asarray(~np.isnan(ys).any(axis=2))
-    befores, lasts = [], []
+    befores, lasts, reached = [], [], []
     law = cast("tuple[FloatArray | None, ...]", begin)
     old = now = GapState(np.empty(0), None, None)
     for a, series in enumerate(ys):
         part = {name: values[a : a + 1] for name, values in out.items()}
-        k = start
-        if start == 0:
+        k, end_at = start, stop
+        if start == 0 and not there[a, 0]:
+            now, value = first_in_part(law, series[0])
+            k, end_at = 1, 1 if np.isnan(value) else stop
+            states = state_table(now.table, m)[None, None]
+            summarise(part, slice(0, 1), states, None, np.array([[value]]), switch)
+        elif start == 0:
             _, first = filter_series(kernel, summary, law, ys[a : a + 1], 0, 1, part)
             now, k = GapState(first[0], None, None), 1
         else:
             now = begin if isinstance(begin, GapState) else GapState(begin[0][a], None, None)
         old = now
-        while k < stop:
+        while k < end_at:
             window = series[k - order : k][::-1].ravel()
             if there[a, k] and not np.isnan(window).any():
                 end = k + int(np.argmin(np.append(there[a, k:stop], False)))
@@ -100,4 +108,14 @@ def filter_gappy(
             k += 1
         befores.append(state_table(old.table, m))
         lasts.append(state_table(now.table, m))
-    return np.array(befores), np.array(lasts), np.full(len(ys), stop), (old, now)
+        reached.append(k)
+    return np.array(befores), np.array(lasts), np.array(reached), (old, now)
+
+
+def first_in_part(law: tuple[FloatArray | None, ...], y: FloatArray) -> tuple[GapState, float]:
+    """Condition the law of (r_1, Z_1) on what is there of y_1 (q,); NaN if it is too far off for numbers."""
+    log_initial, mean, covariance = cast("tuple[FloatArray, ...]", law[:3])
+    table, root, value = first_step_in_part(log_initial, mean, covariance, y)
+    if not (value > FARTHEST and is_in_range(table)):
+        return GapState(np.full_like(table, np.nan), root, None), np.nan
+    return GapState(table, root, None), value

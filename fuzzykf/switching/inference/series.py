@@ -147,7 +147,7 @@ def filter_many(
     """Filter many series (s, n, q), each from the initial law on or from where a filter stands.
 
     They go side by side, and ``threads`` share them; but those with gaps alone if the method does not take
-    gaps, or if something is missing of the first observations.
+    gaps, or if something is missing before the tables are constant.
     """
     source = _source_of_weights(system.chain)
     wanted = tuple(dict.fromkeys(source if name == "class_weights" else name for name in names))
@@ -182,8 +182,12 @@ def _filter_many(
     """Filter series that begin with what `Stand.lead` gives."""
     out = allocate(system, series.shape[:2], names, False)
     missing, first = np.asarray(np.isnan(series).any(axis=2)), slice(None)
-    if stand is None and missing.any() and _takes_gaps(method, system):
-        first = slice((system.steady_from or 0) + 1)  # gaps later on are for the method
+    if missing.any() and _takes_gaps(method, system):  # gaps later on are for the method
+        steady_from = system.steady_from or 0
+        if stand is None:
+            first = slice(steady_from + 1 if steady_from or system.order > 1 else 0)
+        elif not stand.mixture.unknown and stand.n - stand.origin > steady_from:
+            first = slice(stand.mixture.window.size // series.shape[2])
     alone = missing[:, first].any(axis=1) | system.chain.is_signed
     if not alone.any():
 
@@ -275,16 +279,17 @@ def _filter_block(
         mass[1] = np.nan if mixture.mass is None else mixture.mass
     steady_from = n if system.steady_from is None else system.steady_from - shift
     through = getattr(system, "goes_through", False)  # with tables that differ in what is known alone
+    starts = not steady_from and bool(holes[0] or takes_gaps)  # whether tables are needed from the first on
     while k < n:
         stop = holes[bisect_left(holes, k)]
         if tables is None or k <= steady_from + 1:
-            tables = system.pair_tables(max(k + shift - 1, 0)) if k or (stop and not steady_from) else None
+            tables = system.pair_tables(max(k + shift - 1, 0)) if k or starts else None
         if law is not None and k == 0 and wants_prior:
             priors.append((0, law.ahead(m)))
         steady = k > steady_from or (k == 0 and order == 1 and not chain.is_signed) or through
         known = stop > k and not (mixture is not None and mixture.unknown)
         begun = mixture is None or not mixture.unknown or mixture.root is not None
-        if takes_gaps and tables is not None and steady and begun and (k or stop) and k != by_hand:
+        if takes_gaps and tables is not None and steady and begun and k != by_hand:
             state: Any = law.start(q) if law is not None and k == 0 else (table,)
             if mixture is not None and mixture.unknown:
                 state = engine.GapState(mixture.table, mixture.root, mixture.branches)

@@ -95,6 +95,35 @@ def test_series_are_those_of_numpy(size, band, instructions) -> None:
             check(one.branches.table[1:], other.branches.table[1:])
 
 
+@pytest.mark.parametrize("size", [size for size in SIZES if size[3] == 1])
+def test_first_observations_in_part_are_those_of_numpy(size, instructions) -> None:
+    M, m, q, _ = size
+    system = system_of(*size)
+    pair_tables, packed, twin = both(system, 0)
+    summary, kernel, given = pair_tables.summary(system.chain), pair_tables.kernel, pair_tables.pairs
+    plain = tables.pack(pair_tables.transition, np.linalg.cholesky(given.Qyy), *given[:5], *given[5:7])
+    ys = np.stack([observations(q, 6, seed) for seed in range(5)])
+    ys[0, 0], ys[1, :3], ys[2] = np.nan, np.nan, np.nan  # the others are complete there
+    ys[3, 0, 0] = np.nan
+    found = []
+    for module, tables_of, kernel_of, summary_of in (
+        (series, packed, kernel, summary),
+        (gap_series, twin, plain, numpy_summary(system, pair_tables, plain)),
+    ):
+        out = {name: np.zeros((5, 6, *shape(name, m, M))) for name in FIELDS}
+        law = system.initial().start(q)
+        result = module.filter_gappy(tables_of, kernel_of, summary_of, law, ys, 0, 6, out)
+        found.append((out, result))
+    (got, (before, last, reached, _)), (expected, (before_, last_, reached_, _)) = found
+    assert reached.tolist() == reached_.tolist() == [6] * 5
+    for name in FIELDS:
+        begin = 1 if "prior" in name else 0  # what is known before any is for who calls
+        check(got[name][:, begin:], expected[name][:, begin:])
+    for one, other in ((before, before_), (last, last_)):
+        check(np.exp(one[:, 0]), np.exp(other[:, 0]))
+        check(one[:, 1:], other[:, 1:])
+
+
 def numpy_summary(system, pair_tables, kernel):
     """The summary of NumPy, from what the tables make theirs of."""
     fresh = type(pair_tables)(pair_tables.transition, pair_tables.pairs)
