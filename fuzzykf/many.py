@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.errors import NumericalRangeError, ParameterError, ShapeError
 from fuzzykf.gaussian import brief
 from fuzzykf.labels import columns_of
 from fuzzykf.missing import as_floats
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     #: Of a series as it came, what is to be read of it: columns that are chosen by name.
     Chosen = Callable[[Any], Any]
 
-__all__ = ["ManySeries", "as_output_type", "over_threads", "read_many", "stacked"]
+__all__ = ["ManySeries", "as_output_type", "as_stored", "over_threads", "read_many", "stacked"]
 
 _Found = TypeVar("_Found")
 
@@ -151,6 +151,26 @@ def as_output_type(dtype: Any) -> np.dtype[np.floating[Any]]:
         except TypeError:
             break
     raise ParameterError(f"dtype: got {brief(dtype)}, expected float64 or float32")
+
+
+def as_stored(fields: Mapping[str, FloatArray], dtype: Any) -> dict[str, FloatArray]:
+    """Return fields as numbers of the type that is stored, see `as_output_type`.
+
+    Raises
+    ------
+    NumericalRangeError
+        If a number is too large for it.
+    """
+    stored: dict[str, FloatArray] = {}
+    for name, values in fields.items():
+        with np.errstate(over="ignore"):
+            stored[name] = values.astype(dtype, copy=False)
+        if dtype != values.dtype and (np.isinf(stored[name]) & np.isfinite(values)).any():
+            raise NumericalRangeError(
+                f"{name}: got numbers up to {np.nanmax(np.abs(values)):.3g} in size, which {dtype} cannot "
+                "hold; expected dtype=numpy.float64"
+            )
+    return stored
 
 
 def over_threads(several: Callable[[slice], _Found], n: int, threads: int) -> list[_Found]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,13 +12,19 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError
 from fuzzykf.kalman.bank import fading, linear_model, member_states
 from fuzzykf.kalman.series import empty_fields, field_shapes
+from fuzzykf.many import as_stored
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from fuzzykf.arrays import FloatArray
 
 __all__ = ["filter_many", "filter_one", "whole_model"]
+
+_DOUBLE = np.dtype(np.float64)
+
+#: How many numbers in double precision are there at once where fewer digits are stored.
+BLOCK = 1 << 20
 
 
 def whole_model(filters: Sequence[Any]) -> dict[str, FloatArray] | None:
@@ -57,22 +64,34 @@ def filter_many(
     series: FloatArray,
     weights: tuple[FloatArray, FloatArray],
     every_pair: bool,
-    names: Iterable[str],
+    names: Sequence[str],
+    dtype: np.dtype[Any] = _DOUBLE,
 ) -> dict[str, FloatArray]:
-    """Return the fields named for many series (series, n, m).
+    """Return the fields named for many series (series, n, m), as numbers of this type.
 
     ``model`` is `whole_model` of the filters; ``weights`` are the logarithms of mu and M;
     ``every_pair`` filters once for each pair of modes (GPB2).
     """
     xs, Ps = member_states(filters)
-    out = empty_fields(names, field_shapes(xs.shape[1], len(xs)), *series.shape[:2])
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):
-            lost = filter_bank_many(xs, Ps, *weights, series, model, every_pair, out)
-    except np.linalg.LinAlgError as error:
-        raise SingularInnovationError(SINGULAR) from error
-    if lost.any():
-        raise ParameterError(
-            f"zs: series {int(lost.argmax())} has an observation that no mode gives a positive density"
-        )
+    shapes, (s, n) = field_shapes(xs.shape[1], len(xs)), series.shape[:2]
+    out = empty_fields(names, shapes, s, n, dtype=dtype)
+    size = n * sum(prod(shapes[name]) for name in names)
+    each = max(s, 1) if dtype == _DOUBLE else max(1, BLOCK // max(size, 1))
+    for begin in range(0, s, each):
+        rows = slice(begin, begin + each)
+        part = {name: values[rows] for name, values in out.items()}
+        doubles = part if dtype == _DOUBLE else empty_fields(names, shapes, len(series[rows]), n)
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                lost = filter_bank_many(xs, Ps, *weights, series[rows], model, every_pair, doubles)
+        except np.linalg.LinAlgError as error:
+            raise SingularInnovationError(SINGULAR) from error
+        if lost.any():
+            which = begin + int(lost.argmax())
+            raise ParameterError(
+                f"zs: series {which} has an observation that no mode gives a positive density"
+            )
+        if dtype != _DOUBLE:
+            for name, values in as_stored(doubles, dtype).items():
+                part[name][...] = values
     return out

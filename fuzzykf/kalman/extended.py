@@ -34,7 +34,7 @@ from fuzzykf.kalman.series import (
 )
 from fuzzykf.kalman.smoothing import check_motion, smooth_result
 from fuzzykf.kalman.updates import condition, observed
-from fuzzykf.many import as_output_type, read_many, stacked
+from fuzzykf.many import as_output_type, as_stored, read_many, stacked
 from fuzzykf.observations import check_aligned
 
 if TYPE_CHECKING:
@@ -574,6 +574,6 @@ class ExtendedKalmanFilter(GaussianFilter):
                 own = controls.of(rows, series.shape[:2], takes_columns([self]))
                 each = [{**given, **one} for one in own]
             found = stacked(self._filter_each(series, each), names)
-            return {name: values.astype(dtype, copy=False) for name, values in found.items()}
+            return as_stored(found, dtype)
 
         return many.filtered(several)

@@ -42,14 +42,14 @@ from fuzzykf.kalman.series import (
 )
 from fuzzykf.kalman.state_maps import CommonSpace, StateMap
 from fuzzykf.kalman.stepper import BankStepper
-from fuzzykf.many import stacked
+from fuzzykf.many import as_output_type, as_stored, stacked
 from fuzzykf.observations import check_aligned
 from fuzzykf.overrides import VERBS, follows_copies, is_patched, lookups, overrides
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, DTypeLike
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.kalman.gpb2 import PairBranches
@@ -574,6 +574,7 @@ class IMMEstimator(BankStepper, Filter):
         us: ManySeriesLike | PerStep = None,
         *,
         by: Hashable | None = None,
+        dtype: DTypeLike = np.float64,
         resume: bool = False,
     ) -> FilterResult:
         """Filter many series, each from the current estimates on.
@@ -595,6 +596,8 @@ class IMMEstimator(BankStepper, Filter):
         by : hashable, optional
             The column (or level of the index) of a frame that says which series a row belongs to, if its rows
             are those of all series.
+        dtype : numpy.float64 or numpy.float32
+            Type of the numbers that are stored.  The bank reckons in double precision all the same.
         resume : bool
             As in `filter`.
 
@@ -608,28 +611,33 @@ class IMMEstimator(BankStepper, Filter):
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
             As from `filter`; or an unknown name in ``keep``.
+        NumericalRangeError
+            If a number is too large for ``dtype``.
         """
         as_flag("resume", resume)
-        names = check_keep(keep, BANK_FIELDS)
+        names, dtype = check_keep(keep, BANK_FIELDS), as_output_type(dtype)
         many = self._read_many(zs, by)
         controls = None if us is None else read_controls(us, many, control_width(self.filters))
 
         def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
             if controls is None:
-                return self._at_once(series, names) or stacked(self._filter_each(series), names)
+                found = self._at_once(series, names, dtype)
+                return found or as_stored(stacked(self._filter_each(series), names), dtype)
             each = controls.of(rows, series.shape[:2], takes_columns(self.filters))
-            return stacked(self._filter_each(series, each), names)
+            return as_stored(stacked(self._filter_each(series, each), names), dtype)
 
         return many.filtered(several)
 
-    def _at_once(self, series: FloatArray, names: tuple[str, ...]) -> dict[str, FloatArray] | None:
+    def _at_once(
+        self, series: FloatArray, names: tuple[str, ...], dtype: np.dtype[Any]
+    ) -> dict[str, FloatArray] | None:
         """Filter many series at once; None if that has to be done one by one."""
         model = bank_series.whole_model(self.filters) if self._is_plain() else None
         if model is None or self._log_cbar is not None:
             return None
         weights, every_pair = (self._log_weights(), self._log_transition()), self.method != "imm"
         try:
-            found = bank_series.filter_many(self.filters, model, series, weights, every_pair, names)
+            found = bank_series.filter_many(self.filters, model, series, weights, every_pair, names, dtype)
         except SingularInnovationError:  # or what an observation beyond all numbers leaves looks like it
             return None
         if not all(np.isfinite(found[name][:, -1:]).all() for name in {"x", "P"} & found.keys()):

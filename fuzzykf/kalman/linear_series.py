@@ -17,7 +17,7 @@ from fuzzykf.kalman.controls import check_rows, linear_controls
 from fuzzykf.kalman.series import FIELDS, as_listed, collect, empty_fields, field_shapes
 from fuzzykf.kalman.smoothing import LinearMotions
 from fuzzykf.kalman.step_arguments import StepArguments, is_uneven, own_matrix, read_spans, read_steps
-from fuzzykf.many import as_output_type, over_threads, read_many, stacked
+from fuzzykf.many import as_output_type, as_stored, over_threads, read_many, stacked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -197,7 +197,7 @@ def filter_many(
                 own = controls.of(rows, series.shape[:2], is_column)
                 of_each = [{**one, **more} for one, more in zip(of_each, own, strict=True)]
             found = stacked(f._filter_each(series, of_each), names)
-            return {name: values.astype(dtype, copy=False) for name, values in found.items()}
+            return as_stored(found, dtype)
         shifts = None if terms is None else (terms if len(terms) == 1 else terms[rows])[:, :length]
         if model is not None:
             stored = empty_fields(names, field_shapes(f.dim_x), *series.shape[:2], dtype=dtype)

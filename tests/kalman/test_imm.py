@@ -9,8 +9,8 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from fuzzykf import FuzzyRelationEstimator
-from fuzzykf.errors import NotPositiveDefiniteError, ParameterError, ShapeError
-from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
+from fuzzykf.errors import NotPositiveDefiniteError, NumericalRangeError, ParameterError, ShapeError
+from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter, bank_series
 
 METHODS = ("imm", "gpb2")
 M = np.array([[0.9, 0.08, 0.02], [0.2, 0.7, 0.1], [0.05, 0.15, 0.8]])
@@ -217,6 +217,34 @@ def test_many_series_are_as_one_after_another(method, m):
                 np.testing.assert_allclose(
                     getattr(many, name)[k], getattr(single, name), rtol=1e-8, atol=1e-11, err_msg=name
                 )
+
+
+@pytest.mark.parametrize("kind", [KalmanFilter, OwnKalmanFilter])
+def test_single_precision_is_the_double_rounded(kind, monkeypatch):
+    monkeypatch.setattr(bank_series, "BLOCK", 100)  # some series at once
+    imm = make("imm", kind, m=2)
+    zs = np.random.default_rng(5).normal(size=(7, 5, 2))
+    zs[np.random.default_rng(6).random(zs.shape) < 0.2] = np.nan
+    keep = ("x", "P", "x_prior", "P_prior", "mu", "log_likelihood")
+    single, double = imm.filter_many(zs, keep, dtype="float32"), imm.filter_many(zs, keep)
+    for name in keep:
+        assert getattr(single, name).dtype == np.float32
+        np.testing.assert_allclose(getattr(single, name), getattr(double, name), rtol=1e-7, atol=1e-40)
+    found = imm.filter_many([zs[0], zs[1, :3]], dtype=np.float32)
+    assert found.x.dtype == np.float32
+    assert np.isnan(found.x[1, 3:]).all()
+    with pytest.raises(ParameterError, match="dtype: got"):
+        imm.filter_many(zs, dtype="int64")
+
+
+@pytest.mark.parametrize("kind", [KalmanFilter, OwnKalmanFilter])
+def test_what_single_precision_cannot_hold_is_an_error(kind):
+    imm = make("imm", kind)
+    for f in imm.filters:
+        f.P = 1e60 * np.eye(len(f.P))
+    assert imm.filter_many([[0.1, 0.2]], ["P_prior"]).P_prior.max() > 1e59
+    with pytest.raises(NumericalRangeError, match=r"P_prior: got numbers up to .*e\+.*float32"):
+        imm.filter_many([[0.1, 0.2]], ["P_prior"], dtype=np.float32)
 
 
 def test_many_series_from_between_predict_and_update():
