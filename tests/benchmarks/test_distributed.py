@@ -45,12 +45,13 @@ def report(benchmark, n_series, used) -> float:
 
 
 @pytest.mark.parametrize("make", [OFSRFilter, kalman_filter], ids=["fuzzy", "kalman"])
-@pytest.mark.parametrize("gaps", [0.0, 1 / STEPS, 0.01], ids=["complete", "one gap", "1 % missing"])
+@pytest.mark.parametrize("gaps", ["complete", "first missing", "1 % missing"])
 def test_filter_many(benchmark, make, gaps, readings, fuzzy_model) -> None:
     f, zs, used = make(fuzzy_model), readings.copy(), []
-    if gaps:
-        zs = zs[:2] if make is OFSRFilter else zs  # one at a time, or side by side
-        zs[:, :: round(1 / gaps)] = np.nan
+    if gaps == "first missing":
+        zs[:, 0] = np.nan
+    elif gaps == "1 % missing":  # at random, of each meter others
+        zs[np.random.default_rng(1).random(zs.shape) < 0.01] = np.nan
 
     def run() -> None:
         start = time.process_time()

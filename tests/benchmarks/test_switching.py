@@ -97,6 +97,31 @@ def test_cost_against_nodes(compare, fuzzy_model, y, n_nodes):
     compare(lambda: f.filter(y))
 
 
+# --------------------------------------------------------------------------- gaps in steps
+
+#: By nodes, states, observations.
+GAPPY = {
+    "7, 1, 1": lambda fuzzy, _: OFSRFilter(fuzzy, 5),
+    "2, 1, 1": lambda fuzzy, _: OFSRFilter(fuzzy, 0),
+    "3, 2, 1": lambda _, hard: CGOMSMFilter(hard),
+    "7, 2, 2": lambda *_: filter_of("seven nodes", 2, 2),
+}
+
+
+@pytest.mark.benchmark(group="step(None) and the step after it, in complete steps")
+@pytest.mark.parametrize("size", GAPPY)
+def test_gaps_in_steps(in_turn, fuzzy_model, hard_model, size):
+    # the goal: at most 60
+    f = GAPPY[size](fuzzy_model, hard_model)
+    z = np.full(f.dim_z, 0.3)
+    steps(f, [z] * 3)
+
+    def gaps():
+        steps(f, [None, z] * N)
+
+    in_turn(lambda: steps(f, [z] * N), gaps, N, "a gap and the step after it")
+
+
 # --------------------------------------------------------------------------- pairs of probability zero
 
 RING = {(0, 1): (1 / 20, 10), (1, 2): (1 / 30, 8), (2, 3): (1 / 15, 12), (3, 0): (1 / 25, 6)}
