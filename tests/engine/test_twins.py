@@ -13,7 +13,7 @@ from fuzzykf import engine
 
 FOLDER = Path(engine.__file__).parent
 HELPERS = {"arrays", "processor"}
-MEMORY = {"Bank", "GapRoom", "NodeSpan", "Workspace"}  # of the compiled code
+MEMORY = {"Bank", "Firsts", "GapRoom", "NodeSpan", "Workspace"}  # of the compiled code
 MODULES = sorted({path.stem for path in (FOLDER / "compiled").glob("*.pyx")} - HELPERS)
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fuzzykf.engine.numpy.gaps import Branches, GapTables
     from fuzzykf.engine.numpy.tables import Kernel, Summary
 
-__all__ = ["GapState", "filter_gappy", "first_in_part", "fit_together"]
+__all__ = ["GapState", "filter_gappy", "fit_together"]
 
 
 class GapState(NamedTuple):

@@ -23,12 +23,17 @@ cimport numpy as cnp
 
 import numpy as np
 
+from numpy import exp
+
 from fuzzykf.switching.inference.mixture import Mixture
 
 cnp.import_array()
 
 #: Means and roots of covariances beyond this are for the verbs, which say what leaves the range of numbers.
 cdef double LARGEST = 1e152
+
+cdef enum:
+    AFTER = -1
 
 cdef extern from *:
     """
@@ -83,7 +88,7 @@ cdef class Stepper:
     cdef GapTables gaps  # None as long as nothing has been missing
     cdef GapRoom room
     cdef double *rows[3]  # of the branches of now, old and spare
-    cdef int branches[3]  # how many each node has; 0 where nothing of the window is unknown
+    cdef int branches[3]  # how many each node has; 0 where nothing of the window is unknown, AFTER right after a gap
     cdef double *kept  # u of the step before
     cdef bint ahead  # whether the compiled state is newer than the attributes
     cdef unsigned int version  # of the class, when the tables were handed over
@@ -200,7 +205,7 @@ cdef class Stepper:
                 complete = False
         if self.nodes is not None:
             moved = self._advance_nodes(y)
-        elif complete and not self.branches[0]:
+        elif complete and self.branches[0] <= 0:
             moved = self._advance_pairs(y)
         elif self.gaps is None and not self._open_gaps():
             return self._step_any(z)
@@ -215,9 +220,22 @@ cdef class Stepper:
         cdef cnp.npy_intp *shape = [self.m, 1]
         cdef cnp.ndarray x = cnp.PyArray_SimpleNew(2, shape, cnp.NPY_DOUBLE)
         engine().posterior(
-            self.M, self.m, fk_probabilities(engine(), self.now, self.M, self.p), self.now.table, at(x), NULL
+            self.M, self.m, self._probabilities(self.now, self.branches[0]), self.now.table, at(x), NULL
         )
         return x
+
+    cdef const double *_probabilities(self, const fk_state *state, int n) except NULL:
+        """Return the probabilities of the nodes, to the bit those of which the attributes are made."""
+        if not n or state.linear:
+            return fk_probabilities(engine(), state, self.M, self.p)
+        # the engine carries none in gaps: a `Mixture` takes the exponentials of NumPy
+        cdef cnp.npy_intp *shape = [self.M]
+        cdef cnp.ndarray p = cnp.PyArray_SimpleNew(1, shape, cnp.NPY_DOUBLE)
+        memcpy(at(p), state.table, self.M * sizeof(double))
+        exp(p, p)
+        memcpy(self.p, at(p), self.M * sizeof(double))
+        memset(self.p + self.M, 0, (fk_padded(self.M) - self.M) * sizeof(double))
+        return self.p
 
     cdef bint _advance_nodes(self, const double *y) noexcept:
         """Take an observation; whether what comes of it is made of numbers."""
@@ -274,7 +292,7 @@ cdef class Stepper:
         memcpy(self.kept, u, (1 + w + q) * sizeof(double))
         memcpy(u + 1, window, w * sizeof(double))
         memcpy(u + 1 + w, y, q * sizeof(double))
-        if not n:  # its probabilities stay as they are, for whoever asks what was known before
+        if n <= 0:  # its probabilities stay as they are, for whoever asks what was known before
             logs.table = self.room.table
             memcpy(logs.table, self.now.table, fk_table_size(M, m) * sizeof(double))
             fk_to_logs(&logs, M)
@@ -293,7 +311,7 @@ cdef class Stepper:
             memcpy(u, self.kept, (1 + w + q) * sizeof(double))
             return False
         self.spare.linear, self.spare.log_known, self.spare.total = 0, 1, value
-        self.branches[2] = n_to
+        self.branches[2] = n_to if n_to else AFTER
         return True
 
     cdef void _turn(self) noexcept:
@@ -311,8 +329,8 @@ cdef class Stepper:
 
     cdef object _known(self, fk_state *state, const double *rows, int n, cnp.ndarray window):
         """Return what a state with n branches a node says, as Python has it."""
-        if not n:
-            return self._as_mixture(self._table(state), window, self._mass(state))
+        if n <= 0:
+            return self._as_mixture(self._table(state), window, None if n and not state.linear else self._mass(state))
         table, root, branches = shown_state(
             rows, n, state.table, self.M, self.m, at(window), self.w, self.room
         )
