@@ -350,6 +350,10 @@ def _filter_block(
 
 def _takes_gaps(method: Method, system: SwitchingSystem) -> bool:
     """Whether series with gaps go through the method at once, as soon as its tables are constant."""
+    bases = reversed(list(enumerate(type(method).__mro__)))
+    owner = {name: k for k, one in bases for name in vars(one)}  # of each attribute, by its place
+    if owner.get("first", 0) < owner.get("gappy_series", 0):  # a subclass has changed what series do not ask
+        return False
     if not method.takes_gaps or system.chain.is_signed or system.steady_from is None:
         return False
     tables = system.pair_tables(system.steady_from)

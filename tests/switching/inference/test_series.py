@@ -9,6 +9,7 @@ import pytest
 
 from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, OFSRFilter
 from fuzzykf.errors import NumericalRangeError
+from fuzzykf.switching import SwitchingFilter
 from fuzzykf.switching.inference.exact import Exact
 
 KEEP = ("x", "P", "x_prior", "P_prior", "mu", "switch", "switch_mean", "log_likelihood")
@@ -93,6 +94,24 @@ def test_a_first_part_beyond_all_numbers_is_refused() -> None:
     for given in (ys, ys[:, :1], ys[4:5]):
         with pytest.raises(NumericalRangeError, match=r"observation: got \[1e\+200, nan\]"):
             OFSRFilter(vectors()).filter_many(given)
+
+
+@pytest.mark.parametrize("first", [0.3, np.nan])
+def test_a_first_observation_of_ones_own_is_not_bypassed(first, fuzzy_model) -> None:
+    class Counting(Exact):
+        count = 0
+
+        def first(self, law, y):
+            self.count += 1
+            return super().first(law, y)
+
+    method, y = Counting(), np.array([first, np.nan, 0.2, 0.4])
+    f = SwitchingFilter(fuzzy_model.placed(2), method)
+    f.filter(y)
+    assert method.count == 1
+    many = f.filter_many([y, y + 0.1])
+    assert method.count == 3
+    np.testing.assert_allclose(many.x[0], OFSRFilter(fuzzy_model, 2).filter(y).x, rtol=1e-11)
 
 
 def test_longer_windows_begin_as_the_verbs_do() -> None:
