@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from fuzzykf.datasets.table import Table, read_table
+from fuzzykf.errors import ParameterError
+from fuzzykf.gaussian import as_choice
 from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
@@ -98,7 +100,7 @@ class Traffic:
 @reprs()
 @dataclass(frozen=True, eq=False)
 class Weather:
-    """Weather at John F. Kennedy airport, New York, in 2013, every hour; NaN where it was not reported.
+    """Weather at an airport of New York in 2013, every hour; NaN where it was not reported.
 
     Attributes
     ----------
@@ -159,16 +161,34 @@ def load_victoria(*, hourly: bool = False) -> Victoria:
     return Victoria(time, demand, temperature, workday)
 
 
-def load_weather() -> Weather:
+def load_weather(
+    station: Literal["JFK", "EWR"] = "JFK", folder: str | os.PathLike[str] | None = None
+) -> Weather:
     """Load a year of weather at an airport: a humidity sensor to lose, and others to restore it from.
 
     The hours are complete from 1 January, 6:00, to 30 December 2013, 23:00 (8,730 rows).  There are 24 of
     which nothing is known; wind speed is missing in 27, pressure in 855.  Humidity follows from temperature
     and dew point, so that whoever wants to restore it leaves the dew point out.
 
+    Parameters
+    ----------
+    station : {"JFK", "EWR"}
+        The airport: John F. Kennedy, or Newark; the numbers above are those of the first.  The file of
+        Newark, ``weather_ewr_2013.csv.gz``, is not part of the package.
+    folder : path-like, optional
+        Where the file of Newark is; by default the folder that the environment variable ``FUZZYKF_DATA``
+        names.
+
     Returns
     -------
     Weather
+
+    Raises
+    ------
+    ParameterError
+        If the station is none of these, or a folder is given for the one in the package.
+    FileNotFoundError
+        If no folder is given or named for Newark, or it does not hold the file.
 
     Notes
     -----
@@ -184,7 +204,12 @@ def load_weather() -> Weather:
     >>> str(data.time[0]), float(data.temperature[0]), float(data.humidity[0])
     ('2013-01-01T06:00:00', 3.9, 59.37)
     """
-    table = read_table(Path(__file__).with_name("weather_jfk_2013.csv.gz"))
+    if as_choice("station", station, ("JFK", "EWR")) == "EWR":
+        table = _external_table("weather_ewr_2013.csv.gz", folder)
+    elif folder is not None:
+        raise ParameterError(f"folder: got {os.fspath(folder)!r}, but the data of JFK are in the package")
+    else:
+        table = read_table(Path(__file__).with_name("weather_jfk_2013.csv.gz"))
     columns = ("temperature_c", "dew_point_c", "humidity_percent", "wind_speed_mph", "pressure_hpa")
     return Weather(table.times("time"), *(table.numbers(name, gaps=True) for name in columns))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import os
 import re
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -85,19 +86,37 @@ def test_weather_has_a_humidity_that_follows_from_temperature_and_dew_point() ->
 # ------------------------------------------------------------------ series outside the package
 
 
-@pytest.mark.parametrize("load", [load_building, load_traffic])
+@pytest.mark.parametrize("load", [load_building, load_traffic, partial(load_weather, "EWR")])
 def test_series_outside_the_package_say_where_they_are_looked_for(load, monkeypatch, tmp_path) -> None:
     monkeypatch.delenv("FUZZYKF_DATA", raising=False)
     with pytest.raises(FileNotFoundError, match="set the environment variable FUZZYKF_DATA"):
         load()
     monkeypatch.setenv("FUZZYKF_DATA", str(tmp_path))
-    with pytest.raises(FileNotFoundError, match=r"there is no .*csv in it"):
+    with pytest.raises(FileNotFoundError, match=r"there is no .*csv(.gz)? in it"):
         load()
+
+
+def test_a_station_that_there_is_not_and_a_folder_without_need_are_refused() -> None:
+    with pytest.raises(ParameterError, match="station: got 'LGA', expected 'JFK' or 'EWR'"):
+        load_weather("LGA")
+    with pytest.raises(ParameterError, match="folder: got 'here', but the data of JFK are in the package"):
+        load_weather(folder="here")
 
 
 needs_data = pytest.mark.skipif(
     "FUZZYKF_DATA" not in os.environ, reason="FUZZYKF_DATA does not name the folder of the external series"
 )
+
+
+@needs_data
+def test_weather_of_another_station_is_of_the_same_hours() -> None:
+    here, there = load_weather("JFK"), load_weather("EWR")
+    assert set(np.diff(there.time)) <= {np.timedelta64(k * 3600, "s") for k in (1, 2)}
+    shared, a, b = np.intersect1d(here.time, there.time, return_indices=True)
+    both = np.isfinite(here.dew_point[a]) & np.isfinite(there.dew_point[b])
+    # The airports are 33 km apart.
+    assert np.corrcoef(here.dew_point[a][both], there.dew_point[b][both])[0, 1] > 0.95
+    assert len(shared) > 8000
 
 
 @needs_data
