@@ -84,7 +84,7 @@ def judge_filter(
     """Say how the filter does on the other rows, and what to know about the model."""
     from fuzzykf.comparison.candidates.state_space import LearnedStateSpace
     from fuzzykf.comparison.candidates.switching import LearnedSwitching
-    from fuzzykf.comparison.scores import INTERVAL_FACTOR
+    from fuzzykf.comparison.evaluation import log_score
 
     given: Any = fit
     learned = LearnedStateSpace(given, nodes) if kind == Kind.SSM else LearnedSwitching(fit, nodes)
@@ -94,9 +94,11 @@ def judge_filter(
     found = learned.restore(zs[:n_train], zs[n_train:])
     missed = found.mean - truth
     rmse = ", ".join(f"{v:.4g}" for v in np.sqrt(np.nanmean(missed**2, axis=0)))
-    known = np.isfinite(missed)
-    inside = (np.abs(missed) <= INTERVAL_FACTOR * found.std)[known].mean()
+    known = np.isfinite(truth)
+    lower, upper = found.interval(0.9)
+    inside = ((lower <= truth) & (truth <= upper))[known].mean()
+    scored = log_score(found, truth, np.ones(1))[known.any(axis=1)].mean()
     return (
         f"On the {counted(len(truth), 'row')} after these, from the observation alone: RMSE {rmse}; "
-        f"the intervals of 90 % hold {100 * inside:.1f} % of the states."
+        f"the intervals of 90 % hold {100 * inside:.1f} % of the states; log score {scored:.4g} per row."
     ), learned.notes

@@ -15,6 +15,7 @@ from fuzzykf import moved
 from fuzzykf.comparison.candidates import Candidate, Estimates, Learned, LearningPart, Restoration
 from fuzzykf.comparison.candidates.registry import candidate, candidate_names
 from fuzzykf.comparison.clock import Clock
+from fuzzykf.comparison.density import NormalMixture
 from fuzzykf.comparison.evaluation import Fold, ModelComparison, ModelScore
 from fuzzykf.comparison.models import compare_models
 from fuzzykf.comparison.picture import plot_comparison
@@ -41,6 +42,7 @@ __all__ = [
     "LearningPart",
     "ModelComparison",
     "ModelScore",
+    "NormalMixture",
     "Restoration",
     "Score",
     "Task",

@@ -8,27 +8,21 @@ from __future__ import annotations
 
 import textwrap
 import time
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from fuzzykf.comparison.candidates import Estimates, Restoration
-from fuzzykf.comparison.scores import (
-    INTERVAL_FACTOR,
-    LIMITS,
-    Score,
-    behind,
-    bootstrap_rmse,
-    normal_log_score,
-    row_of,
-)
+from fuzzykf.comparison.density import NormalMixture, normal_log_score
+from fuzzykf.comparison.scores import LIMITS, Score, behind, bootstrap_rmse, row_of
 from fuzzykf.comparison.verdict import (
     about_baseline,
     about_error,
     about_feedback,
     about_likelihood,
     about_log_score,
+    about_rival,
     by_log_score,
 )
 from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError
@@ -44,7 +38,17 @@ if TYPE_CHECKING:
     from fuzzykf.comparison.candidates import Candidate, Learned, LearningPart, Named
     from fuzzykf.comparison.clock import Clock
 
-__all__ = ["Fold", "HeldOut", "ModelComparison", "ModelScore", "microseconds", "restore", "summarise"]
+__all__ = [
+    "Fold",
+    "HeldOut",
+    "ModelComparison",
+    "ModelScore",
+    "checked",
+    "log_score",
+    "microseconds",
+    "restore",
+    "summarise",
+]
 
 #: A method's time per step is the least of this many passes over this many steps.
 TIMED_PASSES, TIMED_STEPS = 5, 500
@@ -155,6 +159,30 @@ class ModelComparison:
         )
         return " ".join(filter(None, sentences))
 
+    def against(self, rival: str, unit: str = "") -> str:
+        """Say how far a candidate is behind the winners, on error and on log score, and how sure that is.
+
+        Parameters
+        ----------
+        rival : str
+            Name of the candidate.
+        unit : str
+            Unit of the state.
+
+        Raises
+        ------
+        ParameterError
+            If no candidate of this name was compared.
+        """
+        return self._against(rival, unit, "name")
+
+    def _against(self, rival: str, unit: str, label: Literal["name", "title"]) -> str:
+        names = [score.name for score in self.scores]
+        if rival not in names:
+            failed = f"; it failed: {self.failures[rival]}" if rival in self.failures else ""
+            raise ParameterError(f"rival: got {brief(rival)}, expected one of {', '.join(names)}{failed}")
+        return about_rival(self.scores, rival, label, unit)
+
     def notes(self) -> dict[str, tuple[str, ...]]:
         """Return what a reader should know before trusting a candidate: notes of its last fold."""
         return {name: learned.notes for name, learned in self.learned[-1].items() if learned.notes}
@@ -250,14 +278,20 @@ class HeldOut:
 
     def inside(self, found: Restoration) -> FloatArray:
         """Return the share of the components inside their intervals, at each known row."""
-        error, std = self._error(found.mean), self._std(found)
-        within = np.where(np.isnan(error), np.nan, np.abs(error) <= INTERVAL_FACTOR * std)
+        truth = self.truth[self.known]
+        lower, upper = (end.reshape(self.truth.shape)[self.known] for end in found.interval(0.9))
+        within = np.where(np.isnan(truth), np.nan, (lower <= truth) & (truth <= upper))
         share: FloatArray = np.nanmean(within, axis=1)
         return share
 
     def log_score(self, found: Restoration, scale: FloatArray) -> FloatArray:
-        """Return the log-density of the state under the normal law that is claimed, at each known row."""
-        return normal_log_score(self._error(found.mean) / scale, self._std(found) / scale)
+        """Return the log-density of the state under the law that is claimed, at each known row."""
+        return log_score(found, self.truth, scale)[self.known]
+
+    def normal_log_score(self, found: Restoration, scale: FloatArray) -> FloatArray:
+        """Return the same under the normal law of mean and standard deviation, whatever is claimed."""
+        std = found.std.reshape(self.truth.shape)[self.known]
+        return normal_log_score(self._error(found.mean) / scale, std / scale)
 
     def log_likelihood(self, found: Restoration) -> FloatArray:
         """Return the log-density of each observation that there is; empty without a law of them."""
@@ -268,8 +302,61 @@ class HeldOut:
     def _error(self, mean: FloatArray) -> FloatArray:
         return (mean.reshape(self.truth.shape) - self.truth)[self.known]
 
-    def _std(self, found: Restoration) -> FloatArray:
-        return found.std.reshape(self.truth.shape)[self.known]
+
+def checked(found: Any, n: int, m: int) -> Estimates:
+    """Return what a method says of ``n`` states of ``m`` components, if it has the form of that.
+
+    Of one component mean and standard deviation may have the shape (n,).
+
+    Raises
+    ------
+    FuzzykfError
+        If it is none of `Estimates`, or a part of it is missing or of another shape; the message follows on
+        the name of a candidate.
+    """
+    if not isinstance(found, Estimates):
+        raise FuzzykfError(f"its restore returns {brief(found)}, expected Estimates")
+    given: dict[str, Any] = {"mean": found.mean, "std": found.std}
+    for name, values in given.items():
+        if values is None:
+            raise FuzzykfError(f"its {name} is None, expected an array of shape {(n, m)}")
+        if np.shape(values) not in ((n, m), (n,) if m == 1 else (n, m)):
+            raise FuzzykfError(f"its {name} has shape {np.shape(values)}, expected {(n, m)}")
+    if found.log_likelihood is not None and np.shape(found.log_likelihood) != (n,):
+        raise FuzzykfError(f"its log_likelihood has shape {np.shape(found.log_likelihood)}, expected {(n,)}")
+    law: Any = found.density
+    if law is not None and not isinstance(law, NormalMixture):
+        raise FuzzykfError(f"its density is {brief(law)}, expected a NormalMixture or None")
+    if law is not None and (len(law), law.dim_x) != (n, m):
+        raise FuzzykfError(
+            f"its density is of {len(law)} steps and {law.dim_x} components, expected {n} and {m}"
+        )
+    mean, std = (np.asarray(values, dtype=np.float64).reshape(n, m) for values in given.values())
+    return replace(found, mean=mean, std=std)
+
+
+def log_score(found: Estimates, truth: FloatArray, scale: FloatArray) -> FloatArray:
+    """Return the log-density of the true state under the law that is claimed, in a unit of one's choice.
+
+    Parameters
+    ----------
+    found : Estimates
+        Its density is that of the `NormalMixture`, if there is one, else the normal law of its mean and
+        standard deviation.
+    truth : ndarray, shape (n, m)
+        NaN where unknown: such components do not count.
+    scale : ndarray, shape (m,) or (1,)
+        Unit of each component, in the unit of the states: x = scale u has log p(u) = log p(x) + log scale.
+
+    Returns
+    -------
+    ndarray of shape (n,)
+    """
+    if found.density is None:
+        error, std = (found.mean.reshape(truth.shape) - truth) / scale, found.std.reshape(truth.shape) / scale
+        return normal_log_score(error, std)
+    units: FloatArray = np.where(np.isnan(truth), 0.0, np.log(scale)).sum(axis=1)
+    return found.density.log_density(truth) + units
 
 
 def restore(
@@ -292,12 +379,13 @@ def restore(
     Raises
     ------
     FuzzykfError
-        If it cannot learn, or finds numbers that are not finite or standard deviations below 0.
+        If it cannot learn, or what it finds is incomplete, of another shape, not finite, or has a standard
+        deviation below 0.
     """
     begun = time.perf_counter()
     learned = candidate.learn(part)
     seconds = time.perf_counter() - begun
-    found = learned.at(clock).restore(part.y, zs)
+    found = checked(learned.at(clock).restore(part.y, zs), len(zs), part.x.shape[1])
     for quantity in ("mean", "std", "log_likelihood"):
         values = getattr(found, quantity)
         if values is None:
@@ -400,6 +488,8 @@ def summarise(
                 difference_high=difference_high,
                 coverage=float(np.concatenate([part.inside(said) for part, said in found]).mean()),
                 **log_scores[k],
+                normal_log_score=_mean([part.normal_log_score(said, scale) for part, said in found]),
+                density="mixture" if any(_is_mixture(said) for _, said in found) else "normal",
                 log_likelihood=float(steps.mean()) if steps.size else no_law,
                 seconds=sum(said.seconds for _, said in found),
                 microseconds=found[-1][1].microseconds,
@@ -422,9 +512,19 @@ def summarise(
     )
 
 
+def _is_mixture(found: Estimates) -> bool:
+    return found.density is not None and found.density.n_components > 1
+
+
+def _mean(parts: Sequence[FloatArray]) -> float:
+    """Return the mean of rows of several parts; minus infinity where one is that, whatever the others are."""
+    rows = np.concatenate(parts)
+    return -np.inf if np.isneginf(rows).any() else float(rows.mean())
+
+
 def _log_scores(scored: FloatArray, resampled: FloatArray, has_error: BoolArray) -> list[dict[str, float]]:
     """Return the fields of `Score` on the log score, for each column of rows (n, k) and their resamples."""
-    means = np.array([-np.inf if np.isneginf(column).any() else column.mean() for column in scored.T])
+    means = np.array([_mean([column]) for column in scored.T])
     best = int(np.argmax(np.where(has_error, means, -np.inf)))
     low, high = np.quantile(resampled, LIMITS, axis=0)
     behind_low, behind_high = np.quantile(resampled[:, [best]] - resampled, LIMITS, axis=0)

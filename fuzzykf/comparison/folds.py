@@ -171,7 +171,7 @@ def _work(one: Round, methods: Sequence[Candidate], titles: bool) -> HeldOut:
 
 def _hold_out(one: Round, methods: Sequence[Candidate], tell: Callable[[str], None], titles: bool) -> HeldOut:
     prefix = f"{one.name}: " if one.name else ""
-    part = replace(one.part, progress=partial(_tell, tell, prefix), _hard={})
+    part = replace(one.part, progress=partial(_tell, tell, prefix), _learned={})
     result = HeldOut(truth=one.truth, zs=one.zs, centre=np.nanmean(part.x, axis=0))
     for method in methods:
         part.progress(method.title if titles else method.name)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.comparison.scores import INTERVAL_FACTOR
 from fuzzykf.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -105,14 +104,12 @@ def _draw_state(
 ) -> None:
     from fuzzykf.plotting.style import BLUE, ORANGE, TRUTH
 
-    mean, half = main.mean[part], INTERVAL_FACTOR * main.std[part]
     if band:
-        axes.fill_between(
-            time, mean - half, mean + half, color=BLUE, alpha=0.2, linewidth=0, label=f"{main.title}, 90 %"
-        )
+        lower, upper = (end[part] for end in main.interval(0.9))
+        axes.fill_between(time, lower, upper, color=BLUE, alpha=0.2, linewidth=0, label=f"{main.title}, 90 %")
     axes.plot(time, truth, color=TRUTH, linewidth=0.9, label="measured")
     axes.plot(time, rival.mean[part], color=ORANGE, linewidth=1.1, linestyle=(0, (4, 1.5)), label=rival.title)
-    axes.plot(time, mean, color=BLUE, linewidth=1.5, label=main.title)
+    axes.plot(time, main.mean[part], color=BLUE, linewidth=1.5, label=main.title)
 
 
 def _draw_switch(axes: Axes, comparison: Comparison, time: Any, excerpt: slice) -> None:

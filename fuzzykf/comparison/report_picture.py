@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.comparison.scores import INTERVAL_FACTOR
 from fuzzykf.errors import MissingDependencyError
 
 if TYPE_CHECKING:
@@ -174,13 +173,13 @@ _DASHES = {
 
 
 def _method(restoration: Restoration, style: tuple[str, str], part: slice) -> list[Any]:
-    mean, half = restoration.mean[part], INTERVAL_FACTOR * restoration.std[part]
+    lower, upper = (end[part] for end in restoration.interval(0.9))
     name = restoration.title
     edge: dict[str, Any] = {"line": {"width": 0}, "hoverinfo": "skip"}
     found = [
-        _line(mean - half, name, style, **edge),
-        _line(mean + half, name, style, fill="tonexty", fillcolor=_translucent(style[0]), **edge),
-        _line(mean, name, style),
+        _line(lower, name, style, **edge),
+        _line(upper, name, style, fill="tonexty", fillcolor=_translucent(style[0]), **edge),
+        _line(restoration.mean[part], name, style),
     ]
     if restoration.switch is not None:
         found.append(_line(restoration.switch[part], f"{name}, mean", style, axis="y2"))

@@ -14,7 +14,8 @@ from fuzzykf.comparison.candidates.boosting import check_installed
 from fuzzykf.comparison.candidates.linear import learn_kalman
 from fuzzykf.comparison.candidates.registry import candidate, chosen
 from fuzzykf.comparison.candidates.switching import LAWS
-from fuzzykf.comparison.evaluation import Fold, HeldOut, ModelComparison, microseconds, summarise
+from fuzzykf.comparison.density import NormalMixture
+from fuzzykf.comparison.evaluation import Fold, HeldOut, ModelComparison, checked, microseconds, summarise
 from fuzzykf.comparison.folds import Round, cut_folds, go_through
 from fuzzykf.comparison.prepare import MIN_TEST
 from fuzzykf.comparison.verdict import about_baseline, about_error, about_feedback, about_log_score
@@ -111,6 +112,23 @@ class Comparison(ModelComparison):
             about_baseline(self.baseline_rmse, unit),
         )
         return " ".join(filter(None, sentences))
+
+    def against(self, rival: str, unit: str = "") -> str:
+        """Say how far a method is behind the winners, on error and on log score, and how sure that is.
+
+        Parameters
+        ----------
+        rival : str
+            Name of the candidate.
+        unit : str
+            Unit of the state.
+
+        Raises
+        ------
+        ParameterError
+            If no candidate of this name was compared.
+        """
+        return self._against(rival, unit, "title")
 
 
 def main_methods(law: str = "auto", *, times: bool = True) -> tuple[Candidate, ...]:
@@ -280,11 +298,13 @@ def _joined(parts: Sequence[HeldOut], name: str) -> Restoration:
     """Return what a method said of all folds, as of one stretch."""
     found = [part.found[name] for part in parts]
     likelihoods = [one.log_likelihood for one in found if one.log_likelihood is not None]
+    densities = [one.density for one in found if one.density is not None]
     switches = [one.switch for one in found if one.switch is not None]
     return replace(
         found[-1],
         mean=np.concatenate([one.mean[:, 0] for one in found]),
         std=np.concatenate([one.std[:, 0] for one in found]),
+        density=NormalMixture.joined(densities) if len(densities) == len(found) else None,
         log_likelihood=np.concatenate(likelihoods) if len(likelihoods) == len(found) else None,
         switch=np.concatenate(switches) if len(switches) == len(found) else None,
         choices=tuple(choice for one in found for choice in one.choices),
@@ -314,15 +334,19 @@ def score(
     Raises
     ------
     ParameterError
-        If there is one restoration alone, or two have one name, or a standard deviation is
-        NaN, infinite or below 0, or ``n_resamples`` is less than 100: quantiles of 2.5 % would
-        mean nothing.
+        If there is one restoration alone, or two have one name, or one is incomplete or of another length,
+        or a standard deviation is NaN, infinite or below 0, or ``n_resamples`` is less than 100:
+        quantiles of 2.5 % would mean nothing.
     """
     check_generator(rng)
     names = [one.name for one in restorations]
     if len(names) < 2 or len(set(names)) < len(names):
         raise ParameterError(f"restorations: got {names}, expected two at least and each name once")
     for one in restorations:
+        try:
+            checked(one, task.n_test, 1)
+        except FuzzykfError as error:
+            raise ParameterError(f"restorations: got {one.name}, {error}") from error
         wrong = one.std[~(np.isfinite(one.std) & (one.std >= 0.0))]
         if wrong.size:
             raise ParameterError(

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import isnan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from fuzzykf.comparison.candidates import Named
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import LOG_2PI, as_count, as_numbers, brief, check_generator, is_whole
+from fuzzykf.gaussian import as_count, as_numbers, brief, check_generator, is_whole
 from fuzzykf.preprocessing import is_constant
 from fuzzykf.reprs import reprs
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COLUMNS",
-    "INTERVAL_FACTOR",
     "LIMITS",
     "Bootstrap",
     "Score",
@@ -30,14 +29,10 @@ __all__ = [
     "bootstrap_rmse",
     "cells",
     "circular_block_means",
-    "normal_log_score",
     "row_of",
     "significance",
     "standard_error",
 ]
-
-#: Half the width of a central interval of 90 % of a normal law, in standard deviations.
-INTERVAL_FACTOR = 1.6448536269514722
 
 #: Shares of the resamples below the ends of an interval of 95 %.
 LIMITS = (0.025, 0.975)
@@ -67,9 +62,10 @@ class Score(Named):
     coverage : float
         Share of the states inside the candidate's own interval of nominal 90 %.
     log_score : float
-        Mean over the known states of their log-density under the normal law of the candidate's
-        mean and standard deviation, in the unit of `rmse`; of several components the sum, as
-        if they were independent.  Larger is better.
+        Mean over the known states of their log-density under the law that the candidate claims, in the
+        unit of `rmse`: a mixture of normal laws if it tells one (`Estimates.density`), jointly of several
+        components; else the normal law of its mean and standard deviation, of several components the sum,
+        as if they were independent.  Larger is better.
     log_score_standard_error : float
         Of it, by the block bootstrap, with the blocks of `rmse`; NaN if it is infinite.
     log_score_low, log_score_high : float
@@ -78,6 +74,10 @@ class Score(Named):
         The largest log score of all candidates less this one.
     log_score_behind_low, log_score_behind_high : float
         Its interval of 95 % by the paired bootstrap.
+    normal_log_score : float
+        The log score under the normal law of mean and standard deviation, whatever is claimed.
+    density : {"normal", "mixture"}
+        What `log_score` and `coverage` are of: one normal law at each step, or a mixture of several.
     log_likelihood : float or None
         Mean over the steps of the log-density of each held-out observation given the earlier
         ones; from a candidate that has no law of the observation None in a `Comparison`, and
@@ -102,6 +102,8 @@ class Score(Named):
     log_score_behind: float = float("nan")
     log_score_behind_low: float = float("nan")
     log_score_behind_high: float = float("nan")
+    normal_log_score: float = float("nan")
+    density: Literal["normal", "mixture"] = "normal"
     log_likelihood: float | None
     seconds: float = field(default=float("nan"), compare=False)
     microseconds: float = field(default=float("nan"), compare=False)
@@ -145,39 +147,6 @@ def behind(score: Score) -> str:
     if not score.difference > 0.0:
         return ""
     return f"{score.difference_low:#.2g} to {score.difference_high:#.2g}"
-
-
-def normal_log_score(error: FloatArray, std: FloatArray) -> FloatArray:
-    """Log-density of errors under independent normal laws of mean zero, summed over the components.
-
-    log p = -sum over k of (e_k^2 / s_k^2 + log s_k^2 + log 2 pi) / 2
-
-    Parameters
-    ----------
-    error : ndarray, shape (n, m)
-        NaN where unknown: such components do not count.
-    std : ndarray, shape (n, m)
-        Numbers of at least 0.  Who claims certainty (0) has a density of infinity where
-        right, and of zero where wrong, whatever the other components are.
-
-    Returns
-    -------
-    ndarray of shape (n,)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> normal_log_score(np.array([[0.0], [2.0], [2.0]]), np.array([[1.0], [1.0], [0.0]])).round(3)
-    array([-0.919, -2.919,   -inf])
-    """
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        ratio = np.where(error == 0.0, 0.0, error / std)
-        each = -0.5 * (ratio**2 + LOG_2PI) - np.log(std)
-    each = np.where(np.isinf(ratio), -np.inf, each)  # at a std of zero the two infinities have no sum
-    wrong = np.isneginf(each).any(axis=1, keepdims=True)
-    rest = np.nansum(np.where(wrong, 0.0, each), axis=1)
-    total: FloatArray = np.where(np.squeeze(wrong, axis=1), -np.inf, rest)
-    return total
 
 
 def block_length(series: FloatArray) -> int:

@@ -20,6 +20,7 @@ __all__ = [
     "about_feedback",
     "about_likelihood",
     "about_log_score",
+    "about_rival",
     "by_log_score",
 ]
 
@@ -79,6 +80,8 @@ def about_log_score(scores: Sequence[Score], label: Literal["name", "title"]) ->
     told = f"{getattr(best, label)} has the highest log score, {best.log_score:.3f}"
     if np.isfinite(best.log_score_low):
         told += f" (95 % interval {best.log_score_low:.3f} to {best.log_score_high:.3f})"
+    if best.density == "mixture":
+        told += ", of the mixture of normal laws that it claims"
     second = others[0]
     if not np.isfinite(second.log_score):
         return f"{told}. No other has a finite one."
@@ -86,6 +89,30 @@ def about_log_score(scores: Sequence[Score], label: Literal["name", "title"]) ->
         f"{told}. Next is {getattr(second, label)}, {second.log_score_behind:.2g} behind (95 % interval "
         f"{second.log_score_behind_low:.2g} to {second.log_score_behind_high:.2g}): "
         f"{significance(second.log_score_behind_low > 0.0)}."
+    )
+
+
+def about_rival(scores: Sequence[Score], rival: str, label: Literal["name", "title"], unit: str) -> str:
+    """Say how far a candidate is behind the winners on error and on log score, by the paired bootstrap."""
+    behind = f" {unit} behind" if unit else " behind"
+    one = next(score for score in scores if score.name == rival)
+    first, highest = min(scores, key=lambda score: score.rmse), by_log_score(scores)[0]
+    if one is first:
+        error = f"{getattr(one, label)} has the lowest RMSE"
+    else:
+        error = (
+            f"{getattr(one, label)} is {one.difference:.2g}{behind} {getattr(first, label)} on RMSE "
+            f"(95 % interval {one.difference_low:.2g} to {one.difference_high:.2g}): "
+            f"{significance(one.difference_low > 0.0)}"
+        )
+    if one is highest:
+        return f"{error}; it has the highest log score."
+    if not np.isfinite(one.log_score_behind):
+        return f"{error}; its log score is {one.log_score:g}."
+    return (
+        f"{error}; on log score {one.log_score_behind:.2g} behind {getattr(highest, label)} (95 % interval "
+        f"{one.log_score_behind_low:.2g} to {one.log_score_behind_high:.2g}): "
+        f"{significance(one.log_score_behind_low > 0.0)}."
     )
 
 

@@ -36,9 +36,14 @@ def about_task(comparison: Comparison, unit: str) -> str:
 def about_intervals(comparison: Comparison) -> str:
     """Say where intervals, log scores and log-likelihoods come from."""
     folds = "" if len(comparison.folds) == 1 else "over all folds, "
+    mixtures = [score.title for score in comparison.scores if score.density == "mixture"]
+    normal = "under the normal law of the method's mean and standard deviation"
+    if mixtures:
+        others = f"; of others {normal}" if len(mixtures) < len(comparison.scores) else ""
+        normal = f"under the mixture of normal laws that a method claims ({'; '.join(mixtures)}){others}"
     return (
         f"Intervals of 95 %: block bootstrap, {folds}blocks of {comparison.block_length} steps. Log score: "
-        "log-density of the state under the method's mean and standard deviation. Log-likelihoods of the "
+        f"log-density of the state {normal}. Log-likelihoods of the "
         "observations do not stand here: regressions define no likelihood."
     )
 

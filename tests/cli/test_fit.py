@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from typer.testing import CliRunner
 
 from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FadeLaw, SwitchingStateSpace, engine
@@ -86,6 +87,11 @@ def test_hard_regimes_can_be_learned_and_the_other_rows_test_the_filter(write, d
     rmse = np.sqrt(np.mean((found.x[100:, 0] - data[180:, 0]) ** 2))
     printed = " ".join(result.output.split())
     assert f"On the 60 rows after these, from the observation alone: RMSE {rmse:.4g};" in printed
+    # Oracle: normal laws, one a regime, mixed by the probabilities of the filter.
+    by_node = CGOMSMFilter(model).filter(data[80:, 1], keep_nodes=True)
+    mean, std = by_node.node_x[100:, :, 0], np.sqrt(by_node.node_P[100:, :, 0, 0])
+    density = (by_node.mu[100:] * norm.pdf(data[180:, :1], mean, std)).sum(axis=1)
+    assert f"log score {np.log(density).mean():.4g} per row." in printed
     stays = ", ".join(f"{p:.3g}" for p in model.transition.diagonal())
     assert f"2 hard regimes, which stay with probability {stays}" in printed
     assert re.search(r"Converged after \d+ iterations", printed)

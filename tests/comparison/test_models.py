@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from fuzzykf import DailyProfile, compare_models
-from fuzzykf.comparison import Candidate, Estimates, Learned, LearningPart, Score
+from fuzzykf.comparison import Candidate, Estimates, Learned, LearningPart, NormalMixture, Score
 from fuzzykf.comparison.models import CANDIDATES
 from fuzzykf.comparison.verdict import about_feedback
 from fuzzykf.datasets import load_victoria
@@ -226,6 +226,91 @@ def test_who_is_certain_and_wrong_has_the_worst_log_score_and_a_negative_std_is_
     assert np.isnan(sure.log_score_standard_error)
     assert np.isfinite([a.log_score, a.log_score_standard_error]).all()
     assert found.failures == {"odd": "fold 1: its std at held-out step 0 is -1.0"}
+
+
+class Told(Learned):
+    """Says what it is made with, of any observations."""
+
+    def __init__(self, said):
+        self.said = said
+
+    def restore(self, before, zs):
+        return self.said(len(zs)) if callable(self.said) else self.said
+
+    def stepper(self):
+        raise NotImplementedError
+
+
+def telling(name, said):
+    return Candidate(name, lambda part: Told(said))
+
+
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [
+        (lambda n: Estimates(mean=np.zeros((n, 1)), std=None), "its std is None, expected an array of shape"),
+        (lambda n: Estimates(mean=None, std=np.ones((n, 1))), "its mean is None, expected an array of shape"),
+        (lambda n: Estimates(mean=np.zeros((n, 1)), std=1.0), r"its std has shape \(\), expected \(150, 1\)"),
+        (
+            lambda n: Estimates(mean=np.zeros((n - 1, 1)), std=np.ones((n, 1))),
+            r"its mean has shape \(149, 1\)",
+        ),
+        (
+            lambda n: Estimates(mean=np.zeros((n, 1)), std=np.ones((n, 1)), log_likelihood=np.zeros(2)),
+            r"its log_likelihood has shape \(2,\), expected \(150,\)",
+        ),
+        (
+            lambda n: Estimates(
+                mean=np.zeros((n, 1)),
+                std=np.ones((n, 1)),
+                density=NormalMixture.normal(np.zeros((2, 1)), np.ones((2, 1))),
+            ),
+            "its density is of 2 steps and 1 components, expected 150 and 1",
+        ),
+        (
+            lambda n: Estimates(mean=np.zeros((n, 1)), std=np.ones((n, 1)), density=np.zeros(n)),
+            "its density is .*, expected a NormalMixture or None",
+        ),
+        (None, "its restore returns None, expected Estimates"),
+    ],
+)
+def test_estimates_that_are_incomplete_are_a_failure_of_the_candidate_by_name(said, why) -> None:
+    x, y = noise(300)
+    found = compare_models(x, y, RNG(0), candidates=[telling("odd", said), remembering("a")], n_folds=1)
+    assert re.match(f"fold 1: {why}", found.failures["odd"])
+    with pytest.raises(FuzzykfError, match=f"no candidate could be learned: odd, fold 1: {why}"):
+        compare_models(x, y, RNG(0), candidates=[telling("odd", said)], n_folds=1)
+
+
+def test_the_log_score_of_a_mixture_is_that_of_its_density() -> None:
+    # Oracle: two peaks at +-2, written out; the normal law of their moments is far behind.
+    rng = RNG(4)
+    x = 2.0 * rng.choice([-1.0, 1.0], size=400) + 0.5 * rng.normal(size=400)
+    peaks = np.array([-2.0, 2.0])
+
+    def said(n):
+        density = NormalMixture(
+            weights=np.full((n, 2), 0.5),
+            means=np.tile(peaks[:, None], (n, 1, 1)),
+            covariances=np.full((n, 2, 1, 1), 0.25),
+        )
+        mean, std = density.moments()
+        return Estimates(mean=mean, std=std, density=density)
+
+    found = compare_models(
+        x, rng.normal(size=400), RNG(0), candidates=[telling("two", said), "line"], n_folds=2
+    )
+    two, line = found.scores
+    truth = x[200:]
+    assert two.log_score == pytest.approx(np.log(norm.pdf(truth[:, None], peaks, 0.5).mean(axis=1)).mean())
+    assert two.normal_log_score == pytest.approx(norm.logpdf(truth, 0.0, np.sqrt(4.25)).mean())
+    assert two.log_score > two.normal_log_score + 0.5
+    low, high = said(1).density.interval(0.9)
+    assert two.coverage == np.mean((low[0] <= truth) & (truth <= high[0]))
+    assert (two.density, line.density) == ("mixture", "normal")
+    assert line.normal_log_score == pytest.approx(line.log_score)
+    assert "two has the highest log score" in found.verdict()
+    assert "), of the mixture of normal laws that it claims. Next is line" in found.verdict()
 
 
 def test_several_components_count_in_their_standard_deviations() -> None:

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from fuzzykf.comparison import block_length, bootstrap_rmse, circular_block_means
+from fuzzykf.comparison.density import normal_log_score
 from fuzzykf.comparison.evaluation import _log_scores
-from fuzzykf.comparison.scores import COLUMNS, Score, cells, normal_log_score, row_of, standard_error
+from fuzzykf.comparison.scores import COLUMNS, Score, cells, row_of, standard_error
 from fuzzykf.errors import ParameterError, ShapeError
 
 

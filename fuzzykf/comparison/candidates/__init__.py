@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.comparison.density import NormalMixture, normal_interval
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Hashable
     from typing import Self
 
     from fuzzykf.arrays import FloatArray
@@ -73,7 +74,7 @@ class LearningPart:
     max_iter: int = 200
     tolerance: float = 1e-5
     progress: Callable[[str], None] = _quiet
-    _hard: dict[tuple[int, bool, str], FitResult[CGOMSModel]] = field(default_factory=dict, repr=False)
+    _learned: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -83,21 +84,31 @@ class LearningPart:
         """Return the first ``n`` rows as a part of their own."""
         r = None if self.r is None else self.r[:n]
         clock = None if self.clock is None else self.clock[:n]
-        return replace(self, x=self.x[:n], y=self.y[:n], r=r, clock=clock, _hard={})
+        return replace(self, x=self.x[:n], y=self.y[:n], r=r, clock=clock, _learned={})
+
+    def once(self, key: Hashable, learn: Callable[[], Any]) -> Any:
+        """Return what ``learn`` returns; a second call with this key returns the same, without learning."""
+        if key not in self._learned:
+            self._learned[key] = learn()
+        return self._learned[key]
 
     def fuzzy(
         self, law: str, *, state_feedback: bool = True, objective: str = "joint"
     ) -> FitResult[CGOFMSModel]:
         """Learn a fuzzy model with a law of this family; without `state_feedback` its Axx is zero.
 
-        For the objective "filter" a switch is hidden, also where it is given.
+        A second call returns the same.  For the objective "filter" a switch is hidden, also where it is
+        given.
         """
         from fuzzykf.switching import CGOFMSModel
 
         r = self.r if objective == "joint" else None
         options: Any = {"law": law, "n_nodes": self.n_nodes}
         options |= {"state_feedback": state_feedback, "objective": objective} | self._effort
-        fit: FitResult[CGOFMSModel] = _numerical(lambda: CGOFMSModel.fit(self.x, self.y, r, **options))
+        fit: FitResult[CGOFMSModel] = self.once(
+            ("fuzzy", *sorted(options.items())),
+            lambda: _numerical(lambda: CGOFMSModel.fit(self.x, self.y, r, **options)),
+        )
         return fit
 
     def hard(
@@ -117,14 +128,15 @@ class LearningPart:
         from fuzzykf.switching.models.base import given_regimes
 
         K = given_regimes(n_switches, n_regimes)
-        key = K, state_feedback, objective
-        if key not in self._hard:
-            told = self.r if K == 2 and objective == "joint" else None
-            r = None if told is None else (told >= 0.5).astype(np.float64)
-            options: Any = {"n_regimes": K, "state_feedback": state_feedback, "objective": objective}
-            options |= self._effort
-            self._hard[key] = _numerical(lambda: CGOMSModel.fit(self.x, self.y, r, **options))
-        return self._hard[key]
+        told = self.r if K == 2 and objective == "joint" else None
+        r = None if told is None else (told >= 0.5).astype(np.float64)
+        options: Any = {"n_regimes": K, "state_feedback": state_feedback, "objective": objective}
+        options |= self._effort
+        fit: FitResult[CGOMSModel] = self.once(
+            ("hard", *sorted(options.items())),
+            lambda: _numerical(lambda: CGOMSModel.fit(self.x, self.y, r, **options)),
+        )
+        return fit
 
     @property
     def _effort(self) -> dict[str, Any]:
@@ -157,12 +169,33 @@ class Estimates:
         method that has no law of the observation.
     switch : ndarray, shape (n,), or None
         Posterior mean of the switch; there is none between more than two classes.
+    density : NormalMixture or None
+        The density of the state, where the method claims more than mean and standard deviation; then log
+        score and coverage are those of it.  None: a normal law, of independent components.
     """
 
     mean: FloatArray
     std: FloatArray
     log_likelihood: FloatArray | None = None
     switch: FloatArray | None = None
+    density: NormalMixture | None = None
+
+    def interval(self, level: float = 0.9) -> tuple[FloatArray, FloatArray]:
+        """Return the ends of the central interval of each component, of the shape of `mean`.
+
+        Raises
+        ------
+        ParameterError
+            If ``level`` is outside ]0, 1[.
+        """
+        if self.density is None:
+            return normal_interval(self.mean, self.std, level)
+        lower, upper = self.density.interval(level)
+        return lower.reshape(self.mean.shape), upper.reshape(self.mean.shape)
+
+    def as_mixture(self) -> NormalMixture:
+        """Return the density, whatever is claimed."""
+        return NormalMixture.normal(self.mean, self.std) if self.density is None else self.density
 
 
 @reprs("description", "notes")
@@ -269,6 +302,8 @@ class Restoration(Estimates, Named):
         Logarithm of the density of each observation given the earlier ones.
     switch : ndarray, shape (n,), or None
         Posterior mean of the switch.
+    density : NormalMixture or None
+        The density of the state, where it claims more than these two.
     notes : tuple of str
         What a reader should know before trusting the method.
     description : str
@@ -278,7 +313,8 @@ class Restoration(Estimates, Named):
     learned : Learned or None
         What it has learned, if it is known; over several folds, in the last one.
     seconds, microseconds : float
-        Time of learning, and of one step; NaN if it was not measured.
+        Time of learning, and of one step; NaN if it was not measured.  What an earlier candidate has learned
+        on the same rows is not learned again.
     """
 
     notes: tuple[str, ...] = ()

@@ -204,6 +204,11 @@ def learn_boosting(part: LearningPart, lags: Sequence[int] = LAGS) -> Learned:
     FuzzykfError
         If there are too few rows, or a component of the state is missing in all blocks.
     """
+    learned: Learned = part.once(("boosting", *lags), lambda: _learn_boosting(part, lags))
+    return learned
+
+
+def _learn_boosting(part: LearningPart, lags: Sequence[int]) -> Learned:
     unknown = np.full(part.x.shape[1], np.nan)
     found = choose(
         part,

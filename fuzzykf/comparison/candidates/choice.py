@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import numpy as np
 
-from fuzzykf.comparison.scores import normal_log_score, significance, standard_error
+from fuzzykf.comparison.evaluation import checked, log_score
+from fuzzykf.comparison.scores import significance, standard_error
 from fuzzykf.errors import FuzzykfError, MissingDependencyError
 from fuzzykf.preprocessing import mean_and_scale
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.comparison.candidates import Learned, LearningPart
+    from fuzzykf.comparison.candidates import Estimates, Learned, LearningPart
 
 __all__ = ["BLOCKS", "Choice", "choose", "rolling_blocks"]
 
@@ -54,7 +55,8 @@ class Choice(Generic[Option]):
     rmse : ndarray, shape (k,)
         Of each over all blocks, in standard deviations of the state.
     log_score : ndarray, shape (k,)
-        Of each: mean log-density of the state, in the same unit.  NaN where nothing is claimed.
+        Of each: mean log-density of the state under the law that it claims, in the same unit.  NaN where
+        nothing is claimed.
     by : {"log score", "squared error"}
         What decided.
     lead, lead_error : float
@@ -120,8 +122,8 @@ def choose(
     learn : callable
         From rows and an option to what is learned with it on them.
     by : {"log score", "squared error"}
-        Of the state: the density that a method gives it under the normal law of its mean and standard
-        deviation, or the error of its mean alone.
+        Of the state: the density that a method gives it (a mixture of normal laws if it tells one, else the
+        normal law of its mean and standard deviation), or the error of its mean alone.
     tell : callable
         Is told each option before it is tried.
 
@@ -147,26 +149,27 @@ def choose(
     scale = mean_and_scale("x", part.x)[1]
     errors: list[FloatArray] = []
     losses: list[FloatArray] = []
-    rmse, log_score, tried, failures = [], [], [], {}
+    rmse, scores, tried, failures = [], [], [], {}
     for option in options:
         tell(option)
         try:
-            mean, std = (
-                np.concatenate(both) for both in zip(*_trials(part, blocks, option, learn), strict=True)
-            )
+            said = _trials(part, blocks, option, learn)
         except MissingDependencyError:
             raise  # says nothing of the option
         except FuzzykfError as error:
             failures[str(option)] = str(error)
             continue
-        error_of = truth - mean
+        error_of = truth - np.concatenate([one.mean for one in said])
         squared = np.nanmean((error_of[known] / scale) ** 2, axis=1)
-        scored = normal_log_score(error_of[known] / scale, std[known] / scale)
+        scored = np.concatenate(
+            [log_score(one, part.x[split:end], scale) for one, (split, end) in zip(said, blocks, strict=True)]
+        )[known]
         tried.append(option)
         errors.append(error_of)
         losses.append(-scored if by == "log score" else squared)
         rmse.append(float(np.sqrt(squared.mean())))
-        log_score.append(float(scored.mean()) if np.isfinite(std).all() else float("nan"))
+        claims = all(np.isfinite(one.std).all() for one in said)
+        scores.append(float(scored.mean()) if claims else float("nan"))
     if not tried:
         reasons = set(failures.values())
         told = [*reasons] if len(reasons) == 1 else [f"{name}: {why}" for name, why in failures.items()]
@@ -181,7 +184,7 @@ def choose(
         best=tried[best],
         tried=tuple(tried),
         rmse=np.array(rmse),
-        log_score=np.array(log_score),
+        log_score=np.array(scores),
         by=by,
         lead=lead,
         lead_error=lead_error,
@@ -195,13 +198,14 @@ def _trials(
     blocks: Sequence[tuple[int, int]],
     option: Any,
     learn: Callable[[LearningPart, Any], Learned],
-) -> list[tuple[FloatArray, FloatArray]]:
-    """Return mean and standard deviation in each block, of what was learned on the rows before it."""
+) -> list[Estimates]:
+    """Return what is said of each block, by what was learned on the rows before it."""
     found = []
     for split, end in blocks:
         clock = None if part.clock is None else part.clock[split:end]
-        said = learn(part.first(split), option).at(clock).restore(part.y[:split], part.y[split:end])
+        learned = learn(part.first(split), option).at(clock)
+        said = checked(learned.restore(part.y[:split], part.y[split:end]), end - split, part.x.shape[1])
         if not np.isfinite(said.mean).all():
             raise FuzzykfError(f"its estimate is not finite in the rows from {split} to {end}")
-        found.append((said.mean, said.std))
+        found.append(said)
     return found

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.comparison.candidates import WARM_UP, Candidate, Estimates, Learned
+from fuzzykf.comparison.density import NormalMixture
 from fuzzykf.errors import FuzzykfError
 
 if TYPE_CHECKING:
@@ -118,19 +119,32 @@ class _LearnedLinear(Learned):
     @abstractmethod
     def _new_filter(self) -> Any: ...
 
+    def _components(self, f: Any) -> tuple[Any, Any, Any]:
+        """Return weights (M,), means (M, d) and covariances (M, d, d) of the normal laws of (X, Y)."""
+        return np.ones(1), f.x.T, f.P[None]
+
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
-        """Run the filter, beginning a little earlier."""
+        """Run the filter, beginning a little earlier; the density is that of the state, of all modes."""
         warm = before[-WARM_UP:]
         n, m = len(warm) + len(zs), self.dim_x
         mean, variance, log_likelihood = np.empty((n, m)), np.empty((n, m)), np.empty(n)
         f = self._new_filter()
+        M = len(self._components(f)[0])
+        weights, means, covariances = np.empty((n, M)), np.empty((n, M, m)), np.empty((n, M, m, m))
         for k, z in enumerate(np.concatenate([warm, zs])):
             if k > 0:  # the first observation belongs to the law that the filter starts from
                 f.predict(_ONE)
             f.update(None if np.isnan(z).all() else z)
             mean[k], variance[k], log_likelihood[k] = f.x[:m, 0], np.diagonal(f.P)[:m], f.log_likelihood
+            weights[k], x, P = self._components(f)
+            means[k], covariances[k] = x[:, :m], P[:, :m, :m]
         part = slice(len(warm), None)
-        return Estimates(mean=mean[part], std=np.sqrt(variance[part]), log_likelihood=log_likelihood[part])
+        return Estimates(
+            mean=mean[part],
+            std=np.sqrt(variance[part]),
+            log_likelihood=log_likelihood[part],
+            density=NormalMixture(weights=weights[part], means=means[part], covariances=covariances[part]),
+        )
 
     def stepper(self) -> Callable[[FloatArray], object]:
         """Return predict and update."""
@@ -196,6 +210,10 @@ class LearnedIMM(_LearnedLinear):
 
         members = [model.new_filter(KalmanFilter, self.dim_x) for model in self.models]
         return IMMEstimator(members, self.initial, self.transition)
+
+    def _components(self, f: Any) -> tuple[Any, Any, Any]:
+        modes = f.filters
+        return f.mu, np.stack([one.x[:, 0] for one in modes]), np.stack([one.P for one in modes])
 
 
 def learn_imm(part: LearningPart) -> Learned:

@@ -9,6 +9,7 @@ import numpy as np
 from fuzzykf.comparison.candidates import WARM_UP, Candidate, Estimates, Learned
 from fuzzykf.comparison.candidates.filter_trained import learn_fuzzy_for_filter, learn_hard_for_filter
 from fuzzykf.comparison.candidates.memoryless import learn_hard_memoryless
+from fuzzykf.comparison.density import NormalMixture
 from fuzzykf.switching import FilterPool
 
 if TYPE_CHECKING:
@@ -30,7 +31,9 @@ MEMBERS: Mapping[str, Callable[[LearningPart], Any]] = {
 class LearnedPool(Learned):
     """Learned switching models and the pool of their filters, all of one weight.
 
-    What a comparison asks of an estimate is its mean and its standard deviation: those of the mixture.
+    Densities are averaged, not parameters: the mean of two learned models is a model that nobody has learned,
+    while the mean of their densities is what somebody believes who does not know which of the two is right.
+    Its mean, standard deviation and density are those of the mixture.
 
     Parameters
     ----------
@@ -51,14 +54,15 @@ class LearnedPool(Learned):
         )
 
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
-        """Filter, beginning a little earlier."""
+        """Filter, beginning a little earlier; the density is the mixture of the nodes of all members."""
         warm = before[-WARM_UP:]
-        result = self.filter.filter(np.concatenate([warm, zs]))
+        result = self.filter.filter(np.concatenate([warm, zs]), keep_nodes=True)
         part = slice(len(warm), None)
         return Estimates(
             mean=result.x[part],
             std=np.sqrt(np.diagonal(result.P[part], axis1=-2, axis2=-1)),
             log_likelihood=result.log_likelihood[part],
+            density=NormalMixture.of(result, part),
         )
 
     def stepper(self) -> Callable[[FloatArray], object]:

@@ -29,6 +29,7 @@ FAMILIES = (
     "linear",
     "regression",
     "boosting",
+    "pool_boosting",
     "daily",
 )
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from fuzzykf.comparison.candidates import WARM_UP, Candidate, Estimates, Learned
 from fuzzykf.comparison.candidates.choice import choose
+from fuzzykf.comparison.density import NormalMixture
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.switching.laws.registry import learned_laws
 from fuzzykf.switching.models.base import given_regimes
@@ -68,15 +69,16 @@ class LearnedSwitching(Learned):
         self.description = description
 
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
-        """Filter, beginning a little earlier."""
+        """Filter, beginning a little earlier; the density is the mixture over the nodes."""
         warm = before[-WARM_UP:]
-        result = self.filter.filter(np.concatenate([warm, zs]))
+        result = self.filter.filter(np.concatenate([warm, zs]), keep_nodes=True)
         part = slice(len(warm), None)
         return Estimates(
             mean=result.x[part],
             std=np.sqrt(np.diagonal(result.P[part], axis1=-2, axis2=-1)),
             log_likelihood=result.log_likelihood[part],
             switch=None if result.switch_mean is None else result.switch_mean[part],
+            density=NormalMixture.of(result, part),
         )
 
     def stepper(self) -> Callable[[FloatArray], object]:
