@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +14,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
+from fuzzykf.cli.compare_source import SourceName, from_file, from_package
 from fuzzykf.cli.output import (
     check_file,
     check_folder,
@@ -24,18 +24,15 @@ from fuzzykf.cli.output import (
     say_written,
     whole_option,
 )
-from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat, row_times
+from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat
 from fuzzykf.comparison.candidates.switching import LAWS
 from fuzzykf.errors import ParameterError
 from fuzzykf.files import write_bytes, write_text
-from fuzzykf.texts import listed, literal
+from fuzzykf.texts import literal
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.cli.compare_source import Source
     from fuzzykf.comparison import Comparison
-    from fuzzykf.times import Times
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -46,7 +43,7 @@ WIDE = 100
 
 CSV_HEADER = (
     "method,rmse,rmse_low,rmse_high,coverage_90,log_likelihood_per_step,microseconds_per_step,"
-    "log_score,log_score_standard_error,log_score_low,log_score_high\n"
+    "log_score,log_score_standard_error,log_score_low,log_score_high,density,normal_log_score\n"
 )
 
 
@@ -68,29 +65,24 @@ else:
     Law = StrEnum("Law", {name.upper(): name for name in ("auto", *LAWS)})
 
 
-@dataclass(frozen=True, eq=False)
-class Source:
-    """The columns to work on, and what to call them."""
-
-    title: str
-    state_column: str
-    observation_column: str
-    state: FloatArray
-    observation: FloatArray
-    state_label: str
-    unit: str
-    time: NDArray[np.datetime64] | Times | None
-    workday: NDArray[np.bool_] | None
-    notes: tuple[str, ...] = ()
-
-
 def command(
     data: Annotated[
         Path | None,
         typer.Argument(
             metavar="[DATA.csv]",
-            help="Delimited text with a line of names; without it, hourly electricity demand and "
-            "temperature in Victoria, 2014, which come with the package.",
+            help="Delimited text with a line of names; without it, a series that comes with the package "
+            "(see --data).",
+            show_default=False,
+        ),
+    ] = None,
+    packaged: Annotated[
+        SourceName | None,
+        typer.Option(
+            "--data",
+            help="A series that comes with the package, in place of a file. victoria: hourly electricity "
+            "demand, given the temperature, in Victoria, 2014, which is also what is compared if nothing is "
+            "said. weather: relative humidity, given the temperature, every hour at an airport of New York, "
+            "2013, with gaps.",
             show_default=False,
         ),
     ] = None,
@@ -146,7 +138,7 @@ def command(
             "--profile/--no-profile",
             help="Take the mean of the state at each time of day, on working days and on other days "
             "(column workday, else Monday to Friday), from it. Learned on the learning part. "
-            "By default only for the packaged data.",
+            "By default only for the packaged data victoria.",
             show_default=False,
         ),
     ] = None,
@@ -181,6 +173,15 @@ def command(
             show_default=False,
         ),
     ] = None,
+    against: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Say how far this candidate is behind the winners, and how sure that is; it joins the "
+            "table, if it is not there anyway. May be repeated.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Compare filters with fuzzy and hard switches, IMM, Kalman filter and regressions on one series.
 
@@ -192,12 +193,15 @@ def command(
 
     with report_errors():
         reading = Reading(time, time_format, sep, decimal)
-        profile = data is None if profile is None else profile
+        if data is not None and packaged is not None:
+            raise ParameterError(f"--data: got {packaged.value} beside the file {data}, expected one of them")
         if data is None:
-            source = _packaged(state, obs, reading)
+            name = (packaged or SourceName.VICTORIA).value
+            source = from_package(name, state, obs, reading)
         else:
-            needed = profile or switch is SwitchSource.CLOCK
-            source = _from_file(data, state, obs, reading, needs_time=needed)
+            name, needed = None, bool(profile) or switch is SwitchSource.CLOCK
+            source = from_file(data, state, obs, reading, needs_time=needed)
+        profile = source.profile if profile is None else profile
         task = comparison.prepare(
             source.state,
             source.observation,
@@ -208,7 +212,9 @@ def command(
             switch=switch.value,
         )
         main = comparison.main_methods(law.value, times=task.clock is not None)
-        methods = (*main, *map(comparison.candidate, also or []))
+        methods = [*main, *map(comparison.candidate, also or [])]
+        rivals = dict.fromkeys(against or [])
+        methods += [comparison.candidate(one) for one in rivals if one not in {m.name for m in methods}]
         check_folder(out)
         if report is not None:
             _check_report(report, data)
@@ -239,7 +245,9 @@ def command(
                     "--nodes": nodes,
                     "--seed": seed,
                 }
-                settings = _settings(result, source, data, reading, repeat, also or [])
+                begin = [str(data)] if name is None else ["--data", name]
+                named = [f"--also={one}" for one in also or []] + [f"--against={one}" for one in rivals]
+                settings = _settings(result, source, begin, reading, repeat, named)
                 page = report_page(
                     result, title=source.title, state_label=label, unit=source.unit, settings=settings
                 )
@@ -251,62 +259,7 @@ def command(
             report.parent.mkdir(parents=True, exist_ok=True)
             write_text(report, page)
             files.append(report)
-    _print(result, source, label, files)
-
-
-# --------------------------------------------------------------------------- input
-
-
-def _packaged(state: str | None, obs: str | None, reading: Reading) -> Source:
-    from fuzzykf.datasets import load_victoria
-
-    if reading.time is not None:
-        raise ParameterError("--time: the packaged data bring their own times; give a file to name a column")
-    for word in reading.words():
-        raise ParameterError(
-            f"{word}: the packaged data are no file of yours; give one to say how to read it"
-        )
-    v = load_victoria(hourly=True)
-    columns = {
-        "demand_gw": (v.demand, "demand", "GW"),
-        "temperature_c": (v.temperature, "temperature", "°C"),
-    }
-    state, obs = state or "demand_gw", obs or "temperature_c"
-    for option, name in (("--state", state), ("--obs", obs)):
-        if name not in columns:
-            raise ParameterError(
-                f"{option}: the packaged data have no column {name!r}; their columns are {', '.join(columns)}"
-            )
-    values, label, unit = columns[state]
-    return Source(
-        "Victoria, 2014, hourly means", state, obs, values, columns[obs][0], label, unit, v.time, v.workday
-    )
-
-
-def _from_file(
-    path: Path, state: str | None, obs: str | None, reading: Reading, *, needs_time: bool
-) -> Source:
-    table = reading.table(path)
-    if state is None or obs is None:
-        missing = "--state" if state is None else "--obs"
-        raise ParameterError(
-            f"{missing}: name a column of {path.name}; its columns are {listed(table.columns)}"
-        )
-    values, observation = (table.numbers(name, gaps=True) for name in (state, obs))
-    found = row_times(table, reading, needed=needs_time)
-    workday = table.numbers("workday") == 1.0 if "workday" in table.columns else None
-    return Source(
-        path.name,
-        state,
-        obs,
-        values,
-        observation,
-        state,
-        "",
-        found.times,
-        workday,
-        (*table.notes, *found.notes),
-    )
+    _print(result, source, label, files, list(rivals))
 
 
 # --------------------------------------------------------------------------- output
@@ -322,10 +275,10 @@ def _check_report(report: Path, data: Path | None) -> None:
 def _settings(
     result: Comparison,
     source: Source,
-    data: Path | None,
+    begin: list[str],
     reading: Reading,
     options: dict[str, object],
-    also: list[str],
+    named: list[str],
 ) -> dict[str, str]:
     """Say what a reader needs to repeat the comparison."""
     import platform
@@ -334,11 +287,11 @@ def _settings(
     from fuzzykf import __version__
 
     task = result.task
-    words = ["fuzzykf", "compare", *([] if data is None else [str(data)])]
+    words = ["fuzzykf", "compare", *begin]
     words += ["--state", source.state_column, "--obs", source.observation_column]
     words += reading.words()
     words += [str(word) for pair in options.items() for word in pair]
-    words += [f"--also={name}" for name in also]
+    words += named
     words += ["--profile" if task.profile else "--no-profile"]
     return {
         "data": source.title,
@@ -364,11 +317,12 @@ def _as_csv(result: Comparison) -> str:
         likelihood = "" if s.log_likelihood is None else repr(s.log_likelihood)
         row = [s.rmse, s.rmse_low, s.rmse_high, s.coverage]
         state = map(repr, (s.log_score, s.log_score_standard_error, s.log_score_low, s.log_score_high))
-        writer.writerow([s.title, *map(repr, row), likelihood, f"{s.microseconds:.3g}", *state])
+        law = [s.density, repr(s.normal_log_score)]
+        writer.writerow([s.title, *map(repr, row), likelihood, f"{s.microseconds:.3g}", *state, *law])
     return text.getvalue()
 
 
-def _print(result: Comparison, source: Source, label: str, files: list[Path]) -> None:
+def _print(result: Comparison, source: Source, label: str, files: list[Path], rivals: list[str]) -> None:
     from fuzzykf.comparison.wording import (
         about_choices,
         about_failures,
@@ -397,5 +351,8 @@ def _print(result: Comparison, source: Source, label: str, files: list[Path]) ->
     for note in source.notes:
         say(console, f"Note: {note}.")
     say(console, result.verdict(source.unit), "bold")
+    for rival in rivals:
+        if rival not in result.failures:  # of which was told above
+            say(console, result.against(rival, source.unit), "bold")
     for file in files:
         say_written(console, file)

@@ -14,11 +14,13 @@ import pytest
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
+from fuzzykf import datasets
 from fuzzykf.__main__ import main
 from fuzzykf.cli.app import app
 from fuzzykf.comparison import run as comparison_run
 from fuzzykf.comparison.candidates import boosting, switching
 from fuzzykf.comparison.run import RIVALS
+from fuzzykf.datasets import Weather, load_weather
 from fuzzykf.switching.learning import filter_training
 from fuzzykf.switching.learning.filter_training import MOST
 
@@ -135,7 +137,10 @@ def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(write, tmp_p
         assert 0 < low <= rmse <= high
         assert 0 <= float(row["coverage_90"]) <= 1
         assert float(row["microseconds_per_step"]) > 0
-        assert np.isfinite(float(row["log_score"]))
+        assert np.isfinite([float(row["log_score"]), float(row["normal_log_score"])]).all()
+        mixes = row["method"] not in [*REGRESSIONS, "KalmanFilter (filterpy)"]
+        assert row["density"] == ("mixture" if mixes else "normal")
+        assert (float(row["log_score"]) == pytest.approx(float(row["normal_log_score"]))) == (not mixes)
         assert float(row["log_score_standard_error"]) > 0
         assert float(row["log_score_low"]) < float(row["log_score"]) < float(row["log_score_high"])
         assert f"{float(row['log_score']):.3f}" in result.output
@@ -310,6 +315,50 @@ def test_without_a_file_it_runs_on_the_packaged_data(plain, tmp_path, monkeypatc
     assert " GW" in printed
     table = table_of(tmp_path / "out" / "comparison.csv")
     assert [row["method"] for row in table] == ["OFSRFilter", "KalmanFilter (filterpy)", "linear regression"]
+
+
+#: Of the weather: a gap in the part to learn on, and one in the other.
+HOURS_OF_WEATHER = slice(1180, 1540)
+
+
+def test_a_lost_humidity_sensor_is_restored_from_the_temperature_across_gaps(
+    plain, tmp_path, monkeypatch
+) -> None:
+    w = load_weather()
+    short = Weather(**{name: values[HOURS_OF_WEATHER] for name, values in vars(w).items()})
+    monkeypatch.setattr(datasets, "load_weather", lambda: short)
+    only(monkeypatch, "line", "daily-profile")
+    options = ["--folds", 1, "--nodes", 0, "--law", "fmc1", "--against", "line", "--against", "hard1"]
+    result = run("--data", "weather", *options, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    printed = " ".join(result.output.split())
+    assert "New York (JFK), 2013, hourly weather: relative humidity" in printed
+    assert "less its daily profile" not in printed
+    assert "compared on 180, from 2013-02-26T17:00" in printed  # standard time of New York
+    table = table_of(tmp_path / "out" / "comparison.csv")
+    titles = ["OFSRFilter", "KalmanFilter (filterpy)", "linear regression", "mean of the time of day"]
+    assert [row["method"] for row in table] == [*titles, "CGOMSMFilter, K = 1"]
+    # Oracle: the line through the rows of which something is known, judged on such rows.
+    x, y = short.humidity, short.temperature
+    assert [np.isnan(part).sum() for part in (x[:180], y[:180], x[180:], y[180:])] == [1, 1, 1, 1]
+    known = np.isfinite(x)
+    line = np.polyfit(y[:180][known[:180]], x[:180][known[:180]], 1)
+    missed = (np.polyval(line, y) - x)[180:][known[180:]]
+    assert float(table[2]["rmse"]) == pytest.approx(np.sqrt(np.mean(missed**2)))
+    # The winner beside each rival that was chosen.
+    best = min(table, key=lambda row: float(row["rmse"]))
+    for row in (table[2], table[4]):
+        behind = float(row["rmse"]) - float(best["rmse"])
+        told = f"is {behind:.2g} % behind {best['method']} on RMSE" if behind else "has the lowest RMSE"
+        assert f"{row['method']} {told}" in printed
+    assert re.search(
+        r"on log score [\d.]+ behind .* \(95 % interval .* to .*\): (not )?a significant", printed
+    )
+
+
+def test_a_file_and_packaged_data_are_one_too_many(write, tmp_path) -> None:
+    refused(tmp_path, write(), "--data", "weather", message="--data: got weather beside the file")
+    assert run("--data", "climate", "--out", tmp_path / "out").exit_code == 2
 
 
 @pytest.mark.study
