@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fuzzykf.comparison.candidates import Estimates, Restoration
+from fuzzykf.comparison.candidates import Estimates, Learned, Restoration
 from fuzzykf.comparison.density import NormalMixture, normal_log_score
 from fuzzykf.comparison.scores import LIMITS, Score, behind, bootstrap_rmse, row_of
 from fuzzykf.comparison.verdict import (
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from fuzzykf.arrays import BoolArray, FloatArray
-    from fuzzykf.comparison.candidates import Candidate, Learned, LearningPart, Named
+    from fuzzykf.comparison.candidates import Candidate, LearningPart, Named
     from fuzzykf.comparison.clock import Clock
 
 __all__ = [
@@ -385,6 +385,9 @@ def restore(
     begun = time.perf_counter()
     learned = candidate.learn(part)
     seconds = time.perf_counter() - begun
+    given: Any = learned
+    if not isinstance(given, Learned):
+        raise FuzzykfError(f"its learn returns {brief(given)}, expected something Learned")
     found = checked(learned.at(clock).restore(part.y, zs), len(zs), part.x.shape[1])
     for quantity in ("mean", "std", "log_likelihood"):
         values = getattr(found, quantity)

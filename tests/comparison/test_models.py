@@ -282,6 +282,13 @@ def test_estimates_that_are_incomplete_are_a_failure_of_the_candidate_by_name(sa
         compare_models(x, y, RNG(0), candidates=[telling("odd", said)], n_folds=1)
 
 
+def test_a_candidate_that_learns_nothing_is_a_failure_by_name() -> None:
+    x, y = noise(300)
+    odd = Candidate("odd", lambda part: None)
+    found = compare_models(x, y, RNG(0), candidates=[odd, remembering("a")], n_folds=1)
+    assert found.failures == {"odd": "fold 1: its learn returns None, expected something Learned"}
+
+
 def test_the_log_score_of_a_mixture_is_that_of_its_density() -> None:
     # Oracle: two peaks at +-2, written out; the normal law of their moments is far behind.
     rng = RNG(4)

@@ -27,7 +27,7 @@ from fuzzykf.comparison import (
 )
 from fuzzykf.comparison.candidates.boosting import learn_boosting
 from fuzzykf.comparison.folds import THREADS, _one_thread_each
-from fuzzykf.comparison.wording import about_choices, about_failures
+from fuzzykf.comparison.wording import about_choices, about_failures, about_intervals
 from fuzzykf.errors import ParameterError
 
 N_TRAIN, N_TEST = 150, 600
@@ -126,6 +126,65 @@ def test_a_standard_deviation_that_is_none_is_refused(task, std) -> None:
     )
     with pytest.raises(ParameterError, match=r"restorations: got a std of .* from a, expected finite"):
         score(task, pair, np.random.default_rng(0))
+
+
+def test_a_restoration_without_a_standard_deviation_or_of_another_length_is_refused_by_name(task) -> None:
+    for wrong, message in (
+        (restoration(task, "a", np.ones(N_TEST), std=None), "got a, its std is None, expected an array"),
+        (restoration(task, "a", np.ones(N_TEST), std=np.ones(3)), r"got a, its std has shape \(3,\)"),
+    ):
+        pair = wrong, restoration(task, "b", np.ones(N_TEST))
+        with pytest.raises(ParameterError, match=f"restorations: {message}"):
+            score(task, pair, np.random.default_rng(0))
+
+
+def test_the_winners_are_told_beside_a_chosen_rival(task) -> None:
+    rng = np.random.default_rng(3)
+    noise = rng.normal(size=N_TEST)
+    found = score(
+        task,
+        (
+            restoration(task, "near", noise, std=np.full(N_TEST, 9.0)),
+            restoration(task, "far", 2 * noise, std=np.full(N_TEST, 2.0), title="THE FAR ONE"),
+            restoration(task, "sure", 3 * noise, std=np.zeros(N_TEST)),
+        ),
+        rng,
+        n_resamples=100,
+    )
+    far = found.scores[1]
+    assert found.against("far", "GW") == (
+        f"THE FAR ONE is {far.difference:.2g} GW behind near on RMSE (95 % interval "
+        f"{far.difference_low:.2g} to {far.difference_high:.2g}): a significant difference; "
+        "it has the highest log score."
+    )
+    near = found.scores[0]
+    assert found.against("near") == (
+        f"near has the lowest RMSE; on log score {near.log_score_behind:.2g} behind THE FAR ONE (95 % "
+        f"interval {near.log_score_behind_low:.2g} to {near.log_score_behind_high:.2g}): a significant difference."
+    )
+    assert found.against("sure").endswith("a significant difference; its log score is -inf.")
+    with pytest.raises(ParameterError, match=r"rival: got 'fr', expected one of near, far, sure$"):
+        found.against("fr")
+    failed = replace(found, failures={"lost": "fold 1: no way"})
+    with pytest.raises(ParameterError, match=r"expected one of .*; it failed: fold 1: no way"):
+        failed.against("lost")
+
+
+def test_what_was_said_of_all_folds_scores_as_it_did_fold_by_fold(two_regimes) -> None:
+    # The mixtures of the folds follow one another, though they need not be of one size.
+    methods = ["hard2", "line"]
+    found = compare(two_regimes, np.random.default_rng(0), methods=methods, n_folds=2, n_resamples=100)
+    again = score(two_regimes, found.restorations, np.random.default_rng(0), n_resamples=100)
+    for a, b in zip(found.scores, again.scores, strict=True):
+        assert b.log_score == pytest.approx(a.log_score)
+        assert (b.coverage, b.density) == (a.coverage, a.density)
+    hard = found.scores[0]
+    assert (hard.density, found.scores[1].density) == ("mixture", "normal")
+    lower, upper = found.restorations[0].interval(0.9)
+    assert hard.coverage == np.mean((lower <= found.truth) & (found.truth <= upper))
+    assert "state under the mixture of normal laws that a method claims (CGOMSMFilter); of others" in (
+        about_intervals(found)
+    )
 
 
 def test_a_clear_winner_is_called_certain_and_a_draw_is_not(task) -> None:

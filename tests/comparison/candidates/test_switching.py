@@ -85,6 +85,16 @@ def quick_laws(guessed, monkeypatch):
     return broken
 
 
+def test_a_model_is_learned_once_on_the_same_rows(series) -> None:
+    quick = part(series, 200, max_iter=2)
+    for learn in (quick.fuzzy, lambda law, **told: quick.hard(2, **told)):
+        fit = learn("fmc1")
+        assert learn("fmc1") is fit
+        assert learn("fmc1", state_feedback=False) is not fit
+    again = quick.first(150)
+    assert len(again.fuzzy("fmc1").class_weights) == 150
+
+
 def density_of(learned, x, y, split):
     """Log-density of the states of the next 50 rows: normal laws, one a node, mixed by the filter's mu."""
     result = learned.filter.filter(y[split - WARM_UP : split + 50], keep_nodes=True)
