@@ -160,7 +160,8 @@ def test_the_winners_are_told_beside_a_chosen_rival(task) -> None:
     near = found.scores[0]
     assert found.against("near") == (
         f"near has the lowest RMSE; on log score {near.log_score_behind:.2g} behind THE FAR ONE (95 % "
-        f"interval {near.log_score_behind_low:.2g} to {near.log_score_behind_high:.2g}): a significant difference."
+        f"interval {near.log_score_behind_low:.2g} to {near.log_score_behind_high:.2g}): a significant "
+        "difference."
     )
     assert found.against("sure").endswith("a significant difference; its log score is -inf.")
     with pytest.raises(ParameterError, match=r"rival: got 'fr', expected one of near, far, sure$"):
