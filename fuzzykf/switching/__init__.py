@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from fuzzykf import moved
 from fuzzykf.results import Simulation
+from fuzzykf.switching.dynamics.features import WindowFeatures
 from fuzzykf.switching.dynamics.pairs import InitialLaw, PairCoefficients, PairTables, SwitchingSystem
 from fuzzykf.switching.dynamics.placed import StationarySystem
 from fuzzykf.switching.filters import (
@@ -60,6 +61,7 @@ __all__ = [
     "SwitchingKalmanFilter",
     "SwitchingStateSpace",
     "SwitchingSystem",
+    "WindowFeatures",
     "pool_models",
     "shrink_covariances",
 ]

@@ -118,11 +118,13 @@ class LearningPart:
         n_regimes: int | None = None,
         state_feedback: bool = True,
         objective: str = "joint",
+        inputs: FloatArray | None = None,
+        features: Any = None,
     ) -> FitResult[CGOMSModel]:
         """Learn a model of so many hard regimes (two names of one number); a second call returns the same.
 
         A given switch, of two regimes, is rounded; for the objective "filter" it is hidden.  Without
-        `state_feedback` Axx is zero.
+        `state_feedback` Axx is zero.  Inputs (n, k) and features are as in `CGOMSModel.fit`.
         """
         from fuzzykf.switching import CGOMSModel
         from fuzzykf.switching.models.base import given_regimes
@@ -133,8 +135,10 @@ class LearningPart:
         options: Any = {"n_regimes": K, "state_feedback": state_feedback, "objective": objective}
         options |= self._effort
         fit: FitResult[CGOMSModel] = self.once(
-            ("hard", *sorted(options.items())),
-            lambda: _numerical(lambda: CGOMSModel.fit(self.x, self.y, r, **options)),
+            ("hard", *sorted(options.items()), repr(features), inputs is None),
+            lambda: _numerical(
+                lambda: CGOMSModel.fit(self.x, self.y, r, inputs=inputs, features=features, **options)
+            ),
         )
         return fit
 

@@ -12,22 +12,22 @@ if TYPE_CHECKING:
     from fuzzykf.comparison.candidates import Learned, LearningPart
     from fuzzykf.results import FitResult
 
-__all__ = ["CANDIDATES", "learn_fuzzy_for_filter", "learn_hard_for_filter"]
+__all__ = ["CANDIDATES", "learn_fuzzy_for_filter", "learn_hard_for_filter", "training_told"]
 
 
 def learn_hard_for_filter(part: LearningPart, n_regimes: int) -> Learned:
     """Learn a model of so many hard regimes for its filter."""
     fit = part.hard(n_regimes=n_regimes, objective="filter")
-    return LearnedSwitching(fit, part.n_nodes, _told(fit))
+    return LearnedSwitching(fit, part.n_nodes, training_told(fit))
 
 
 def learn_fuzzy_for_filter(part: LearningPart, law: str) -> Learned:
     """Learn a fuzzy model with a law of this family for its filter."""
     fit = part.fuzzy(law, objective="filter")
-    return LearnedSwitching(fit, part.n_nodes, f"law {law}; {_told(fit)}")
+    return LearnedSwitching(fit, part.n_nodes, f"law {law}; {training_told(fit)}")
 
 
-def _told(fit: FitResult[Any]) -> str:
+def training_told(fit: FitResult[Any]) -> str:
     """Say which fit was kept, and why."""
     training = fit.training
     assert training is not None  # it was asked for

@@ -26,6 +26,7 @@ FAMILIES = (
     "memoryless",
     "filter_trained",
     "pool",
+    "inputs",
     "linear",
     "regression",
     "boosting",

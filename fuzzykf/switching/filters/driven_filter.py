@@ -47,6 +47,11 @@ class DrivenFilter(SavedFilter):
         """The system, if its steps depend on more than the latest observation."""
         return None if self._driver is None else self._driver.system
 
+    @property
+    def has_inputs(self) -> bool:
+        """Whether the model has inputs, which each step has to be told."""
+        return self._driven is not None and self._driven.dim_u is not None
+
     # ------------------------------------------------------------------ whole series
 
     def filter(

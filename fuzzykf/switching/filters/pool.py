@@ -30,6 +30,7 @@ from fuzzykf.reprs import shown
 from fuzzykf.results import FitResult
 from fuzzykf.switching.dynamics.model import SwitchingModel
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
+from fuzzykf.switching.filters.told_members import told_of_members
 from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
@@ -145,8 +146,8 @@ class FilterPool(Filter, Document):
         if self._predicted and self._n == 0:
             return
         with self._as_it_was_on_error():
-            for member in self.members:
-                member.predict(**told)
+            for member, own in told_of_members(self.members, told):
+                member.predict(**own)
         self._n += self._predicted
         self._predicted = True
 
@@ -178,15 +179,15 @@ class FilterPool(Filter, Document):
                 member.update(z, **told)
         self._n, self._predicted = self._n + 1, False
 
-    def step(self, z: Numbers) -> FloatArray:
-        """Predict, then update with ``z``; see `Filter.step`."""
+    def step(self, z: Numbers, **told: Any) -> FloatArray:
+        """Predict, told what else `predict` of each member is, then update with ``z``; see `Filter.step`."""
         with self._as_it_was_on_error():
             if self._predicted or not self._is_plain():
-                self.predict()
+                self.predict(**told)
                 self.update(z)
             else:  # a step of a member may be much faster than its verbs
-                for member in self.members:
-                    member.step(z)
+                for member, own in told_of_members(self.members, told):
+                    member.step(z, **own)
                 self._n += 1
         return self.x
 
@@ -262,8 +263,8 @@ class FilterPool(Filter, Document):
             if self._n == 0 and self._predicted and length_hint(zs, 1):
                 self.reset()  # the first observation of a series comes with its own predict
             results = [
-                one.filter(zs, resume=True, **(_BY_NODE if keep_nodes and _has_nodes(one) else {}), **told)
-                for one in self.members
+                one.filter(zs, resume=True, **(_BY_NODE if keep_nodes and _has_nodes(one) else {}), **own)
+                for one, own in told_of_members(self.members, told)
             ]
             n = len(results[0])
             self._n += n + (self._predicted and n > 0)
@@ -376,7 +377,7 @@ class FilterPool(Filter, Document):
         for member in self.members:
             if not hasattr(member, "forecast"):
                 raise ParameterError(f"forecast: a member is {_a(member)}, which has none")
-        results = [member.forecast(steps, **told) for member in self.members]
+        results = [one.forecast(steps, **own) for one, own in told_of_members(self.members, told)]
         moments = {name: self._mixed(results, name) for name in ("x", "P", "z_prior", "S")}
         return FilterResult(**moments, **_components(self.weights, results), index=results[0].index)
 

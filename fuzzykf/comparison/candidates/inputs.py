@@ -1,0 +1,183 @@
+"""Switching filters with the clock as an input and with features of the window, alone and as a pool."""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fuzzykf.comparison.candidates import WARM_UP, Candidate, Estimates, Learned
+from fuzzykf.comparison.candidates.filter_trained import training_told
+from fuzzykf.comparison.density import NormalMixture
+from fuzzykf.errors import FuzzykfError
+from fuzzykf.switching import FilterPool, WindowFeatures
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from typing import Self
+
+    from fuzzykf.arrays import FloatArray
+    from fuzzykf.comparison.candidates import LearningPart
+    from fuzzykf.comparison.clock import Clock
+
+__all__ = [
+    "CANDIDATES",
+    "MAPS",
+    "LearnedWithInputs",
+    "clock_columns",
+    "learn_chosen_map",
+    "learn_pool_of_maps",
+]
+
+#: Distributed lags: three observations one by one, and the means of 3, 6 and 12 hours, or steps, before them.
+_LAGS: dict[str, Any] = {"order": 3, "blocks": (3, 6, 12)}
+
+#: The maps of the members of a pool.
+MAPS: Mapping[str, WindowFeatures] = {
+    "lags": WindowFeatures(**_LAGS),
+    "lags and hinges": WindowFeatures(**_LAGS, hinges=3),
+    "lags, hinges and products": WindowFeatures(**_LAGS, hinges=3, products=True),
+}
+
+#: Of the day, sine and cosine of so many.
+HARMONICS = 3
+
+
+def clock_columns(clock: Clock | None) -> FloatArray | None:
+    """Return what a clock tells a model, (n, k); None without a clock."""
+    if clock is None:
+        return None
+    angle = 2.0 * np.pi * clock.hour / 24.0
+    columns = [part(k * angle) for k in range(1, HARMONICS + 1) for part in (np.sin, np.cos)]
+    workday = np.asarray(clock.workday, dtype=np.float64)
+    columns += [workday, workday * columns[0], workday * columns[1]]
+    return np.stack(columns, axis=1)
+
+
+class LearnedWithInputs(Learned):
+    """Learned models with inputs and features, and their filter: that of the one, or a pool of them.
+
+    Parameters
+    ----------
+    fits : mapping of str to FitResult
+        By the name of what they were learned with.
+    clock : Clock or None
+        Of the rows that were learned on, which end where the next ones begin.
+    inputs : callable
+        From a clock to inputs, None where there are none.
+    description : str
+    """
+
+    feedback: bool | None = False
+
+    def __init__(
+        self,
+        fits: Mapping[str, Any],
+        clock: Clock | None,
+        inputs: Callable[[Clock | None], FloatArray | None],
+        description: str = "",
+    ) -> None:
+        self.fits, self._inputs, self.description = dict(fits), inputs, description
+        filters = [fit.model.filter() for fit in fits.values()]
+        self.filter = filters[0] if len(filters) == 1 else FilterPool(filters)
+        lead = "" if len(filters) == 1 else "{name}: "
+        self.notes = tuple(
+            lead.format(name=name) + note for name, fit in fits.items() for note in fit.warnings
+        )
+        self._before = None if clock is None else clock[-WARM_UP:]
+        self._clock: Clock | None = None
+
+    def at(self, clock: Clock | None) -> Self:
+        """Return the same for rows of a clock."""
+        other = copy(self)
+        other._clock = clock
+        return other
+
+    def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
+        """Filter, beginning a little earlier; the density is the mixture over the nodes of all members.
+
+        Raises
+        ------
+        FuzzykfError
+            If it has learned with times, and those of these rows are not told (`at`).
+        """
+        warm = before[-WARM_UP:]
+        told = self._told(len(warm), len(zs))
+        result = self.filter.filter(np.concatenate([warm, zs]), keep_nodes=True, **told)
+        part = slice(len(warm), None)
+        return Estimates(
+            mean=result.x[part],
+            std=np.sqrt(np.diagonal(result.P[part], axis1=-2, axis2=-1)),
+            log_likelihood=result.log_likelihood[part],
+            density=NormalMixture.of(result, part),
+        )
+
+    def _told(self, n_before: int, n: int) -> dict[str, FloatArray]:
+        """Return inputs of the rows before and of those to restore, as arguments of `filter`."""
+        before = self._inputs(self._before)
+        if before is None:
+            return {}
+        now = self._inputs(self._clock)
+        if now is None or len(now) != n or len(before) < n_before:
+            got = 0 if now is None else len(now)
+            raise FuzzykfError(
+                f"the model has learned with times, and needs those of the {n} rows: got {got}"
+            )
+        return {"us": np.concatenate([before[len(before) - n_before :], now])}
+
+    def stepper(self) -> Callable[[FloatArray], object]:
+        """Return the filter's ``step``, with the inputs of the first row to restore."""
+        now = self._inputs(self._clock)
+        told = {} if now is None else {"u": now[0]}
+        return lambda z: self.filter.step(z, **told)
+
+
+def _inputs_of(part: LearningPart) -> Callable[[Clock | None], FloatArray | None]:
+    """Return from clocks to inputs: those columns that vary in the rows to learn on."""
+    columns = clock_columns(part.clock)
+    if columns is None:
+        return clock_columns
+    varies = np.ptp(columns, axis=0) > 0.0
+
+    def inputs(clock: Clock | None) -> FloatArray | None:
+        found = clock_columns(clock)
+        return None if found is None else found[:, varies]
+
+    return inputs
+
+
+def learn_chosen_map(part: LearningPart) -> Learned:
+    """Learn two hard regimes for the filter, with the map of the window that scores best on rows kept back."""
+    inputs = _inputs_of(part)
+    fit = part.hard(n_regimes=2, objective="filter", inputs=inputs(part.clock), features="auto")
+    form = fit.model.form
+    name = repr(form.features) if hasattr(form, "features") else "no features"
+    told = f"{name} (chosen from {len(fit.score_of_features)} maps); {training_told(fit)}"
+    learned = LearnedWithInputs({"": fit}, part.clock, inputs, told)
+    learned.choice = name
+    return learned
+
+
+def learn_pool_of_maps(part: LearningPart) -> Learned:
+    """Learn two hard regimes for the filter with each of `MAPS`, and pool the filters.
+
+    Nothing is chosen: which map is the right one, a few months of data do not tell.
+    """
+    inputs = _inputs_of(part)
+    us = inputs(part.clock)
+    fits: dict[str, Any] = {}
+    for name, features in MAPS.items():
+        if features.products and us is None:
+            continue
+        if fits:
+            part.progress(f"learning with {name}, a member of the pool")
+        fits[name] = part.hard(n_regimes=2, objective="filter", inputs=us, features=features)
+    description = "; ".join(f"{name}: {training_told(fit)}" for name, fit in fits.items())
+    return LearnedWithInputs(fits, part.clock, inputs, description)
+
+
+CANDIDATES = (
+    Candidate("hard2-inputs", learn_chosen_map, title="CGOMSMFilter, clock and features"),
+    Candidate("pool-inputs", learn_pool_of_maps, pieces=len(MAPS), title="FilterPool, clock and features"),
+)
