@@ -8,6 +8,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import nox
 
 nox.needs_version = ">=2025.10.14"
@@ -45,11 +47,12 @@ def types(session: nox.Session) -> None:
 
 @nox.session
 def docs(session: nox.Session) -> None:
-    """Build the documentation; a warning is an error."""
-    session.install("-e", ".[docs]")
+    """Build the documentation, a warning is an error, and run the notebooks that it made of the tutorials."""
+    session.install("-e", ".", "--group", "docs")
     session.run(
         "sphinx-build", "-W", "--keep-going", "-b", "html", "docs", "docs/_build/html", *session.posargs
     )
+    session.run("jupyter", "execute", *map(str, Path("docs/_build/html/tutorials").glob("*.ipynb")))
 
 
 @nox.session(default=False)

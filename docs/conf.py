@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+import sys
+from pathlib import Path
 
 import fuzzykf
+
+sys.path.append(str(Path(__file__).parent))  # of notebooks.py
 
 project = "fuzzykf"
 author = "The fuzzykf developers"
@@ -21,7 +25,9 @@ extensions = [
     "sphinx-mathjax-offline",  # equations are drawn without the network
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
+    "notebooks",
 ]
+notebook_pages = ["tutorials/*"]
 exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "gallery/*.json", "gallery/*.zip", "paper/*"]
 templates_path = ["_templates"]
 default_role = "autolink"  # `OFSRFilter` in a docstring is a link where there is something to link to
@@ -45,6 +51,7 @@ sphinx_gallery_conf = {
 }
 
 html_theme = "furo"
+html_baseurl = os.environ.get("READTHEDOCS_CANONICAL_URL", "")  # where links of notebooks lead
 html_title = f"fuzzykf {release}"
 html_static_path = ["_static"]
 html_css_files = ["wrap.css"]

@@ -6,6 +6,7 @@ import contextlib
 import doctest
 import importlib
 import io
+import os
 import pkgutil
 import re
 import sys
@@ -16,6 +17,8 @@ from pathlib import Path
 import pytest
 
 import fuzzykf
+
+os.environ.setdefault("MPLBACKEND", "Agg")  # pages that draw open no window
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -62,6 +65,8 @@ def test_the_python_on_a_page_runs_and_prints_what_follows_it(page, monkeypatch)
             )
             assert results.failed == 0, report.getvalue()
             namespace.update(test.globs)
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=names)
