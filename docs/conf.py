@@ -28,7 +28,14 @@ extensions = [
     "notebooks",
 ]
 notebook_pages = ["tutorials/*"]
-exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "gallery/*.json", "gallery/*.zip", "paper/*"]
+exclude_patterns = [
+    "_build",
+    "gallery/*.ipynb",
+    "gallery/*.py",
+    "gallery/*.json",
+    "gallery/*.zip",
+    "paper/*",
+]
 templates_path = ["_templates"]
 default_role = "autolink"  # `OFSRFilter` in a docstring is a link where there is something to link to
 
@@ -36,7 +43,9 @@ myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
 autosummary_generate = True
-autodoc_typehints = "none"  # numpydoc's Parameters say it in words, with shapes and units
+autodoc_typehints = (
+    "none"  # numpydoc's Parameters say it in words, with shapes and units
+)
 numpydoc_show_class_members = False  # the template of a class lists them
 numpydoc_xref_param_type = False
 
@@ -44,14 +53,19 @@ sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
     # the data of one example are not part of the package: without them it is shown, but not run
-    "filename_pattern": r"plot_" if "FUZZYKF_DATA" in os.environ else r"plot_(?!traffic)",
+    "filename_pattern": r"plot_"
+    if "FUZZYKF_DATA" in os.environ
+    else r"plot_(?!traffic)",
     "remove_config_comments": True,
     "show_memory": False,
+    "write_computation_times": False,  # pages of no use to readers, with scripts from the network
     "abort_on_example_error": True,
 }
 
 html_theme = "furo"
-html_baseurl = os.environ.get("READTHEDOCS_CANONICAL_URL", "")  # where links of notebooks lead
+html_baseurl = os.environ.get(
+    "READTHEDOCS_CANONICAL_URL", ""
+)  # where links of notebooks lead
 html_title = f"fuzzykf {release}"
 html_static_path = ["_static"]
 html_css_files = ["wrap.css"]
@@ -64,7 +78,9 @@ def escape_bars(app, what, name, obj, options, lines):
     for k, line in enumerate(lines):
         if not line.lstrip().startswith((">>>", "...")):
             parts = line.split("``")  # every second part is literal
-            parts[::2] = [re.sub(r"\|([^|`]+)\|", r"\\|\1\\|", part) for part in parts[::2]]
+            parts[::2] = [
+                re.sub(r"\|([^|`]+)\|", r"\\|\1\\|", part) for part in parts[::2]
+            ]
             lines[k] = "``".join(parts)
 
 

@@ -13,7 +13,9 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-LISTING = re.compile(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", re.MULTILINE | re.DOTALL)
+LISTING = re.compile(
+    r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", re.MULTILINE | re.DOTALL
+)
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 LINK = re.compile(r"(?<!!)\[([^]]*)\]\((?!https?:)([^)#\s]*)(#[^)\s]*)?\)")
 PICTURE = re.compile(r"!\[([^]]*)\]\(([^)\s]+)\)")
@@ -29,7 +31,10 @@ def markdown_cell(text: str, page: Path, root: Path, url: str) -> dict[str, Any]
         target = (page.parent / file).resolve() if file else page
         if not words:  # the title of what it leads to
             titles = HEADING.findall(target.read_text(encoding="utf-8"))
-            slugs = ["#" + re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles]
+            slugs = [
+                "#" + re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
+                for title in titles
+            ]
             words = titles[slugs.index(anchor) if anchor else 0]
         where = target.relative_to(root).with_suffix(".html").as_posix()
         return f"[{words}]({url.rstrip('/')}/{where}{anchor})" if url else words
@@ -38,30 +43,52 @@ def markdown_cell(text: str, page: Path, root: Path, url: str) -> dict[str, Any]
 
     def picture(found: re.Match[str]) -> str:
         file = page.parent / found[2]
-        attachments[file.name] = {"image/png": base64.b64encode(file.read_bytes()).decode()}
+        attachments[file.name] = {
+            "image/png": base64.b64encode(file.read_bytes()).decode()
+        }
         return f"![{found[1]}](attachment:{file.name})"
 
     text = IMAGE.sub(r"![\2](\1)", text).replace("```{code-block} python", "```python")
-    cell = {"cell_type": "markdown", "metadata": {}, "source": PICTURE.sub(picture, LINK.sub(link, text))}
+    cell = {
+        "cell_type": "markdown",
+        "metadata": {},
+        "source": PICTURE.sub(picture, LINK.sub(link, text)),
+    }
     return cell | {"attachments": attachments} if attachments else cell
 
 
 def notebook(page: Path, root: Path, url: str = "") -> dict[str, Any]:
     """Make the notebook of a page of the site at this address, whose sources are in `root`."""
     cells: list[dict[str, Any]] = []
-    parts = LISTING.split(page.read_text(encoding="utf-8"))  # text, then a listing, its output and text, ...
+    parts = LISTING.split(
+        page.read_text(encoding="utf-8")
+    )  # text, then a listing, its output and text, ...
     for k in range(0, len(parts), 3):
         if k:
             code, printed = parts[k - 2].rstrip("\n"), parts[k - 1]
-            output = [{"output_type": "stream", "name": "stdout", "text": printed}] if printed else []
-            cell = {"cell_type": "code", "metadata": {}, "source": code, "outputs": output}
+            output = (
+                [{"output_type": "stream", "name": "stdout", "text": printed}]
+                if printed
+                else []
+            )
+            cell = {
+                "cell_type": "code",
+                "metadata": {},
+                "source": code,
+                "outputs": output,
+            }
             cells.append(cell | {"execution_count": None})
         if text := parts[k].strip("\n"):
             cells.append(markdown_cell(text, page, root, url))
     for k, cell in enumerate(cells):
         cell["id"] = f"cell-{k}"
     kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
-    return {"nbformat": 4, "nbformat_minor": 5, "metadata": {"kernelspec": kernel}, "cells": cells}
+    return {
+        "nbformat": 4,
+        "nbformat_minor": 5,
+        "metadata": {"kernelspec": kernel},
+        "cells": cells,
+    }
 
 
 def offered(app: Any, name: str) -> bool:
@@ -80,8 +107,12 @@ def write_notebooks(app: Any, exception: Exception | None) -> None:
     """Write the notebooks beside the pages."""
     for name in sorted(app.env.found_docs) if exception is None else ():
         if offered(app, name):
-            made = notebook(app.srcdir / f"{name}.md", app.srcdir, app.config.html_baseurl)
-            (app.outdir / f"{name}.ipynb").write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+            made = notebook(
+                app.srcdir / f"{name}.md", app.srcdir, app.config.html_baseurl
+            )
+            (app.outdir / f"{name}.ipynb").write_text(
+                json.dumps(made, indent=1) + "\n", encoding="utf-8"
+            )
 
 
 def setup(app: Any) -> dict[str, Any]:

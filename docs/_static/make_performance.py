@@ -52,7 +52,9 @@ def model(m, q):
     root = np.random.default_rng(6).normal(size=(d, d)) * 0.3 + np.eye(d)
     S = root @ root.T
     pair = np.broadcast_to(np.block([[S, 0.3 * S], [0.3 * S, S]]), (2, 2, 2 * d, 2 * d))
-    return CGOFMSModel(FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16), [np.zeros(d), 2 * np.ones(d)], pair, m)
+    return CGOFMSModel(
+        FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16), [np.zeros(d), 2 * np.ones(d)], pair, m
+    )
 
 
 def measure_ours(n):
@@ -67,7 +69,11 @@ def measure_ours(n):
         nodes.append(fastest(partial(f.filter, y), n))
     for m, q in SIZES:
         f = OFSRFilter(model(m, q), 5)
-        sizes.append(fastest(partial(f.filter, f.model.simulate(n, np.random.default_rng(0)).y), n))
+        sizes.append(
+            fastest(
+                partial(f.filter, f.model.simulate(n, np.random.default_rng(0)).y), n
+            )
+        )
     return {"nodes": nodes, "sizes": sizes}
 
 
@@ -76,7 +82,12 @@ def measure_numpy():
     code = "import json, make_performance as m; print(json.dumps(m.measure_ours(1000)))"
     environment = os.environ | {"FUZZYKF_ENGINE": "numpy"}
     run = subprocess.run(
-        [sys.executable, "-c", code], cwd=HERE, env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code],
+        cwd=HERE,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return json.loads(run.stdout)
 
@@ -88,7 +99,12 @@ def measure_filterpy():
     found = []
     for m, q in SIZES:
         f = KalmanFilter(m, q)
-        f.F, f.H, f.Q, f.R = 0.9 * np.eye(m), np.eye(q, m), 0.2 * np.eye(m), 0.5 * np.eye(q)
+        f.F, f.H, f.Q, f.R = (
+            0.9 * np.eye(m),
+            np.eye(q, m),
+            0.2 * np.eye(m),
+            0.5 * np.eye(q),
+        )
         zs = np.ones((50, q, 1))
 
         def work(f=f, zs=zs):
@@ -107,7 +123,10 @@ def measure_many():
     f = OFSRFilter(model(1, 1), 5)
     ys = np.random.default_rng(1).normal(1.0, 1.5, (SERIES[-1], 1000, 1))
     return {
-        threads: [fastest(partial(f.filter_many, ys[:s], threads=threads), s * 1000) for s in SERIES]
+        threads: [
+            fastest(partial(f.filter_many, ys[:s], threads=threads), s * 1000)
+            for s in SERIES
+        ]
         for threads in (1, 2)
     }
 
@@ -118,7 +137,9 @@ def main():
     from fuzzykf.engine.compiled import processor
 
     rounds = []
-    for _ in range(ROUNDS):  # in turn: the speed of a machine moves from one minute to the next
+    for _ in range(
+        ROUNDS
+    ):  # in turn: the speed of a machine moves from one minute to the next
         ours = {}
         for name in reversed(processor.available_instructions()):
             processor.use_instructions(name)
@@ -129,19 +150,54 @@ def main():
     ours["NumPy"] = measure_numpy()
 
     style = {"x86-64-v4": "o-", "x86-64-v3": "s--", "portable": "^-.", "NumPy": "D:"}
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(11.0, 3.8), layout="constrained")
-    for (name, values), color in zip(ours.items(), ("C0", "C1", "C2", "C4"), strict=False):
-        left.plot(NODES, values["nodes"], style[name], color=color, markersize=4, label=name)
-        middle.plot(range(len(SIZES)), values["sizes"], style[name], color=color, markersize=4, label=name)
-    left.axhline(filterpy[0], color="0.3", linewidth=1, label="filterpy KalmanFilter(1, 1)")
-    middle.plot(range(len(SIZES)), filterpy, "x-", color="0.3", linewidth=1, label="filterpy KalmanFilter")
+    figure, (left, middle, right) = plt.subplots(
+        1, 3, figsize=(11.0, 3.8), layout="constrained"
+    )
+    for (name, values), color in zip(
+        ours.items(), ("C0", "C1", "C2", "C4"), strict=False
+    ):
+        left.plot(
+            NODES, values["nodes"], style[name], color=color, markersize=4, label=name
+        )
+        middle.plot(
+            range(len(SIZES)),
+            values["sizes"],
+            style[name],
+            color=color,
+            markersize=4,
+            label=name,
+        )
+    left.axhline(
+        filterpy[0], color="0.3", linewidth=1, label="filterpy KalmanFilter(1, 1)"
+    )
+    middle.plot(
+        range(len(SIZES)),
+        filterpy,
+        "x-",
+        color="0.3",
+        linewidth=1,
+        label="filterpy KalmanFilter",
+    )
     middle.set_xticks(range(len(SIZES)), [f"{m}, {q}" for m, q in SIZES])
     for threads, mark in ((1, "o-"), (2, "s--")):
         label = f"{threads} thread{'s' * (threads > 1)}"
-        right.plot(SERIES, many[threads], mark, color=f"C{threads - 1}", markersize=4, label=label)
-    left.set(xlabel="nodes F between the hard values", title="OFSRFilter.filter, scalar")
+        right.plot(
+            SERIES,
+            many[threads],
+            mark,
+            color=f"C{threads - 1}",
+            markersize=4,
+            label=label,
+        )
+    left.set(
+        xlabel="nodes F between the hard values", title="OFSRFilter.filter, scalar"
+    )
     middle.set(xlabel="states m, observations q", title="OFSRFilter.filter, F = 5")
-    right.set(xlabel="series of 1,000 observations", title="OFSRFilter.filter_many, F = 5", xscale="log")
+    right.set(
+        xlabel="series of 1,000 observations",
+        title="OFSRFilter.filter_many, F = 5",
+        xscale="log",
+    )
     for axes in (left, middle):
         axes.set_yscale("log")
     for axes in (left, middle, right):

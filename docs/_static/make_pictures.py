@@ -21,7 +21,11 @@ HERE = Path(__file__).parent
 
 def listings(page: Path) -> list[str]:
     """Return the Python on a page."""
-    return re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return re.findall(
+        r"^```python\n(.*?)^```$",
+        page.read_text(encoding="utf-8"),
+        re.MULTILINE | re.DOTALL,
+    )
 
 
 # the listings of these pages, up to the one that makes a figure, leave it behind
@@ -74,9 +78,19 @@ upper.plot(y, ".", color="0.6", markersize=4, label="reading of the sensor")
 upper.plot(x, color=TRUTH, linewidth=2.2, label="truth")
 lower.fill_between(range(len(x)), shadow, color="0.85", label="truth")
 for name, state, shade, color, line in rows:
-    upper.plot(state, line, color=color, linewidth=1.6, label=f"{name}: RMSE {error(state):.2f}")
+    upper.plot(
+        state,
+        line,
+        color=color,
+        linewidth=1.6,
+        label=f"{name}: RMSE {error(state):.2f}",
+    )
     lower.plot(shade, line, color=color, linewidth=1.4)
-upper.set(ylabel="temperature", ylim=(7.0, None), title="A sensor whose gain fades to a half, and back")
+upper.set(
+    ylabel="temperature",
+    ylim=(7.0, None),
+    title="A sensor whose gain fades to a half, and back",
+)
 lower.set(ylabel="shadow", xlabel="step", ylim=(-0.04, 1.04), yticks=[0, 0.5, 1])
 upper.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
 for panel in (upper, lower):

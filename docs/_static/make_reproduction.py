@@ -32,11 +32,19 @@ def main(folder: Path) -> None:
         shutil.copyfile(folder / f"{name}.png", HERE / "reproduction" / f"{name}.png")
         what = row["reproduces"].partition(":")[0]
         runs = "–" if name in WITHOUT_RUNS else row["runs"]
-        verdicts = (row[k] for k in ("reproduced", "reproduced with a correction", "not reproduced"))
-        lines.append(f"| `{name}` | {row['paper']} | {what} | {runs} | {' | '.join(verdicts)} |")
+        verdicts = (
+            row[k]
+            for k in ("reproduced", "reproduced with a correction", "not reproduced")
+        )
+        lines.append(
+            f"| `{name}` | {row['paper']} | {what} | {runs} | {' | '.join(verdicts)} |"
+        )
     text = PAGE.read_text(encoding="utf-8")
     new, found = re.subn(
-        r"\| experiment \|.*?\n(?=\n)", lambda _: "\n".join(lines) + "\n", text, flags=re.DOTALL
+        r"\| experiment \|.*?\n(?=\n)",
+        lambda _: "\n".join(lines) + "\n",
+        text,
+        flags=re.DOTALL,
     )
     if found != 1:
         raise SystemExit(f"{PAGE}: expected one table of experiments, found {found}")
