@@ -7,6 +7,8 @@ import re
 import sys
 from pathlib import Path
 
+from sphinx.ext.autosummary import Autosummary, import_by_name
+
 import fuzzykf
 
 sys.path.append(str(Path(__file__).parent))  # of notebooks.py
@@ -84,6 +86,23 @@ def escape_bars(app, what, name, obj, options, lines):
             lines[k] = "``".join(parts)
 
 
+class Summary(Autosummary):
+    """A table of the reference in which a second name of a class says so, instead of nothing."""
+
+    def get_items(self, names):
+        items = super().get_items(names)
+        return [
+            (
+                name,
+                signature,
+                text or f"Another name of `{import_by_name(full)[1].__name__}`.",
+                full,
+            )
+            for name, signature, text, full in items
+        ]
+
+
 def setup(app):
     """Connect after numpydoc, which has the default priority of 500."""
+    app.add_directive("autosummary", Summary, override=True)
     app.connect("autodoc-process-docstring", escape_bars, priority=600)
