@@ -86,6 +86,13 @@ def test_numbered_equations_have_no_line_break(page) -> None:
         assert not (r"\tag" in equation and r"\\" in equation), equation
 
 
+@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "docs" / "index.md"], ids=names)
+def test_a_page_that_is_seen_first_shows_its_code_whole(page) -> None:
+    listings = FENCE.findall(page.read_text(encoding="utf-8"))
+    assert {kind for kind, _ in listings} >= {"python", "text"}
+    assert max(len(line) for _, code in listings for line in code.splitlines()) <= 88
+
+
 def test_the_tests_that_pages_name_exist() -> None:
     page = (ROOT / "docs" / "theory" / "corrections.md").read_text(encoding="utf-8")
     named = re.findall(r"`([\w/]+\.py)::(\w+)`", page)

@@ -26,7 +26,7 @@ _CELLS = 24
 
 
 def plot_law(law: FuzzyMarkovLaw, ax: Axes | None = None) -> Axes:
-    """Draw the joint density of two consecutive values of the switch as bars (2020 paper, Fig. 2).
+    """Draw the joint density of two consecutive values of the switch as bars (figure 2 of the 2020 paper).
 
     Bars on the rim are densities along the edges, those at the corners are masses.
 

@@ -258,7 +258,7 @@ def extend(
 @reprs()
 @dataclass(frozen=True)
 class Rule:
-    """A rule: if X is .. and U is .. and W is .. then X' is ..
+    """A rule of a fuzzy model: if X, U and W are in these fuzzy sets, then X' is in this one.
 
     Parameters
     ----------
