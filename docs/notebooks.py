@@ -35,7 +35,8 @@ def markdown_cell(text: str, page: Path, root: Path, url: str) -> dict[str, Any]
                 "#" + re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
                 for title in titles
             ]
-            words = titles[slugs.index(anchor) if anchor else 0]
+            title = titles[slugs.index(anchor) if anchor else 0]
+            words = title if url else f"“{title}”"
         where = target.relative_to(root).with_suffix(".html").as_posix()
         return f"[{words}]({url.rstrip('/')}/{where}{anchor})" if url else words
 

@@ -59,7 +59,7 @@ def test_links_lead_to_the_site_or_are_plain_text(tmp_path) -> None:
         encoding="utf-8",
     )
     (plain,) = notebooks.notebook(page, tmp_path)["cells"]
-    assert plain["source"] == "# A page\n\nLaws, One, of *many*, here, [x](https://x.org)"
+    assert plain["source"] == "# A page\n\n“Laws”, “One, of *many*”, here, [x](https://x.org)"
     (linked,) = notebooks.notebook(page, tmp_path, "https://site.org/en/")["cells"]
     assert linked["source"] == (
         "# A page\n\n[Laws](https://site.org/en/howto/laws.html), "
