@@ -60,6 +60,7 @@ def markdown_cell(text: str, page: Path, root: Path, url: str) -> dict[str, Any]
 
 def notebook(page: Path, root: Path, url: str = "") -> dict[str, Any]:
     """Make the notebook of a page of the site at this address, whose sources are in `root`."""
+    page, root = page.resolve(), root.resolve()
     cells: list[dict[str, Any]] = []
     parts = LISTING.split(
         page.read_text(encoding="utf-8")
