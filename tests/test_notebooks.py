@@ -85,5 +85,6 @@ def test_the_link_stands_under_the_title_of_tutorials(name, builder, offered) ->
     notebooks.add_button(app, name, source)
     title, *rest = source[0].split("\n")
     assert title == "# Title"
-    assert ('href="first_filter.ipynb" download="first_filter.ipynb"' in "".join(rest)) == offered
+    file = f"{Path(name).name}.ipynb"
+    assert (f'href="{file}" download="{file}"' in "".join(rest)) == offered
     assert source[0].endswith("\n\nText.\n")
