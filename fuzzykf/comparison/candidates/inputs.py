@@ -103,7 +103,7 @@ class LearnedWithInputs(Learned):
             If it has learned with times, and those of these rows are not told (`at`).
         """
         warm = before[-WARM_UP:]
-        told = self._told(len(warm), len(zs))
+        told: Any = self._told(len(warm), len(zs))
         result = self.filter.filter(np.concatenate([warm, zs]), keep_nodes=True, **told)
         part = slice(len(warm), None)
         return Estimates(
@@ -148,7 +148,10 @@ def _inputs_of(part: LearningPart) -> Callable[[Clock | None], FloatArray | None
 
 
 def learn_chosen_map(part: LearningPart) -> Learned:
-    """Learn two hard regimes for the filter, with the map of the window that scores best on rows kept back."""
+    """Learn two hard regimes for the filter, with the map of the window that scores best on states kept back.
+
+    Of `WindowFeatures` "auto" tries a few; the clock is an input where times are known.
+    """
     inputs = _inputs_of(part)
     fit = part.hard(n_regimes=2, objective="filter", inputs=inputs(part.clock), features="auto")
     form = fit.model.form
