@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from fuzzykf.comparison.candidates import Candidate, Estimates, Learned
 from fuzzykf.comparison.candidates.boosting import learn_boosting
-from fuzzykf.comparison.candidates.pool import MEMBERS, learn_pool
+from fuzzykf.comparison.candidates.inputs import MAPS, learn_pool_of_maps
 from fuzzykf.comparison.density import NormalMixture
 
 if TYPE_CHECKING:
@@ -70,9 +70,9 @@ class LearnedMixture(Learned):
 
 
 def learn_pool_boosting(part: LearningPart) -> Learned:
-    """Learn the pool and boosting, each as the candidate of its name, and mix them half and half.
+    """Learn the pool with inputs and boosting, as the candidates of their names, and mix them half and half.
 
-    The filters know the dynamics and the regimes, the trees the clock and long lags; neither wins everywhere.
+    The filters know the dynamics and the regimes, the trees what is not linear; neither wins everywhere.
 
     Raises
     ------
@@ -81,16 +81,16 @@ def learn_pool_boosting(part: LearningPart) -> Learned:
     FuzzykfError
         If one of the two cannot be learned.
     """
-    pool = learn_pool(part)
+    pool = learn_pool_of_maps(part)
     part.progress("learning boosting, half of the mixture")
-    return LearnedMixture({"pool": pool, "boosting": learn_boosting(part)}, (0.5, 0.5))
+    return LearnedMixture({"pool-inputs": pool, "boosting": learn_boosting(part)}, (0.5, 0.5))
 
 
 CANDIDATES = (
     Candidate(
         "pool-boosting",
         learn_pool_boosting,
-        pieces=len(MEMBERS) + 1,
+        pieces=len(MAPS) + 1,
         title="FilterPool and gradient boosting",
     ),
 )

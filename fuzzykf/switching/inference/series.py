@@ -311,8 +311,7 @@ def _filter_block(
             old, table = method.series(system, tables, begin, ys, k, end, out, mass)
             old_sign, sign = _sign(out, end - 2) if end - 2 >= k else sign, _sign(out, end - 1)
             first = end == 1  # nothing was known before it
-            if through:
-                tables = system.pair_tables(end + shift - 2)
+            tables = system.pair_tables(end + shift - 2) if through else tables
             before = None if first else Source(_mixture(ys, old, old_sign, end - 2, order, mass[0]), tables)
             mixture = _mixture(ys, table, sign, end - 1, order, mass[1])
             k = end

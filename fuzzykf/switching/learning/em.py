@@ -20,6 +20,14 @@ import numpy as np
 from fuzzykf.engine.selected import forward_backward
 from fuzzykf.switching.learning.gaussians import transition_vectors
 from fuzzykf.switching.learning.regression import Cells, Evidence
+from fuzzykf.switching.learning.tilt import (
+    RIDGE_TILT,
+    Moves,
+    evened,
+    log_normalisers,
+    maximised,
+    tilted,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,7 +48,6 @@ __all__ = [
     "extrapolated",
     "pair_shares",
     "run_em",
-    "tilted",
 ]
 
 
@@ -50,11 +57,19 @@ class Estimate:
 
     chain: ChainFamily
     gaussian: GaussianEstimate
+    tilt: FloatArray | None = None  # (K, k): how inputs act on the transitions, where there are some
 
     @property
     def vector(self) -> FloatArray:
-        """All parameters, those of the chain first."""
-        return np.concatenate([self.chain.vector, self.gaussian.vector])
+        """All parameters, those of the chain first, the tilt last."""
+        tilt = () if self.tilt is None else (self.tilt.ravel(),)
+        return np.concatenate([self.chain.vector, self.gaussian.vector, *tilt])
+
+    @property
+    def log_prior(self) -> float:
+        """Log-density of the prior of all parameters, but for a constant."""
+        ridge = 0.0 if self.tilt is None else -0.5 * RIDGE_TILT * float((self.tilt * self.tilt).sum())
+        return self.gaussian.log_prior + self.chain.log_prior + ridge
 
 
 class Settled(NamedTuple):
@@ -67,7 +82,7 @@ class Settled(NamedTuple):
     chain : SwitchChain
     gaussian : GaussianEstimate
     tilt : ndarray, shape (K, k), or None
-        How inputs, in standard units, act on the transitions: see `FilterObjective`.
+        How inputs, in standard units, act on the transitions: see `fuzzykf.switching.learning.tilt`.
     """
 
     law: Any
@@ -139,7 +154,7 @@ def expectation(
     q = data.z.shape[1] - m
     M, f = len(shares), v.shape[1]
     transition = estimate.chain.transition
-    tilt = estimate.tilt if isinstance(estimate, Settled) else None
+    tilt = estimate.tilt
     possible = np.flatnonzero(transition.reshape(-1))  # no others are looked at
     regimes = pair_shares(shares)[possible]
     W, constant = estimate.gaussian.rows(regimes)
@@ -185,18 +200,6 @@ def expectation(
         return Posterior(gamma, pairs, moment, pairs, moment, first, total)
     every = moment + without.reshape(M, M, f, f)
     return Posterior(gamma, pairs + pairs_without, every, pairs, moment, first, total)
-
-
-def tilted(transition: FloatArray, push: FloatArray, us: FloatArray) -> FloatArray:
-    """Return log P_ij(n) - log P_ij, (T, M, M), where inputs (T, k) push each node by ``push`` (M, k).
-
-    See `fuzzykf.switching.dynamics.inputs`.
-    """
-    weight = us @ push.T
-    top = weight.max(axis=1, keepdims=True)
-    total = np.log(np.exp(weight - top) @ transition.T) + top
-    found: FloatArray = weight[:, None, :] - total[:, :, None]
-    return found
 
 
 def _spread_out(log_emission: FloatArray, possible: IntArray, M: int) -> FloatArray:
@@ -270,7 +273,7 @@ def run_em(
 
     def judged(found: Estimate) -> Point:
         posterior = expectation(found, shares, data, v)
-        prior = found.gaussian.log_prior + found.chain.log_prior + before.log_likelihood(found.chain)
+        prior = found.log_prior + before.log_likelihood(found.chain)
         return Point(found, posterior, posterior.log_likelihood + prior)
 
     path = [judged(estimate)]
@@ -279,10 +282,9 @@ def run_em(
     converged = False
     while len(trace) <= max_iter and not converged:
         now = path[-1]
-        chain = copy(now.estimate.chain)
-        chain.maximise(now.posterior.pairs + before.pairs, now.posterior.first + before.first)
+        chain, tilt = _moved_switch(now, before, shares, data)
         gaussian = now.estimate.gaussian.maximise(cells_of(now.posterior, shares))
-        path.append(judged(Estimate(chain, gaussian)))
+        path.append(judged(Estimate(chain, gaussian, tilt)))
         trace.append(path[-1].value)
         converged = trace[-1] - trace[-2] < little
         if tick is not None:
@@ -300,6 +302,30 @@ def run_em(
                 else:
                     longest = max(0.5 * length, 2.0)
     return path[-1].estimate, path[-1].posterior, trace, converged
+
+
+def _moved_switch(
+    now: Point, before: Counts, shares: FloatArray, data: TrainingData
+) -> tuple[ChainFamily, FloatArray | None]:
+    """Maximise over the chain and, where there are inputs, over how these act on it, one after the other."""
+    estimate, posterior = now.estimate, now.posterior
+    chain, first = copy(estimate.chain), posterior.first + before.first
+    if estimate.tilt is None or data.further is None:
+        chain.maximise(posterior.pairs + before.pairs, first)
+        return chain, None
+    moves = Moves(posterior.gamma[data.before], posterior.gamma[data.after], data.further.us)
+    old = estimate.chain.transition
+    tilt = estimate.tilt
+    if not before.pairs.any():  # what earlier rows say of it is not known, so it stays
+        tilt = maximised(tilt, old, shares, moves)
+    chain.maximise(evened(posterior.pairs, tilt, old, shares, moves) + before.pairs, first)
+
+    def value(one: ChainFamily) -> float:
+        log_Z = log_normalisers(one.transition, shares @ tilt, moves.us)
+        counts = Counts(posterior.pairs + before.pairs, first)
+        return counts.log_likelihood(one) + one.log_prior - float((moves.before * log_Z).sum())
+
+    return (chain if value(chain) >= value(estimate.chain) else estimate.chain), tilt
 
 
 def extrapolated(
@@ -336,6 +362,7 @@ def extrapolated(
     if not a > 1.0:
         return None, a
     vector = first.vector + 2.0 * a * r + a * a * v
-    k = first.chain.vector.size
-    chain, gaussian = third.chain.at(vector[:k]), third.gaussian.at(vector[k:])
-    return (None if chain is None or gaussian is None else Estimate(chain, gaussian)), a
+    k, end = first.chain.vector.size, vector.size - (0 if third.tilt is None else third.tilt.size)
+    chain, gaussian = third.chain.at(vector[:k]), third.gaussian.at(vector[k:end])
+    tilt = None if third.tilt is None else vector[end:].reshape(third.tilt.shape)
+    return (None if chain is None or gaussian is None else Estimate(chain, gaussian, tilt)), a

@@ -36,6 +36,7 @@ from fuzzykf.switching.learning.slopes import (
     to_regimes,
     weighted_slope,
 )
+from fuzzykf.switching.learning.tilt import RIDGE_TILT, log_normalisers
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, IntArray
@@ -52,10 +53,6 @@ ALPHA = 0.1
 
 #: Weight of the ridge, in observations.
 RIDGE = 100.0
-
-#: Weight of the ridge on how inputs act on transitions: that of a standard normal law of each log-odds, for
-#: an input of standard deviation one.
-RIDGE_TILT = 1.0
 
 #: Of whitened regressors: a share of the variance that no direction is below.
 _LEAST = 1e-8
@@ -311,10 +308,9 @@ class FilterObjective:
         if not self._tilt[1]:
             return log_T
         before, after = self._nodes
-        push = us @ (self._class_weights @ point.tilt).T  # (T, M)
-        top = push.max(axis=1, keepdims=True)
-        total = np.log(np.exp(push - top) @ point.tables.transition.T) + top
-        moved: FloatArray = log_T + push[:, after] - total[:, before]
+        push = self._class_weights @ point.tilt
+        log_Z = log_normalisers(point.tables.transition, push, us)
+        moved: FloatArray = log_T + (us @ push.T)[:, after] - log_Z[:, before]
         return moved
 
     def _tilt_back(self, point: _Point, us: FloatArray, by_log: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -42,6 +42,7 @@ from fuzzykf.switching.learning.regression import Evidence, merged
 from fuzzykf.switching.learning.served import searched, served
 from fuzzykf.switching.learning.starts import classes, guesses, named_guesses, soften, spread
 from fuzzykf.switching.learning.statistics import Learned, hard_start
+from fuzzykf.switching.learning.tilt import n_free, no_tilt, of_known
 from fuzzykf.switching.learning.vine import VineEstimate
 from fuzzykf.switching.models.fuzzy import CGOFMSModel
 from fuzzykf.switching.models.hard import CGOMSModel
@@ -225,16 +226,17 @@ def fit_hard(data: TrainingData, K: int, options: Options) -> Fitted:
             f"the regime {k} is followed by nothing; every regime is taken as equally likely after it"
         )
     transition = np.where(left[:, None] > 0.0, counts / np.maximum(left, 1.0)[:, None], 1.0 / K)
+    transition, tilt = of_known(counts, transition, shares, data)
     visits = shares.sum(axis=0)
     estimate = _from_shares(_estimator(options, data), shares, data, fuzzy=False)
     single = single_cells(shares, np.eye(K), data)
     chain = SwitchChain.from_classes(transition, visits / visits.sum())
-    form = _form(Settled(chain, chain, estimate), single, data.scale, data.further)
+    form = _form(Settled(chain, chain, estimate, tilt), single, data.scale, data.further)
     model = CGOMSModel._from_form(transition, form, visits / visits.sum())
     system = model.placed()
     value = log_likelihood(system, data)
     bounds = active_constraint(estimate, K)
-    n_parameters = estimate.n_parameters + K * (K - 1)
+    n_parameters = estimate.n_parameters + K * (K - 1) + n_free(tilt)
     notes += bounds + instability(system) + stuck(shares, system, data) + scant_data(n_parameters, data)
     return Fitted(model, value, n_parameters, [value], True, notes, data.r, shares, bool(bounds))
 
@@ -265,7 +267,7 @@ def _fit_hidden_fuzzy(data: TrainingData, law: Law, n_nodes: int, options: Optio
     model = make(estimate, posterior, data)
     system = model.placed(n_nodes)
     bounds = active_constraint(estimate.gaussian, K)
-    n_parameters = estimate.gaussian.n_parameters + found.chain.n_parameters
+    n_parameters = estimate.gaussian.n_parameters + found.chain.n_parameters + n_free(estimate.tilt)
     notes = hidden_scarcity(posterior, shares, ways(system.chain)) + bounds + instability(system)
     notes += stuck(posterior.gamma, system, data) + scant_data(n_parameters, data)
     notes += unfinished(converged, options.max_iter) + no_shorter(model.law, n_nodes)
@@ -336,7 +338,7 @@ def _fit_hidden_hard(data: TrainingData, K: int, options: Options) -> Fitted:
     estimate, posterior, training = served(found, posterior, search, make, shares, 0, data, options)
     model = make(estimate, posterior, data)
     bounds = active_constraint(estimate.gaussian, K)
-    n_parameters = estimate.gaussian.n_parameters + K * (K - 1)
+    n_parameters = estimate.gaussian.n_parameters + K * (K - 1) + n_free(estimate.tilt)
     system = model.placed()
     notes = hidden_scarcity(posterior, shares) + bounds + instability(system)
     notes += stuck(posterior.gamma, system, data) + scant_data(n_parameters, data)
@@ -361,8 +363,7 @@ def _form(one: Estimate | Settled, rows: Evidence, scale: Scale, further: Furthe
     if further is None:
         return one.gaussian.form(rows, scale)
     assert isinstance(one.gaussian, RegressionEstimate)  # no other form has inputs or features
-    tilt = one.tilt if isinstance(one, Settled) else None
-    return one.gaussian.driven_form(rows, scale, further, tilt)
+    return one.gaussian.driven_form(rows, scale, further, one.tilt)
 
 
 def fuzzy_model(
@@ -398,7 +399,24 @@ def _best(starts: list[Estimate], shares: FloatArray, data: TrainingData, option
             estimate, posterior, more, converged = _run(estimate, shares, data, options, rest, accelerate=far)
             trace = trace + more[1:]
         finished.append((estimate, posterior, trace, converged))
-    return max(finished, key=lambda t: t[2][-1])
+    return _pushed(max(finished, key=lambda t: t[2][-1]), shares, data, options)
+
+
+def _pushed(found: Found, shares: FloatArray, data: TrainingData, options: Options) -> Found:
+    """Go on with inputs that act on the transitions, where there are some.
+
+    Not from the start on: as long as nobody knows where the switch is, inputs explain its errors.
+    """
+    estimate, _, trace, _ = found
+    tilt = no_tilt(data, shares.shape[1])
+    if tilt is None:
+        return found
+    start = Estimate(estimate.chain, estimate.gaussian, tilt)
+    far = options.tolerance < CREEP
+    estimate, posterior, more, converged = _run(
+        start, shares, data, options, options.max_iter, accelerate=far
+    )
+    return estimate, posterior, trace + more[1:], converged
 
 
 def _trials(starts: list[Estimate], shares: FloatArray, data: TrainingData, options: Options) -> list[Found]:

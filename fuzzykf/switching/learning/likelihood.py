@@ -13,7 +13,7 @@ import numpy as np
 from fuzzykf.engine.selected import LOG_ZERO
 from fuzzykf.gaussian import cholesky, log_density, logsumexp
 from fuzzykf.switching.dynamics.pairs import log_probability
-from fuzzykf.switching.learning.em import tilted
+from fuzzykf.switching.learning.tilt import tilted
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import BoolArray, FloatArray

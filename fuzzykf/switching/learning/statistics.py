@@ -80,6 +80,8 @@ class Learned:
     gaussian : RegressionEstimate
         Its prior is the one of the first fit.
     statistics : Statistics
+    tilt : ndarray, shape (K, k), or None
+        How inputs act on the transitions.  What earlier rows say of it is not kept.
     """
 
     law: Law | None
@@ -87,6 +89,7 @@ class Learned:
     numbers: FloatArray
     gaussian: RegressionEstimate
     statistics: Statistics
+    tilt: FloatArray | None = None
 
     @classmethod
     def of(
@@ -102,7 +105,8 @@ class Learned:
         if not isinstance(estimate.gaussian, RegressionEstimate):
             return None
         statistics = Statistics.of(posterior, shares, data)
-        return cls(law, n_nodes, estimate.chain.vector, estimate.gaussian, statistics)
+        numbers = estimate.chain.vector
+        return cls(law, n_nodes, numbers, estimate.gaussian, statistics, estimate.tilt)
 
     @property
     def chain(self) -> ChainFamily:
@@ -117,13 +121,20 @@ class Learned:
 
         To the regressions these are a prior: what each pair of nodes has seen before the data.
         """
-        return Estimate(self.chain, self.gaussian.with_prior(self.gaussian.prior.joined(before.steps)))
+        gaussian = self.gaussian.with_prior(self.gaussian.prior.joined(before.steps))
+        return Estimate(self.chain, gaussian, self.tilt)
 
     def moved(self, estimate: Estimate, statistics: Statistics) -> Learned:
         """Return what was learned since, with the prior of the first fit in its place again."""
         assert isinstance(estimate.gaussian, RegressionEstimate)
         gaussian = estimate.gaussian.with_prior(self.gaussian.prior)
-        return replace(self, numbers=estimate.chain.vector, gaussian=gaussian, statistics=statistics)
+        return replace(
+            self,
+            numbers=estimate.chain.vector,
+            gaussian=gaussian,
+            statistics=statistics,
+            tilt=estimate.tilt,
+        )
 
 
 def hard_start(K: int) -> FreeChain:
