@@ -42,6 +42,8 @@ RIVALS = (
     "hard2-memoryless",
     # likewise, and then for what the filter says
     "hard2-filter",
+    # and with the clock and features of the window
+    "pool-inputs",
     # filters with feedback
     "imm",
     "kalman",

@@ -29,6 +29,7 @@ ALL_METHODS = [
     "CGOMSMFilter",
     "CGOMSMFilter, no memory of the state",
     "CGOMSMFilter, filter-trained",
+    "FilterPool, clock and features",
     "IMMEstimator",
     "KalmanFilter (filterpy)",
     "linear regression",
@@ -37,10 +38,14 @@ ALL_METHODS = [
     "gradient boosting with lags",
     "mean of the time of day",
 ]
-REGRESSIONS = ALL_METHODS[6:]
+REGRESSIONS = ALL_METHODS[7:]
 
-#: Two that take as long as all others together; they run where all are compared.
-LONG = {"hard2-filter": "CGOMSMFilter, filter-trained", "boosting": "gradient boosting with lags"}
+#: Three that take as long as all others together; they run where all are compared.
+LONG = {
+    "hard2-filter": "CGOMSMFilter, filter-trained",
+    "pool-inputs": "FilterPool, clock and features",
+    "boosting": "gradient boosting with lags",
+}
 METHODS = [title for title in ALL_METHODS if title not in LONG.values()]
 
 

@@ -41,7 +41,7 @@ def data(tmp_path_factory):
 
 @pytest.fixture(autouse=True, scope="module")
 def _without_the_long_ones():
-    quick = tuple(name for name in run.RIVALS if name not in ("hard2-filter", "boosting"))
+    quick = tuple(name for name in run.RIVALS if name not in ("hard2-filter", "pool-inputs", "boosting"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "RIVALS", quick)
         yield

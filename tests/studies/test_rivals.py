@@ -25,6 +25,8 @@ CANDIDATES = (
     "fmc1-memoryless",
     "fmc1-filter",
     "pool",
+    "hard2-inputs",
+    "pool-inputs",
     "imm",
     "kalman",
     "line",

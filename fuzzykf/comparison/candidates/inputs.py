@@ -122,7 +122,7 @@ class LearnedWithInputs(Learned):
         if now is None or len(now) != n or len(before) < n_before:
             got = 0 if now is None else len(now)
             raise FuzzykfError(
-                f"the model has learned with times, and needs those of the {n} rows: got {got}"
+                f"the model has learned with times, and needs those of the {n} rows to restore: got {got}"
             )
         return {"us": np.concatenate([before[len(before) - n_before :], now])}
 

@@ -48,11 +48,11 @@ def test_half_the_pool_and_half_boosting_are_mixed_as_densities(monkeypatch) -> 
     x, y, part, told = series()
     both = candidate("pool-boosting")
     learned = both.learn(part)
-    assert len(told) == both.pieces - 1
-    assert learned.at(None).description.startswith("pool: hard2-filter: ")
+    assert len(told) == both.pieces - 2  # without times there are no products
+    assert learned.at(None).description.startswith("pool-inputs: lags: the ")
     got = learned.restore(part.y, y[200:])
     pool, trees_alone = (
-        candidate(name).learn(part).restore(part.y, y[200:]) for name in ("pool", "boosting")
+        candidate(name).learn(part).restore(part.y, y[200:]) for name in ("pool-inputs", "boosting")
     )
     mean = 0.5 * (pool.mean + trees_alone.mean)
     variance = 0.5 * (pool.std**2 + trees_alone.std**2) + 0.25 * (pool.mean - trees_alone.mean) ** 2

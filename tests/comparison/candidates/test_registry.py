@@ -28,7 +28,7 @@ from fuzzykf.comparison.models import CANDIDATES
 from fuzzykf.errors import ParameterError
 
 #: Candidates that the page on comparing tells of beside those that are compared anyway.
-TO_NAME = ("fmc1-memoryless", "fmc1-filter", "pool", "pool-boosting")
+TO_NAME = ("fmc1-memoryless", "fmc1-filter", "hard2-inputs", "pool", "pool-boosting")
 
 HOWTO = Path(__file__).parents[3] / "docs" / "howto"
 
