@@ -364,6 +364,7 @@ def restore(
     part: LearningPart,
     zs: FloatArray,
     clock: Clock | None = None,
+    inputs: FloatArray | None = None,
 ) -> Restoration:
     """Let a candidate learn, and say what the states of the rows after that part were.
 
@@ -375,6 +376,8 @@ def restore(
         Observations of the held-out part.
     clock : Clock or None
         Their hours and days.
+    inputs : ndarray, shape (n, k), or None
+        What else is known of them.
 
     Raises
     ------
@@ -388,7 +391,7 @@ def restore(
     given: Any = learned
     if not isinstance(given, Learned):
         raise FuzzykfError(f"its learn returns {brief(given)}, expected something Learned")
-    found = checked(learned.at(clock).restore(part.y, zs), len(zs), part.x.shape[1])
+    found = checked(learned.at(clock).told(inputs).restore(part.y, zs), len(zs), part.x.shape[1])
     for quantity in ("mean", "std", "log_likelihood"):
         values = getattr(found, quantity)
         if values is None:

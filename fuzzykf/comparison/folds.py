@@ -45,6 +45,8 @@ class Round:
         States and observations that are held out, NaN where missing.
     clock : Clock or None
         Their hours and days.
+    inputs : ndarray, shape (n, k), or None
+        What else is known of them.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Round:
     truth: FloatArray
     zs: FloatArray
     clock: Clock | None = None
+    inputs: FloatArray | None = None
 
 
 def cut_folds(n: int, start: int, n_folds: int, window: str = "expanding") -> tuple[Fold, ...]:
@@ -176,7 +179,7 @@ def _hold_out(one: Round, methods: Sequence[Candidate], tell: Callable[[str], No
     for method in methods:
         part.progress(method.title if titles else method.name)
         try:
-            result.found[method.name] = restore(method, part, one.zs, one.clock)
+            result.found[method.name] = restore(method, part, one.zs, one.clock, one.inputs)
         except MissingDependencyError:
             raise  # says nothing of the data, and what to do
         except FuzzykfError as error:

@@ -52,6 +52,7 @@ def compare_models(
     profile: bool = False,
     time: Any = None,
     workday: ArrayLike | None = None,
+    inputs: ArrayLike | None = None,
     n_nodes: int = 5,
     max_iter: int = 200,
     tolerance: float = 1e-5,
@@ -89,6 +90,10 @@ def compare_models(
         For the profile, and for candidates that know the time of day ("boosting", "daily-profile"); for the
         profile by default the index of x, and Mondays to Fridays.  Times are read as in
         `DailyProfile.fit`, and have to increase, whether there is a profile or not.
+    inputs : array_like, shape (n, k) or (n,), optional
+        What is known at all times beside the clock: calendar, control, forecasts of others.  Seen by
+        "hard2-inputs", "pool-inputs" and "pool-boosting", by regressions and by boosting; other candidates
+        have no use for them.
     n_nodes, max_iter, tolerance
         As in `CGOFMSModel.fit`.
     n_resamples : int
@@ -134,11 +139,12 @@ def compare_models(
     ('piecewise', True)
     """
     check_generator(rng)
-    check_aligned(x=x, y=y, workday=workday, time=time)
+    check_aligned(x=x, y=y, workday=workday, time=time, inputs=inputs)
     states, observations = as_columns("x", x), as_columns("y", y)
     n = len(states)
     if len(observations) != n:
         raise ShapeError(f"y: got {len(observations)} rows, expected {n}, as many as x has")
+    told = None if inputs is None else _inputs(inputs, n)
     methods = chosen(candidates)
     folds = _folds(n, n_folds, first, window)
     times = as_times(time, x, n) if profile or time is not None else None
@@ -161,6 +167,7 @@ def compare_models(
             x=target[:split],
             y=observations[fold.begin : fold.split],
             clock=None if clock is None else clock[fold.begin : fold.split],
+            inputs=None if told is None else told[fold.begin : fold.split],
             n_nodes=n_nodes,
             max_iter=max_iter,
             tolerance=tolerance,
@@ -172,6 +179,7 @@ def compare_models(
                 truth=target[split:],
                 zs=observations[fold.split : fold.end],
                 clock=None if clock is None else clock[fold.split : fold.end],
+                inputs=None if told is None else told[fold.split : fold.end],
             )
         )
     with progress_bar(pieces, progress) as tell:
@@ -184,6 +192,20 @@ def compare_models(
 
 
 # --------------------------------------------------------------------------- arguments
+
+
+def _inputs(inputs: Any, n: int) -> FloatArray:
+    """Return inputs (n, k), which have no gaps."""
+    found = as_columns("inputs", inputs)
+    if len(found) != n:
+        raise ShapeError(f"inputs: got {len(found)} rows, expected {n}, as many as x has")
+    if not np.isfinite(found).all():
+        row = int(np.flatnonzero(~np.isfinite(found).all(axis=1))[0])
+        raise ParameterError(
+            f"inputs: got {found[row].tolist()} at {row}, expected finite numbers: inputs are known at all "
+            "times"
+        )
+    return found
 
 
 def _folds(n: int, n_folds: int, first: float, window: str) -> tuple[Fold, ...]:

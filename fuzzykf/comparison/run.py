@@ -292,7 +292,7 @@ def _round(task: Task, number: int, fold: Fold, n_folds: int, n_nodes: int) -> R
 def _time_step(part: HeldOut, of: Round, name: str) -> None:
     found = part.found[name]
     if found.learned is not None:
-        step = found.learned.at(of.clock).stepper()
+        step = found.learned.at(of.clock).told(of.inputs).stepper()
         part.found[name] = replace(found, microseconds=microseconds(step, of.zs))
 
 

@@ -55,6 +55,8 @@ class LearningPart:
         The switch, if it is given; else it is learned as well.
     clock : Clock or None
         Hours and days of the rows, if they are known.
+    inputs : ndarray, shape (n, k), or None
+        What else is known at all times, of later rows as well.
     n_nodes : int
         Nodes of a fuzzy switch between 0 and 1; time grows with the steps between them.
     max_iter : int
@@ -70,6 +72,7 @@ class LearningPart:
     y: FloatArray
     r: FloatArray | None = None
     clock: Clock | None = None
+    inputs: FloatArray | None = None
     n_nodes: int = 5
     max_iter: int = 200
     tolerance: float = 1e-5
@@ -84,7 +87,8 @@ class LearningPart:
         """Return the first ``n`` rows as a part of their own."""
         r = None if self.r is None else self.r[:n]
         clock = None if self.clock is None else self.clock[:n]
-        return replace(self, x=self.x[:n], y=self.y[:n], r=r, clock=clock, _learned={})
+        inputs = None if self.inputs is None else self.inputs[:n]
+        return replace(self, x=self.x[:n], y=self.y[:n], r=r, clock=clock, inputs=inputs, _learned={})
 
     def once(self, key: Hashable, learn: Callable[[], Any]) -> Any:
         """Return what ``learn`` returns; a second call with this key returns the same, without learning."""
@@ -232,6 +236,13 @@ class Learned(ABC):
         ----------
         clock : Clock or None
             None where times are not known.
+        """
+        return self
+
+    def told(self, inputs: FloatArray | None) -> Self:
+        """Return this for rows of which inputs (n, k) are known: those that are restored next.
+
+        Who has no use for them ignores them, and is the same.
         """
         return self
 

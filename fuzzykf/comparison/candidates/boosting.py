@@ -77,6 +77,8 @@ class LagBoosting(Learned):
     clock : Clock, optional
         Hour, day of the week and kind of day of each row; then those of the rows to restore are needed
         too (`at`).
+    inputs : ndarray, shape (n, k), optional
+        Likewise (`told`).
 
     Raises
     ------
@@ -100,11 +102,19 @@ class LagBoosting(Learned):
     """
 
     def __init__(
-        self, x: FloatArray, y: FloatArray, lags: int, std: FloatArray, clock: Clock | None = None
+        self,
+        x: FloatArray,
+        y: FloatArray,
+        lags: int,
+        std: FloatArray,
+        clock: Clock | None = None,
+        inputs: FloatArray | None = None,
     ) -> None:
         self.lags, self.size, self.std = lags, y.shape[1], std
-        self.has_clock, self._clock = clock is not None, clock
-        design, target = self._design(lagged(y, lags), None if clock is None else clock[lags:]), x[lags:]
+        self.has_clock, self._clock = clock is not None, None if clock is None else clock[lags:]
+        self.n_inputs = 0 if inputs is None else inputs.shape[1]
+        self._inputs = None if inputs is None else inputs[lags:]
+        design, target = self._design(lagged(y, lags)), x[lags:]
         self._trees = []
         for k, column in enumerate(target.T):
             used = np.isfinite(column)
@@ -116,12 +126,18 @@ class LagBoosting(Learned):
             trees = _library()[0](random_state=RANDOM_STATE)  # as the library has it, but for the seed
             with _one_thread():
                 self._trees.append(trees.fit(design[used], column[used]))
-        self._clock = None
+        self._clock = self._inputs = None
 
     def at(self, clock: Clock | None) -> Self:
         """Return the same trees for rows of a clock."""
         other = copy(self)
         other._clock = clock
+        return other
+
+    def told(self, inputs: FloatArray | None) -> Self:
+        """Return the same trees for rows with inputs."""
+        other = copy(self)
+        other._inputs = inputs
         return other
 
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
@@ -134,9 +150,7 @@ class LagBoosting(Learned):
         """
         unknown = np.full((self.lags, self.size), np.nan)
         known = np.concatenate([unknown, before, zs])
-        mean = self._mean(
-            self._design(lagged(known[len(known) - len(zs) - self.lags :], self.lags), self._clock)
-        )
+        mean = self._mean(self._design(lagged(known[len(known) - len(zs) - self.lags :], self.lags)))
         return Estimates(mean=mean, std=np.tile(self.std, (len(zs), 1)))
 
     def stepper(self) -> Callable[[FloatArray], object]:
@@ -145,29 +159,38 @@ class LagBoosting(Learned):
         Calls are for the rows of the clock one after the other, and begin anew after the last.
         """
         size = self.size * (1 + self.lags)
-        row = np.full((1, size + self._hands(None).shape[1] * self.has_clock), np.nan)
-        hands = cycle(self._hands(self._clock))
+        beside = self._beside()
+        row = np.full((1, size + beside.shape[1]), np.nan)
+        rows = cycle(beside)
 
         def step(z: FloatArray) -> FloatArray:
             row[0, self.size : size] = row[0, : size - self.size].copy()
             row[0, : self.size] = z
-            if self.has_clock:
-                row[0, size:] = next(hands)
+            if beside.shape[1]:
+                row[0, size:] = next(rows)
             mean: FloatArray = self._mean(row)[0]
             return mean
 
         return step
 
-    def _design(self, columns: FloatArray, clock: Clock | None) -> FloatArray:
-        if not self.has_clock:
+    def _design(self, columns: FloatArray) -> FloatArray:
+        beside = self._beside()
+        if not beside.shape[1]:
             return columns
-        hands = self._hands(clock)
-        if len(hands) != len(columns):
+        if len(beside) != len(columns):
             raise FuzzykfError(
-                f"boosting has learned with times, and needs those of the {len(columns)} rows to restore: "
-                f"got {len(hands)}"
+                f"boosting has learned with times or inputs, and needs those of the {len(columns)} rows to "
+                f"restore: got {len(beside)}"
             )
-        return np.concatenate([columns, hands], axis=1)
+        return np.concatenate([columns, beside], axis=1)
+
+    def _beside(self) -> FloatArray:
+        """Return what is known of rows beside observations: hands of the clock, and inputs."""
+        parts = [self._hands(self._clock)] if self.has_clock else []
+        if self.n_inputs:
+            parts.append(np.empty((0, self.n_inputs)) if self._inputs is None else self._inputs)
+        n = min((len(one) for one in parts), default=0)
+        return np.concatenate([one[:n] for one in parts], axis=1) if parts else np.empty((0, 0))
 
     @staticmethod
     def _hands(clock: Clock | None) -> FloatArray:
@@ -213,7 +236,7 @@ def _learn_boosting(part: LearningPart, lags: Sequence[int]) -> Learned:
     found = choose(
         part,
         possible_lags(len(part), lags, part.y.shape[1]),
-        lambda rows, k: LagBoosting(rows.x, rows.y, k, unknown, rows.clock),
+        lambda rows, k: LagBoosting(rows.x, rows.y, k, unknown, rows.clock, rows.inputs),
         by="squared error",
     )
     missing = np.isnan(found.errors).all(axis=0)
@@ -223,7 +246,7 @@ def _learn_boosting(part: LearningPart, lags: Sequence[int]) -> Learned:
             f"{len(found.errors)} rows, on which boosting is judged"
         )
     std = np.sqrt(np.nanmean(found.errors**2, axis=0))
-    learned = LagBoosting(part.x, part.y, found.best, std, part.clock)
+    learned = LagBoosting(part.x, part.y, found.best, std, part.clock, part.inputs)
     if len(lags) > 1:
         learned.choice, learned.description = str(found.best), found.told("lags")
     return learned

@@ -203,7 +203,8 @@ def _trials(
     found = []
     for split, end in blocks:
         clock = None if part.clock is None else part.clock[split:end]
-        learned = learn(part.first(split), option).at(clock)
+        inputs = None if part.inputs is None else part.inputs[split:end]
+        learned = learn(part.first(split), option).at(clock).told(inputs)
         said = checked(learned.restore(part.y[:split], part.y[split:end]), end - split, part.x.shape[1])
         if not np.isfinite(said.mean).all():
             raise FuzzykfError(f"its estimate is not finite in the rows from {split} to {end}")

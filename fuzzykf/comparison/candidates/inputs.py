@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -55,6 +55,24 @@ def clock_columns(clock: Clock | None) -> FloatArray | None:
     return np.stack(columns, axis=1)
 
 
+class _Known(NamedTuple):
+    """What is known of rows at all times."""
+
+    clock: Clock | None
+    inputs: FloatArray | None
+
+    def columns(self) -> FloatArray | None:
+        """Return it as inputs (n, k); None where there are none."""
+        parts = [one for one in (clock_columns(self.clock), self.inputs) if one is not None]
+        n = min((len(one) for one in parts), default=0)
+        return np.concatenate([one[:n] for one in parts], axis=1) if parts else None
+
+    def latest(self, n: int) -> _Known:
+        """Return what is known of the last rows."""
+        parts: Any = (None if one is None else one[-n:] for one in self)
+        return _Known(*parts)
+
+
 class LearnedWithInputs(Learned):
     """Learned models with inputs and features, and their filter: that of the one, or a pool of them.
 
@@ -62,10 +80,8 @@ class LearnedWithInputs(Learned):
     ----------
     fits : mapping of str to FitResult
         By the name of what they were learned with.
-    clock : Clock or None
-        Of the rows that were learned on, which end where the next ones begin.
-    inputs : callable
-        From a clock to inputs, None where there are none.
+    part : LearningPart
+        The rows that were learned on, which end where the next ones begin.
     description : str
     """
 
@@ -74,24 +90,30 @@ class LearnedWithInputs(Learned):
     def __init__(
         self,
         fits: Mapping[str, Any],
-        clock: Clock | None,
-        inputs: Callable[[Clock | None], FloatArray | None],
+        part: LearningPart,
         description: str = "",
     ) -> None:
-        self.fits, self._inputs, self.description = dict(fits), inputs, description
+        self.fits, self.description = dict(fits), description
         filters = [fit.model.filter() for fit in fits.values()]
         self.filter = filters[0] if len(filters) == 1 else FilterPool(filters)
         lead = "" if len(filters) == 1 else "{name}: "
         self.notes = tuple(
             lead.format(name=name) + note for name, fit in fits.items() for note in fit.warnings
         )
-        self._before = None if clock is None else clock[-WARM_UP:]
-        self._clock: Clock | None = None
+        self._columns = _columns_of(part)
+        self._before = _Known(part.clock, part.inputs).latest(WARM_UP)
+        self._now = _Known(None, None)
 
     def at(self, clock: Clock | None) -> Self:
         """Return the same for rows of a clock."""
         other = copy(self)
-        other._clock = clock
+        other._now = self._now._replace(clock=clock)
+        return other
+
+    def told(self, inputs: FloatArray | None) -> Self:
+        """Return the same for rows with inputs."""
+        other = copy(self)
+        other._now = self._now._replace(inputs=inputs)
         return other
 
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
@@ -115,36 +137,37 @@ class LearnedWithInputs(Learned):
 
     def _told(self, n_before: int, n: int) -> dict[str, FloatArray]:
         """Return inputs of the rows before and of those to restore, as arguments of `filter`."""
-        before = self._inputs(self._before)
+        before = self._columns(self._before)
         if before is None:
             return {}
-        now = self._inputs(self._clock)
+        now = self._columns(self._now)
         if now is None or len(now) != n or len(before) < n_before:
             got = 0 if now is None else len(now)
             raise FuzzykfError(
-                f"the model has learned with times, and needs those of the {n} rows to restore: got {got}"
+                f"the model has learned with times or inputs, and needs those of the {n} rows to restore: "
+                f"got {got}"
             )
         return {"us": np.concatenate([before[len(before) - n_before :], now])}
 
     def stepper(self) -> Callable[[FloatArray], object]:
         """Return the filter's ``step``, with the inputs of the first row to restore."""
-        now = self._inputs(self._clock)
+        now = self._columns(self._now)
         told = {} if now is None else {"u": now[0]}
         return lambda z: self.filter.step(z, **told)
 
 
-def _inputs_of(part: LearningPart) -> Callable[[Clock | None], FloatArray | None]:
-    """Return from clocks to inputs: those columns that vary in the rows to learn on."""
-    columns = clock_columns(part.clock)
+def _columns_of(part: LearningPart) -> Callable[[_Known], FloatArray | None]:
+    """Return from what is known to inputs: those columns that vary in the rows to learn on."""
+    columns = _Known(part.clock, part.inputs).columns()
     if columns is None:
-        return clock_columns
+        return lambda _: None
     varies = np.ptp(columns, axis=0) > 0.0
 
-    def inputs(clock: Clock | None) -> FloatArray | None:
-        found = clock_columns(clock)
-        return None if found is None else found[:, varies]
+    def varying(known: _Known) -> FloatArray | None:
+        found = known.columns()
+        return None if found is None or found.shape[1] != varies.size else found[:, varies]
 
-    return inputs
+    return varying
 
 
 def learn_chosen_map(part: LearningPart) -> Learned:
@@ -152,12 +175,12 @@ def learn_chosen_map(part: LearningPart) -> Learned:
 
     Of `WindowFeatures` "auto" tries a few; the clock is an input where times are known.
     """
-    inputs = _inputs_of(part)
-    fit = part.hard(n_regimes=2, objective="filter", inputs=inputs(part.clock), features="auto")
+    us = _columns_of(part)(_Known(part.clock, part.inputs))
+    fit = part.hard(n_regimes=2, objective="filter", inputs=us, features="auto")
     form = fit.model.form
     name = repr(form.features) if hasattr(form, "features") else "no features"
     told = f"{name} (chosen from {len(fit.score_of_features)} maps); {training_told(fit)}"
-    learned = LearnedWithInputs({"": fit}, part.clock, inputs, told)
+    learned = LearnedWithInputs({"": fit}, part, told)
     learned.choice = name
     return learned
 
@@ -167,8 +190,7 @@ def learn_pool_of_maps(part: LearningPart) -> Learned:
 
     Nothing is chosen: which map is the right one, a few months of data do not tell.
     """
-    inputs = _inputs_of(part)
-    us = inputs(part.clock)
+    us = _columns_of(part)(_Known(part.clock, part.inputs))
     fits: dict[str, Any] = {}
     for name, features in MAPS.items():
         if features.products and us is None:
@@ -177,7 +199,7 @@ def learn_pool_of_maps(part: LearningPart) -> Learned:
             part.progress(f"learning with {name}, a member of the pool")
         fits[name] = part.hard(n_regimes=2, objective="filter", inputs=us, features=features)
     description = "; ".join(f"{name}: {training_told(fit)}" for name, fit in fits.items())
-    return LearnedWithInputs(fits, part.clock, inputs, description)
+    return LearnedWithInputs(fits, part, description)
 
 
 CANDIDATES = (

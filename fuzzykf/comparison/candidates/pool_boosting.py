@@ -56,6 +56,12 @@ class LearnedMixture(Learned):
         other.members = {name: one.at(clock) for name, one in self.members.items()}
         return other
 
+    def told(self, inputs: FloatArray | None) -> Self:
+        """Return the same for rows with inputs, which each member is told."""
+        other = copy(self)
+        other.members = {name: one.told(inputs) for name, one in self.members.items()}
+        return other
+
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
         """Mix what the members say."""
         parts = [one.restore(before, zs).as_mixture() for one in self.members.values()]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import partial
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +16,7 @@ from fuzzykf.preprocessing import Standardizer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from typing import Self
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.comparison.candidates import LearningPart
@@ -75,6 +78,8 @@ class LagRegression(Learned):
     n_knots : int
         Knots of each piecewise-linear function, at the quantiles of y that cut it into
         parts of equal size; none for straight lines.
+    inputs : ndarray, shape (n, k), optional
+        What is known at all times; then that of the rows to restore is needed too (`told`).
 
     Raises
     ------
@@ -95,8 +100,12 @@ class LagRegression(Learned):
     True
     """
 
-    def __init__(self, x: FloatArray, y: FloatArray, lags: int, n_knots: int) -> None:
+    def __init__(
+        self, x: FloatArray, y: FloatArray, lags: int, n_knots: int, inputs: FloatArray | None = None
+    ) -> None:
         self.lags, self.n_knots = lags, n_knots
+        self.n_inputs = 0 if inputs is None else inputs.shape[1]
+        self._inputs = None if inputs is None else inputs[lags:]
         self._scale = Standardizer().fit(y)
         standard = self._held(y)
         shares = np.arange(1, n_knots + 1) / (n_knots + 1)
@@ -110,6 +119,13 @@ class LagRegression(Learned):
         self._coefficients, *_ = np.linalg.lstsq(design[used], target[used])
         residual = target[used] - design[used] @ self._coefficients
         self.std: FloatArray = np.sqrt((residual**2).sum(axis=0) / (rows - size))
+        self._inputs = None
+
+    def told(self, inputs: FloatArray | None) -> Self:
+        """Return the same regression for rows with inputs."""
+        other = copy(self)
+        other._inputs = inputs
+        return other
 
     def _held(self, y: FloatArray) -> FloatArray:
         """Observations in standard units, the latest known one where one is missing."""
@@ -127,7 +143,16 @@ class LagRegression(Learned):
     def _design(self, standard: FloatArray) -> FloatArray:
         """One row for each observation that has ``lags`` others before it."""
         columns = lagged(self._basis(standard), self.lags)
-        return np.concatenate([np.ones((len(columns), 1)), columns], axis=1)
+        design = np.concatenate([np.ones((len(columns), 1)), columns], axis=1)
+        if not self.n_inputs:
+            return design
+        got = 0 if self._inputs is None else len(self._inputs)
+        if self._inputs is None or got != len(design):
+            raise FuzzykfError(
+                f"the regression has learned with inputs, and needs those of the {len(design)} rows to "
+                f"restore: got {got}"
+            )
+        return np.concatenate([design, self._inputs], axis=1)
 
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
         """Apply the regression; the observations before serve as lags."""
@@ -143,11 +168,14 @@ class LagRegression(Learned):
         unknown = self._basis(np.zeros((1, self._scale.mean_.size)))[0]  # the mean
         size = unknown.size
         row = np.concatenate([[1.0], np.tile(unknown, 1 + self.lags)])
+        coefficients = self._coefficients[: row.size]
+        known = np.zeros((1, self.n_inputs)) if self._inputs is None else self._inputs
+        rows = cycle(known @ self._coefficients[row.size :])
 
         def step(z: FloatArray) -> FloatArray:
             row[1 + size :] = row[1:-size].copy()
             row[1 : 1 + size] = self._basis((z[None] - self._scale.mean_) / self._scale.scale_)[0]
-            mean: FloatArray = row @ self._coefficients
+            mean: FloatArray = row @ coefficients + next(rows)
             return mean
 
         return step
@@ -168,13 +196,16 @@ def learn_regression(part: LearningPart, lags: Sequence[int] = LAGS, n_knots: in
     """
     possible = possible_lags(len(part), lags, part.y.shape[1] * (1 + n_knots))
     if len(possible) == 1:
-        found = LagRegression(part.x, part.y, possible[0], n_knots)
+        found = LagRegression(part.x, part.y, possible[0], n_knots, part.inputs)
         found.choice, found.description = _only(possible[0], lags)
         return found
     chosen = choose(
-        part, possible, lambda rows, k: LagRegression(rows.x, rows.y, k, n_knots), by="squared error"
+        part,
+        possible,
+        lambda rows, k: LagRegression(rows.x, rows.y, k, n_knots, rows.inputs),
+        by="squared error",
     )
-    found = LagRegression(part.x, part.y, chosen.best, n_knots)
+    found = LagRegression(part.x, part.y, chosen.best, n_knots, part.inputs)
     found.choice, found.description = str(chosen.best), chosen.told("lags")
     return found
 

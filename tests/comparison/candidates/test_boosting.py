@@ -102,7 +102,9 @@ def test_where_times_are_known_the_trees_see_hour_day_and_kind_of_day() -> None:
     step = there.stepper()
     np.testing.assert_array_equal([step(z)[0] for z in y[200:]][1:], expected[1:])
     for wrong in (learned, learned.at(clock[:3])):
-        with pytest.raises(FuzzykfError, match="learned with times, and needs those of the 40 rows"):
+        with pytest.raises(
+            FuzzykfError, match="learned with times or inputs, and needs those of the 40 rows"
+        ):
             wrong.restore(y[:200], y[200:])
 
 

@@ -92,4 +92,5 @@ def test_columns_that_do_not_vary_are_left_out() -> None:
     x, y, clock, effort = series()
     weekend = Clock(clock.times[:N_TRAIN], np.zeros(N_TRAIN, dtype=bool))
     part, _ = part_of(x, y, weekend, effort)
-    assert inputs._inputs_of(part)(clock).shape == (N, 2 * inputs.HARMONICS)
+    columns = inputs._columns_of(part)(inputs._Known(clock, None))
+    assert columns.shape == (N, 2 * inputs.HARMONICS)
