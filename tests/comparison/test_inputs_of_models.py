@@ -1,4 +1,4 @@
-"""What is known at all times reaches those candidates that have a use for it, and no other rows than its own."""
+"""What is known at all times reaches those candidates that have a use for it, each row its own."""
 
 from __future__ import annotations
 
