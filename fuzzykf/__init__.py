@@ -12,6 +12,7 @@ from fuzzykf import moved
 
 if TYPE_CHECKING:
     from fuzzykf.base import Filter
+    from fuzzykf.clock import InputColumns, clock_inputs
     from fuzzykf.comparison import compare_models
     from fuzzykf.errors import FuzzykfError
     from fuzzykf.fixed_lag import FixedLag
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
         SwitchChain,
         SwitchingKalmanFilter,
         SwitchingStateSpace,
+        WindowFeatures,
         pool_models,
     )
 
@@ -57,6 +59,7 @@ _HOMES = {
     name: module
     for module, names in {
         "fuzzykf.base": "Filter",
+        "fuzzykf.clock": "InputColumns clock_inputs",
         "fuzzykf.comparison": "compare_models",
         "fuzzykf.errors": "FuzzykfError",
         "fuzzykf.fixed_lag": "FixedLag",
@@ -71,7 +74,7 @@ _HOMES = {
         "fuzzykf.switching": (
             "CGLSSM CGOFMSModel CGOMSMFilter CGOMSModel FadeLaw FilterPool FuzzyMarkovLaw FuzzySwitchFilter "
             "GraphLaw HardSwitchFilter KnownSwitchFilter OFSRFilter SwitchChain SwitchingKalmanFilter "
-            "SwitchingStateSpace pool_models"
+            "SwitchingStateSpace WindowFeatures pool_models"
         ),
     }.items()
     for name in names.split()
@@ -100,6 +103,7 @@ __all__ = [
     "GridMembership",
     "HardSwitchFilter",
     "IMMEstimator",
+    "InputColumns",
     "IntervalMembership",
     "KalmanFilter",
     "KnownSwitchFilter",
@@ -111,7 +115,9 @@ __all__ = [
     "SwitchingKalmanFilter",
     "SwitchingStateSpace",
     "TriangularMembership",
+    "WindowFeatures",
     "__version__",
+    "clock_inputs",
     "compare_models",
     "pool_models",
 ]

@@ -256,7 +256,7 @@ class DailyProfile:
         columns = as_columns("values", values)
         n, k = columns.shape
         times = as_times(time, values, n)
-        days = _workdays(workday, times.clock)
+        days = as_workdays(workday, times.clock)
         slot = _step(times) if self.slot is None else self.slot
         slots = round(24.0 / slot)
         cell = self._cell(times.clock, days, slot)
@@ -292,7 +292,7 @@ class DailyProfile:
         times = read_times(time, ordered=False)
         self._check_clock(times)
         moments = times.clock
-        days = _workdays(workday, moments)
+        days = as_workdays(workday, moments)
         table = self.means_.reshape(-1, *self.means_.shape[2:])
         found: FloatArray = table[self._cell(moments, days, self.slot_)]
         unknown = np.isnan(found).reshape(len(found), -1).any(axis=1)
@@ -509,7 +509,8 @@ def as_times(time: Any, values: Any, n: int) -> Times:
     return times
 
 
-def _workdays(workday: Numbers | None, time: NDArray[np.datetime64]) -> NDArray[np.bool_]:
+def as_workdays(workday: Any, time: NDArray[np.datetime64]) -> NDArray[np.bool_]:
+    """Return whether each row is of a working day: Mondays to Fridays, unless they are given."""
     return np.is_busday(time.astype("datetime64[D]")) if workday is None else as_days(workday, len(time))
 
 

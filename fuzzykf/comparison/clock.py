@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fuzzykf.preprocessing import hour_of_day
+from fuzzykf.preprocessing import as_workdays, hour_of_day
 from fuzzykf.reprs import reprs
 
 if TYPE_CHECKING:
@@ -44,8 +44,7 @@ class Clock:
     @classmethod
     def of(cls, times: Times, workday: BoolArray | None = None) -> Self:
         """Take the days of the calendar, Mondays to Fridays as working days unless they are given."""
-        days = np.is_busday(times.clock.astype("datetime64[D]")) if workday is None else workday
-        return cls(times, days)
+        return cls(times, as_workdays(workday, times.clock))
 
     def __len__(self) -> int:
         """Return the number of rows."""

@@ -9,7 +9,6 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers, brief
 from fuzzykf.labels import columns_of, match_columns
-from fuzzykf.observations import index_of
 from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ def told_inputs_of_many(us: Any, many: ManySeries, system: Any, begins: bool) ->
     plain = us is None or k is None
     if plain or (isinstance(us, np.ndarray) and us.shape in {(n, k), (n, k, 1), *([(n,)] if k == 1 else [])}):
         return told_inputs("us", us, n, system, begins)[None]
-    if hasattr(us, "columns") and index_of(us) is not None and len(us) == n and len(us.columns) == k:
+    if hasattr(us, "columns") and len(us) == n and len(us.columns) == k:
         return told_inputs("us", us, n, system, begins)[None]
     found = many.beside("us", us, k)
     for row, one in enumerate(found):
