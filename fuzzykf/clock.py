@@ -1,7 +1,8 @@
 """Inputs of a clock and a calendar: what is known at all times, as columns with names.
 
-With h the hour of the day on the spot, the columns of harmonic k are sin(2 pi k h / 24) and cos(2 pi k h / 24).
-A name says all that its column is made of, so that a model that remembers names can have its inputs made again:
+With h the hour of the day on the spot, the columns of harmonic k are sin(2 pi k h / 24) and
+cos(2 pi k h / 24).  A name says all that its column is made of, so that a model that remembers names can have
+its inputs made again:
 
     clock_sin1, clock_cos1, ...         harmonics of the day
     clock_workday                       1 from Monday to Friday, else 0
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_array, as_count, as_flag
 from fuzzykf.immutable import Immutable
 from fuzzykf.observations import check_aligned, index_of
@@ -190,8 +191,8 @@ def _rows_of(time: Any) -> tuple[Any, Times]:
         found = index if has_times(index) else written_times(index)
         if found is None:
             raise ParameterError(
-                f"time: got a {type(time).__name__} whose index has no times ({index.dtype}), expected times, "
-                "or a table with an index of times"
+                f"time: got a {type(time).__name__} whose index has no times ({index.dtype}), expected "
+                "times, or a table with an index of times"
             )
         return index, read_times(found, ordered=False)
     return index, read_times(time, ordered=False)

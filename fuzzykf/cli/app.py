@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 import fuzzykf
-from fuzzykf.cli import compare, estimate, fit, play, reproduce, simulate
+from fuzzykf.cli import compare, estimate, fit, forecast, play, reproduce, simulate
 
 __all__ = ["app"]
 
@@ -39,6 +39,7 @@ app.command("compare", epilog=compare.EXAMPLE)(compare.command)
 app.command("fit", epilog=fit.EXAMPLE)(fit.command)
 app.command("filter", epilog=estimate.FILTER_EXAMPLE)(estimate.filter_command)
 app.command("smooth", epilog=estimate.SMOOTH_EXAMPLE)(estimate.smooth_command)
+app.command("forecast", epilog=forecast.EXAMPLE)(forecast.command)
 app.command("simulate", epilog=simulate.EXAMPLE)(simulate.command)
 app.command("reproduce", epilog=reproduce.EXAMPLE)(reproduce.command)
 app.command("play", epilog=play.EXAMPLE)(play.command)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from fuzzykf.arrays import FloatArray
+    from fuzzykf.cli.inputs import AskedInputs, ModelInputs
+    from fuzzykf.clock import InputColumns
     from fuzzykf.times import Times
 
 __all__ = ["Rows", "as_csv", "components", "read_rows", "switch_columns"]
@@ -42,6 +44,8 @@ class Rows:
         What a reader should know about the rows.
     times : Times or None
         When they were, if that is known.
+    inputs : InputColumns or None
+        What is known at all times, if that was asked for.
     """
 
     source: str
@@ -50,6 +54,7 @@ class Rows:
     index: Sequence[Any]
     notes: list[str]
     times: Times | None = None
+    inputs: InputColumns | None = None
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -64,6 +69,7 @@ def read_rows(
     *,
     hint: str = "",
     compares: bool = False,
+    inputs: AskedInputs | ModelInputs | None = None,
 ) -> Rows:
     """Read columns of numbers that may have gaps.
 
@@ -80,6 +86,8 @@ def read_rows(
         What to say if a column is not there that nobody has named.
     compares : bool
         Whether the steps between rows will be compared with those of a model.
+    inputs : AskedInputs or ModelInputs, optional
+        Which columns are inputs, and which are made of the times.
 
     Raises
     ------
@@ -111,14 +119,21 @@ def read_rows(
         option: np.column_stack([table.numbers(name, gaps=True) for name in names])
         for option, names in columns.items()
     }
-    found = row_times(table, reading, index, needed=index is None, gaps=True, compares=compares)
+    needed = index is None or bool(inputs)
+    found = row_times(table, reading, index, needed=needed, gaps=True, compares=compares)
+    told = None if inputs is None else inputs.of(table, found)
+    for name in () if told is None else told.columns:
+        if name in seen:
+            raise ParameterError(
+                f"{seen[name]}: the column {name!r} is an input as well, expected it to be one of both"
+            )
     notes = [*table.notes, *found.notes]
     kept = found.column if index is None else index
     if kept is None and table.has_index:
         kept = INDEX
     if kept is None:
-        return Rows(path.name, values, "row", range(len(table)), notes, found.times)
-    return Rows(path.name, values, kept, table.text(kept), notes, found.times)
+        return Rows(path.name, values, "row", range(len(table)), notes, found.times, told)
+    return Rows(path.name, values, kept, table.text(kept), notes, found.times, told)
 
 
 def components(name: str, values: FloatArray, suffix: str = "") -> dict[str, FloatArray]:

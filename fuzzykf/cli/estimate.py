@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from fuzzykf.cli.columns import Rows, as_csv, components, read_rows, switch_columns
+from fuzzykf.cli.inputs import ModelInputs, inputs_of
 from fuzzykf.cli.output import (
     UsageError,
     check_file,
@@ -29,9 +30,20 @@ from fuzzykf.texts import counted, listed
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.base import FilterResult
+    from fuzzykf.clock import InputColumns
     from fuzzykf.labels import Labels
 
-__all__ = ["FILTER_EXAMPLE", "SMOOTH_EXAMPLE", "filter_command", "smooth_command"]
+__all__ = [
+    "FILTER_EXAMPLE",
+    "SMOOTH_EXAMPLE",
+    "check_level",
+    "estimated_columns",
+    "filter_command",
+    "filter_of",
+    "read_observed",
+    "smooth_command",
+    "told",
+]
 
 FILTER_EXAMPLE = "Example: fuzzykf filter model.json new.csv -o filtered.csv"
 SMOOTH_EXAMPLE = "Example: fuzzykf smooth model.json new.csv -o smoothed.csv"
@@ -44,7 +56,8 @@ Data = Annotated[
     typer.Argument(
         metavar="DATA.csv",
         help="Delimited text with a line of names, rows as far apart as those that were learned on; "
-        "empty cells where something is missing.",
+        "empty cells where something is missing. Inputs are found by the names that the model remembers; "
+        "those of a clock are made of the times.",
     ),
 ]
 Obs = Annotated[
@@ -151,28 +164,59 @@ def _run(
         from fuzzykf.io import load_model
 
         model: Any = load_model(model_file)
-        f = _filter_of(model, nodes)
-        names, notes = _observed(model_file.name, model.labels, obs)
-        hint = "" if obs else f"which the model of {model_file.name} observes (--obs names another)"
-        compares = model.labels.step is not None
-        rows = read_rows(data, {"--obs": names}, index, reading, hint=hint, compares=compares)
+        f = filter_of(model, nodes)
+        rows = read_observed(model_file, model, data, obs, index, reading)
         zs = rows.values["--obs"]
-        if zs.shape[1] != model.dim_z:
-            raise ParameterError(
-                f"--obs: got {zs.shape[1]} columns, but the model of {model_file.name} has {model.dim_z} "
-                "observed components"
-            )
-        _check_step(rows, model.labels)
-        if not 0.0 < level < 1.0:
-            raise ParameterError(f"--level: got {level:g}, expected a number between 0 and 1")
+        check_level(level)
         check_file(output, model_file, data)
         with progress_bar(2) as progress:
             progress(f"{verb}ing")
-            result = (f.filter if verb == "filter" else f.smooth)(zs, keep_nodes=True)
+            result = (f.filter if verb == "filter" else f.smooth)(zs, **told(rows.inputs), keep_nodes=True)
             progress("writing")
-            columns = _columns(result, zs, level, model.is_fuzzy)
+            columns = estimated_columns(result, zs, level, model.is_fuzzy)
             write_text(output, as_csv(rows.index_name, rows.index, columns, formulas=formulas))
-    _print(verb, replace(rows, notes=[*notes, *rows.notes]), zs, output)
+    _print(verb, rows, zs, output)
+
+
+def read_observed(
+    model_file: Path, model: Any, data: Path, obs: list[str], index: str | None, reading: Reading
+) -> Rows:
+    """Read what a model observes, and its inputs, from a file; notes say what was replaced.
+
+    Raises
+    ------
+    ParameterError, FileFormatError
+        As from `read_rows`; if there are other components, or rows are as far apart as no model learned.
+    """
+    names, notes = _observed(model_file.name, model.labels, obs)
+    hint = "" if obs else f"which the model of {model_file.name} observes (--obs names another)"
+    rows = read_rows(
+        data,
+        {"--obs": names},
+        index,
+        reading,
+        hint=hint,
+        compares=model.labels.step is not None,
+        inputs=ModelInputs(inputs_of(model), model_file.name),
+    )
+    if len(names) != model.dim_z:
+        raise ParameterError(
+            f"--obs: got {len(names)} columns, but the model of {model_file.name} has {model.dim_z} "
+            "observed components"
+        )
+    _check_step(rows, model.labels)
+    return replace(rows, notes=[*notes, *rows.notes])
+
+
+def told(inputs: InputColumns | None) -> dict[str, Any]:
+    """Return what a filter is told of inputs, as an argument; nothing if there are none."""
+    return {} if inputs is None else {"us": inputs}
+
+
+def check_level(level: float) -> None:
+    """Raise unless it is the coverage of an interval."""
+    if not 0.0 < level < 1.0:
+        raise ParameterError(f"--level: got {level:g}, expected a number between 0 and 1")
 
 
 def _observed(model: str, labels: Labels, obs: list[str]) -> tuple[list[str], list[str]]:
@@ -206,7 +250,7 @@ def _check_step(rows: Rows, labels: Labels) -> None:
         raise UsageError(str(error)) from error
 
 
-def _filter_of(model: Any, nodes: int | None) -> Any:
+def filter_of(model: Any, nodes: int | None) -> Any:
     """Return the filter of a model."""
     from fuzzykf.switching.models.base import SwitchingModel
 
@@ -219,7 +263,10 @@ def _filter_of(model: Any, nodes: int | None) -> Any:
     return model.filter(nodes)
 
 
-def _columns(result: FilterResult, zs: FloatArray, level: float, fuzzy: bool) -> dict[str, FloatArray]:
+def estimated_columns(
+    result: FilterResult, zs: FloatArray, level: float, fuzzy: bool
+) -> dict[str, FloatArray]:
+    """Return what is written of a result that has kept its nodes, by the names of the columns."""
     assert result.x is not None
     assert result.P is not None
     assert result.mu is not None

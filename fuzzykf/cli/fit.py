@@ -11,8 +11,9 @@ import numpy as np
 import typer
 
 from fuzzykf.cli.columns import Rows, read_rows
+from fuzzykf.cli.inputs import AskedInputs
 from fuzzykf.cli.law import law_of_words
-from fuzzykf.cli.learn import Kind, judge_filter, learn_pairwise, learn_state_space
+from fuzzykf.cli.learn import Form, Kind, Objective, judge_filter, learn_pairwise, learn_state_space
 from fuzzykf.cli.output import (
     check_file,
     console_beside,
@@ -23,6 +24,18 @@ from fuzzykf.cli.output import (
     whole_option,
 )
 from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat
+from fuzzykf.cli.window import (
+    Blocks,
+    Clock,
+    FeaturesOption,
+    Harmonics,
+    Hinges,
+    Inputs,
+    Order,
+    Products,
+    Window,
+    lines_of_inputs,
+)
 from fuzzykf.errors import ParameterError
 from fuzzykf.estimation import LikelihoodFit
 from fuzzykf.steps import find_steps
@@ -49,21 +62,6 @@ if TYPE_CHECKING:
 
 else:
     Law = StrEnum("Law", {name.upper(): name for name in learned_laws()})
-
-
-class Objective(StrEnum):
-    """What a pairwise model is learned for."""
-
-    JOINT = "joint"
-    FILTER = "filter"
-
-
-class Form(StrEnum):
-    """Form of the Gaussian part."""
-
-    AUTO = "auto"
-    REGRESSION = "regression"
-    COVARIANCE = "covariance"
 
 
 def command(
@@ -199,6 +197,14 @@ def command(
             "states that were measured now and then will do.",
         ),
     ] = True,
+    inputs: Inputs = None,
+    clock: Clock = False,
+    harmonics: Harmonics = None,
+    order: Order = 1,
+    blocks: Blocks = None,
+    hinges: Hinges = 0,
+    products: Products = False,
+    features: FeaturesOption = None,
     nodes: Annotated[
         int | None,
         whole_option(
@@ -237,7 +243,11 @@ def command(
     with report_errors():
         units = _units(unit or [], [*(state or []), *(obs or [])])
         columns = {"--state": state or [], "--obs": obs or []}
-        rows = read_rows(data, columns, None, Reading(time, time_format, sep, decimal))
+        told = AskedInputs(inputs or [], clock, harmonics)
+        window = Window(order, blocks, hinges, products, features)
+        told.check()
+        further = window.options(has_inputs=bool(told), objective=objective.value)
+        rows = read_rows(data, columns, None, Reading(time, time_format, sep, decimal), inputs=told)
         if regimes is not None and switches is not None and regimes != switches:
             raise ParameterError(
                 f"--regimes, --switches: got {regimes} and {switches}, two names of the number of regimes; "
@@ -257,8 +267,13 @@ def command(
         if kind == Kind.SSM and form != Form.AUTO:
             raise ParameterError(f"--form: got {form.value}, which goes with --model pairwise alone")
         if kind == Kind.SSM and (objective != Objective.JOINT or not state_feedback):
-            told = f"--objective: got {objective.value}" if state_feedback else "--no-state-feedback: given"
-            raise ParameterError(f"{told}, which goes with --model pairwise alone")
+            given = f"--objective: got {objective.value}" if state_feedback else "--no-state-feedback: given"
+            raise ParameterError(f"{given}, which goes with --model pairwise alone")
+        if kind == Kind.SSM and (told or window):
+            raise ParameterError(
+                "--inputs, --clock, --order, --blocks, --hinges, --products, --features: given, but they go "
+                "with --model pairwise alone"
+            )
         check_file(output, data)
         n_train = round(train * len(rows))
         options: dict[str, Any] = {
@@ -276,7 +291,7 @@ def command(
                 begin = None if law is None and start == "fmc1" else start
                 fit = learn_state_space(rows, n_train, begin, hard, nodes, options)
             else:
-                options |= {"objective": objective.value, "state_feedback": state_feedback}
+                options |= {"objective": objective.value, "state_feedback": state_feedback} | further
                 fit = _learn(rows, n_train, start, hard, nodes, options)
             progress("testing")
             tested = judge_filter(rows, n_train, fit, nodes, kind)
@@ -340,6 +355,7 @@ def _print(
             f"is {training.score_filter:.4g} for the filter and {training.score_joint:.4g} jointly (standard "
             f"error of the difference {training.standard_error:.2g})."
         )
+    lines += lines_of_inputs(fit)
     numbers = model.named_parameters() if hasattr(model, "named_parameters") else {}
     numbers = {name: value for name, value in numbers.items() if name != "p_hard"}
     if numbers:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fuzzykf.results import FitResult
     from fuzzykf.switching.laws.base import Law as LawOfSwitch
 
-__all__ = ["Kind", "judge_filter", "learn_pairwise", "learn_state_space"]
+__all__ = ["Form", "Kind", "Objective", "judge_filter", "learn_pairwise", "learn_state_space"]
 
 
 class Kind(StrEnum):
@@ -24,6 +24,21 @@ class Kind(StrEnum):
 
     PAIRWISE = "pairwise"
     SSM = "ssm"
+
+
+class Objective(StrEnum):
+    """What a pairwise model is learned for."""
+
+    JOINT = "joint"
+    FILTER = "filter"
+
+
+class Form(StrEnum):
+    """Form of the Gaussian part."""
+
+    AUTO = "auto"
+    REGRESSION = "regression"
+    COVARIANCE = "covariance"
 
 
 def learn_pairwise(
@@ -38,6 +53,7 @@ def learn_pairwise(
     from fuzzykf import CGOFMSModel, CGOMSModel
 
     x, y = rows.values["--state"][:n_train], rows.values["--obs"][:n_train]
+    options |= {"inputs": None if rows.inputs is None else rows.inputs[:n_train]}
     if regimes is not None:
         return CGOMSModel.fit(x, y, n_regimes=regimes, **options)
     return CGOFMSModel.fit(x, y, law=law, n_nodes=nodes, **options)
@@ -87,11 +103,12 @@ def judge_filter(
     from fuzzykf.comparison.evaluation import log_score
 
     given: Any = fit
-    learned = LearnedStateSpace(given, nodes) if kind == Kind.SSM else LearnedSwitching(fit, nodes)
+    learned: Any = LearnedStateSpace(given, nodes) if kind == Kind.SSM else LearnedSwitching(fit, nodes)
     truth, zs = rows.values["--state"][n_train:], rows.values["--obs"]
     if not np.isfinite(truth).any():
         return "", learned.notes
-    found = learned.restore(zs[:n_train], zs[n_train:])
+    told = {} if rows.inputs is None else {"us": rows.inputs}
+    found = learned.restore(zs[:n_train], zs[n_train:], **told)
     missed = found.mean - truth
     rmse = ", ".join(f"{v:.4g}" for v in np.sqrt(np.nanmean(missed**2, axis=0)))
     known = np.isfinite(truth)

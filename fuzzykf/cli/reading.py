@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fuzzykf.datasets import Table
     from fuzzykf.times import Times
 
-__all__ = ["TIME_COLUMNS", "Decimal", "Reading", "RowTimes", "Sep", "Time", "TimeFormat", "row_times"]
+__all__ = ["NONE", "TIME_COLUMNS", "Decimal", "Reading", "RowTimes", "Sep", "Time", "TimeFormat", "row_times"]
 
 #: Columns that are taken for the time of a row, in this order, unless another is named.
 TIME_COLUMNS = ("time", "timestamp", "datetime", "date")

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from fuzzykf import OFSRFilter
 from fuzzykf.cli.app import app
-from fuzzykf.cli.compare import _from_file
+from fuzzykf.cli.compare_source import from_file
 from fuzzykf.cli.output import say
 from fuzzykf.cli.reading import Reading
 from fuzzykf.errors import FileFormatError
@@ -178,6 +178,7 @@ REFUSED = [
 COMMANDS = {
     "filter": lambda model: ["filter", model, "--obs", "y"],
     "smooth": lambda model: ["smooth", model, "--obs", "y"],
+    "forecast": lambda model: ["forecast", model, "--obs", "y", "--steps", "1"],
     "fit": lambda _: ["fit", "--state", "y", "--obs", "y2"],
     "compare": lambda _: ["compare", "--state", "y", "--obs", "y", "--switch", "clock"],
 }
@@ -211,14 +212,14 @@ def test_fit_refuses_times_as_the_others_do(name, tmp_path) -> None:
 
 def test_a_time_that_is_not_needed_stops_no_comparison() -> None:
     path = TABLES / "us_dates.csv"
-    source = _from_file(path, "y", "y", Reading(), needs_time=False)
+    source = from_file(path, "y", "y", Reading(), needs_time=False)
     assert source.time is None
     assert source.notes[0].startswith("the times are not used: us_dates.csv, line 2: date is '03/27/2024'")
-    assert _from_file(path, "y", "y", Reading(time="none"), needs_time=False).notes == ()
+    assert from_file(path, "y", "y", Reading(time="none"), needs_time=False).notes == ()
     # Rows that are not in order are no matter of what is needed.
     with pytest.raises(FileFormatError, match="not later than"):
-        _from_file(TABLES / "reversed.csv", "y", "y", Reading(), needs_time=False)
-    times = _from_file(TABLES / "autumn_offsets.csv", "y", "y", Reading(), needs_time=True).time
+        from_file(TABLES / "reversed.csv", "y", "y", Reading(), needs_time=False)
+    times = from_file(TABLES / "autumn_offsets.csv", "y", "y", Reading(), needs_time=True).time
     assert times.has_offsets
 
 
@@ -292,9 +293,9 @@ def test_fit_and_compare_note_times_that_were_not_found(tmp_path) -> None:
         "regression",
     ]
     assert f"Note: {note}.\n" in run(*words, "-o", tmp_path / "m.json").output
-    assert _from_file(path, "x", "y", Reading(), needs_time=False).notes == (note,)
+    assert from_file(path, "x", "y", Reading(), needs_time=False).notes == (note,)
     for reading in (Reading(time="none"), Reading(time="when")):
-        assert _from_file(path, "x", "y", reading, needs_time=False).notes == ()
+        assert from_file(path, "x", "y", reading, needs_time=False).notes == ()
 
 
 def test_notes_are_wrapped_on_terminals_alone() -> None:

@@ -68,10 +68,14 @@ class LearnedSwitching(Learned):
         self.notes = (*fit.warnings, *growth_notes(fit.model.placed(n_nodes)))
         self.description = description
 
-    def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
-        """Filter, beginning a little earlier; the density is the mixture over the nodes."""
+    def restore(self, before: FloatArray, zs: FloatArray, us: Any = None) -> Estimates:
+        """Filter, beginning a little earlier; the density is the mixture over the nodes.
+
+        A model with inputs is told those of all rows, ``us``.
+        """
         warm = before[-WARM_UP:]
-        result = self.filter.filter(np.concatenate([warm, zs]), keep_nodes=True)
+        told = {} if us is None else {"us": us[len(before) - len(warm) :]}
+        result = self.filter.filter(np.concatenate([warm, zs]), **told, keep_nodes=True)
         part = slice(len(warm), None)
         return Estimates(
             mean=result.x[part],
