@@ -56,7 +56,7 @@ def test_every_public_name_is_found_documented_and_listed(name) -> None:
 def test_type_checkers_and_the_running_package_see_the_same_names() -> None:
     source = (ROOT / "fuzzykf" / "__init__.py").read_text(encoding="utf-8")
     block = source.partition("if TYPE_CHECKING:")[2].partition("__version__")[0]
-    seen = set(re.findall(r"\b[A-Z]\w+|(?<=import )[a-z]\w+|\w+(?=,\n)", block))
+    seen = set(re.findall(r"\b[A-Z]\w+|(?<=import )[a-z]\w+|\w+(?=,\n)|(?<=, )[a-z]\w+(?=\n)", block))
     assert seen == set(fuzzykf.__all__) - {"__version__"} == set(fuzzykf._HOMES)
 
 

@@ -40,6 +40,7 @@ from fuzzykf import (
     GraphLaw,
     GridMembership,
     IMMEstimator,
+    InputColumns,
     IntervalMembership,
     KalmanFilter,
     KnownSwitchFilter,
@@ -51,6 +52,7 @@ from fuzzykf import (
     SwitchingKalmanFilter,
     SwitchingStateSpace,
     TriangularMembership,
+    WindowFeatures,
     engine,
     pool_models,
 )
@@ -332,6 +334,14 @@ SPECIMENS = {
     Observability: [lambda d=d: observability(FuzzyRelationEstimator(d, 1), 40) for d in (1, 30)],
     Controllability: [lambda d=d: controllability(FuzzyRelationEstimator(d, 1), 40) for d in (1, 30)],
     SwitchingRegressor: [SwitchingRegressor, lambda: SwitchingRegressor(FadeLaw.between(40, 10), n_nodes=3)],
+    WindowFeatures: [
+        WindowFeatures,
+        lambda: WindowFeatures(order=3, blocks=range(1, 30), hinges=[[1.0, 2.0]], products=True),
+    ],
+    InputColumns: [
+        lambda: InputColumns(["a"], [[1.0]]),
+        lambda: InputColumns([f"{'long ' * 40}{k}" for k in range(300)], np.zeros((9, 300))),
+    ],
     Standardizer: [
         Standardizer,
         lambda: Standardizer().fit([1.0, 2.0]),

@@ -126,6 +126,13 @@ FUNCTIONS: list[tuple[str, None, list[Verb]]] = [
         Qs=listed(covariance(2), 3, 3),
     ),
     function(preprocessing.hour_of_day, time=TIME),
+    function(
+        fuzzykf.clock_inputs,
+        time=TIME,
+        harmonics=maybe(count(1, 24)),
+        workday=maybe(choice(True, False)),
+        day_of_year=maybe(choice(True, False)),
+    ),
     function(fuzzykf.DailyProfile, slot=maybe(choice(1.0, 0.5, 24, 2))),
     function(
         fuzzykf.compare_models,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from fuzzykf.clock import made_inputs, names_of_clock
 from fuzzykf.comparison.candidates import WARM_UP, Candidate, Estimates, Learned
 from fuzzykf.comparison.candidates.filter_trained import training_told
 from fuzzykf.comparison.density import NormalMixture
@@ -48,11 +49,8 @@ def clock_columns(clock: Clock | None) -> FloatArray | None:
     """Return what a clock tells a model, (n, k); None without a clock."""
     if clock is None:
         return None
-    angle = 2.0 * np.pi * clock.hour / 24.0
-    columns = [part(k * angle) for k in range(1, HARMONICS + 1) for part in (np.sin, np.cos)]
     workday = np.asarray(clock.workday, dtype=np.float64)
-    columns += [workday, workday * columns[0], workday * columns[1]]
-    return np.stack(columns, axis=1)
+    return made_inputs(names_of_clock(HARMONICS, "workday"), clock.times, {"workday": workday})
 
 
 class _Known(NamedTuple):
