@@ -12,17 +12,18 @@ new time, y the latest observation and y' the new one,
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
-from fuzzykf.gaussian import as_array, as_count, as_flag, is_whole
+from fuzzykf.gaussian import as_array, as_count, as_flag, as_numbers, brief, is_whole
 from fuzzykf.immutable import Immutable
 from fuzzykf.reprs import shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from fuzzykf.arrays import FloatArray
 
@@ -82,13 +83,13 @@ class WindowFeatures(Immutable):
         products: bool = False,
     ) -> None:
         self.order = as_count("order", order, 1, MOST_LAGS)
-        self.blocks = tuple(as_count("blocks", length, 1, MOST_LAGS) for length in blocks)
+        self.blocks = _as_lengths(blocks)
         self.n_past = self.order + sum(self.blocks)
         if self.n_past > MOST_LAGS:
             raise ParameterError(
                 f"order, blocks: look back at {self.n_past} observations, expected at most {MOST_LAGS}"
             )
-        knots = None if is_whole(hinges) else as_array("hinges", hinges, (None, None))
+        knots = None if is_whole(hinges) else _as_knots(hinges)
         n_hinges = hinges if knots is None else knots.shape[1]
         self.n_hinges = as_count("hinges", n_hinges, 0, MOST_HINGES)  # type: ignore[arg-type]
         if knots is not None and not (np.diff(knots, axis=1) > 0.0).all():
@@ -202,6 +203,24 @@ class WindowFeatures(Immutable):
         options += [f"hinges={self.n_hinges}"] if self.n_hinges else []
         options += ["products=True"] if self.products else []
         return f"WindowFeatures({', '.join(options)})"
+
+
+def _as_lengths(blocks: Any) -> tuple[int, ...]:
+    """Return lengths of blocks."""
+    if isinstance(blocks, str) or not isinstance(blocks, Iterable):
+        raise ParameterError(f"blocks: got {brief(blocks)}, expected a sequence of whole numbers")
+    return tuple(as_count("blocks", length, 1, MOST_LAGS) for length in blocks)
+
+
+def _as_knots(hinges: Any) -> FloatArray:
+    """Return knots (q, h)."""
+    knots = as_numbers("hinges", hinges)
+    if knots.ndim != 2:
+        raise ShapeError(
+            f"hinges: got {brief(hinges)}, expected a whole number, or knots of shape (q, h): a row for each "
+            "component of an observation"
+        )
+    return as_array("hinges", knots, (None, None))
 
 
 def past_of(ys: FloatArray, lead: FloatArray, n_past: int) -> FloatArray:

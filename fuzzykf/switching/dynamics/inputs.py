@@ -17,22 +17,22 @@ they do not reach it; the latest observation itself stays unknown, as without fe
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_array
+from fuzzykf.errors import NumericalRangeError, ParameterError
+from fuzzykf.gaussian import as_array, brief
 from fuzzykf.reprs import reprs
 from fuzzykf.switching.dynamics.exactness import Exactness
 from fuzzykf.switching.dynamics.features import WindowFeatures, past_of
 from fuzzykf.switching.dynamics.forms import RegressionForm, bilinear
 from fuzzykf.switching.dynamics.pairs import PairCoefficients, PairTables
 from fuzzykf.switching.dynamics.placed import StationarySystem
+from fuzzykf.switching.dynamics.tilt import tilted_transition
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
     from numpy.typing import ArrayLike
 
     from fuzzykf.arrays import FloatArray
@@ -82,10 +82,8 @@ class InputForm(RegressionForm):
         **regressions: Any,
     ) -> None:
         super().__init__(**regressions)
-        self.features = (
-            features if isinstance(features, WindowFeatures) else WindowFeatures.from_dict(dict(features))
-        )
-        self.inputs = tuple(str(name) for name in inputs)
+        self.features = _as_map(features)
+        self.inputs = _as_names(inputs)
         K, m, q, k = self.n_classes, self.dim_x, self.dim_z, len(self.inputs)
         if self.features.n_hinges and (self.features.knots is None or len(self.features.knots) != q):
             raise ParameterError(f"features: got {self.features!r}, expected knots of {q} components")
@@ -155,6 +153,26 @@ class InputForm(RegressionForm):
         }
 
 
+def _as_map(features: Any) -> WindowFeatures:
+    """Return a map of the window, or make one from plain values."""
+    if isinstance(features, WindowFeatures):
+        return features
+    if not isinstance(features, Mapping):
+        raise ParameterError(f"features: got {brief(features)}, expected WindowFeatures or a mapping")
+    return WindowFeatures.from_dict(dict(features))
+
+
+def _as_names(inputs: Any) -> tuple[str, ...]:
+    """Return names of inputs, of which no two are alike."""
+    if isinstance(inputs, str) or not isinstance(inputs, Iterable):
+        raise ParameterError(f"inputs: got {brief(inputs)}, expected a sequence of names")
+    names = tuple(str(name) for name in inputs)
+    for name in names:
+        if names.count(name) > 1:
+            raise ParameterError(f"inputs: got {name!r} twice, expected names that differ")
+    return names
+
+
 @reprs("chain", "form")
 class InputSystem(StationarySystem):
     """A form with inputs or features on the nodes of a chain.
@@ -217,14 +235,22 @@ class InputSystem(StationarySystem):
         return DrivenTables(self.at(u), self.features, known, u, filled)
 
     def at(self, u: FloatArray) -> PairTables:
-        """Return the tables of a step with these inputs, but for the window."""
+        """Return the tables of a step with these inputs, but for the window.
+
+        Raises
+        ------
+        NumericalRangeError
+            If the inputs are so far off that double precision cannot hold what they do to the switch.
+        """
         if self.push is None:
             return self.tables
-        weight = self.push @ (u - self.form.centre)
-        transition = self.tables.transition * np.exp(weight - weight.max())
-        rows = transition.sum(axis=1, keepdims=True)
-        moved = np.divide(transition, rows, out=np.zeros_like(transition), where=rows > 0.0)
-        return PairTables(moved, self.tables.pairs)
+        with np.errstate(over="ignore", invalid="ignore"):
+            weight = self.push @ (u - self.form.centre)
+        if not np.isfinite(weight).all():
+            raise NumericalRangeError(
+                f"inputs: got {u.tolist()}, and double precision cannot hold what follows for the switch"
+            )
+        return PairTables(tilted_transition(self.tables.transition, weight), self.tables.pairs)
 
 
 class DrivenTables:

@@ -8,14 +8,14 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers, brief
-from fuzzykf.labels import columns_of, match_columns
+from fuzzykf.labels import Labels, columns_of, match_columns, match_row
 from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.many import ManySeries
 
-__all__ = ["told_inputs", "told_inputs_of_many"]
+__all__ = ["by_name", "told_inputs", "told_inputs_of_many", "told_step"]
 
 
 def told_inputs(name: str, us: Any, n: int, system: Any, begins: bool) -> FloatArray:
@@ -37,10 +37,7 @@ def told_inputs(name: str, us: Any, n: int, system: Any, begins: bool) -> FloatA
         if n <= (1 if begins else 0):
             return np.zeros((n, k))
         raise ParameterError(f"{name}: missing; the model has the inputs {listed(names)}, known at all times")
-    columns = columns_of(us)
-    if columns is not None and names != tuple(f"u{j}" for j in range(k)):
-        us = us.to_numpy()[:, match_columns(columns, names, name)]
-    array = as_numbers(name, us.to_numpy() if hasattr(us, "to_numpy") else us)
+    array = as_numbers(name, by_name(name, us, names))
     if array.shape not in {(n, k), (n, k, 1)} and not (k == 1 and array.shape == (n,)):
         also = f" or ({n},)" if k == 1 else ""
         raise ShapeError(
@@ -48,6 +45,48 @@ def told_inputs(name: str, us: Any, n: int, system: Any, begins: bool) -> FloatA
             f"column for each of {listed(names)}"
         )
     return _proved(name, array.reshape(n, k), begins)
+
+
+def by_name(name: str, us: Any, names: tuple[str, ...]) -> Any:
+    """Return the columns of a table in the order of the inputs of a model; an array goes by position.
+
+    So does a table with other names where inputs were learned from an array and are called u0, u1, ...
+
+    Raises
+    ------
+    ParameterError
+        If a name is missing, or stands twice.
+    """
+    columns = columns_of(us)
+    values = us.to_numpy() if hasattr(us, "to_numpy") else us
+    if columns is None or np.ndim(values) != 2:
+        return values
+    nameless = names == tuple(f"u{j}" for j in range(len(names)))
+    if nameless and not set(names) & {str(one) for one in columns}:
+        return values
+    return values[:, match_columns(columns, names, name)]
+
+
+def told_step(name: str, u: Any, system: Any) -> FloatArray:
+    """Return the inputs (k,) of one step: an array goes by position, a row of a table by its names.
+
+    Raises
+    ------
+    ShapeError, ParameterError
+        If there are not as many as the model has, a name is missing, or one is not finite.
+    """
+    k, names = system.dim_u, system.form.inputs
+    array = as_numbers(name, match_row(u, Labels(observations=names), name))
+    if array.shape not in {(k,), (k, 1), (1, k)} and not (k == 1 and array.shape == ()):
+        raise ShapeError(
+            f"{name}: got shape {array.shape}, expected ({k},), a number for each of {listed(names)}"
+        )
+    array = array.reshape(k)
+    if not np.isfinite(array).all():
+        raise ParameterError(
+            f"{name}: got {array.tolist()}, expected finite numbers: inputs are known at all times"
+        )
+    return array.copy()
 
 
 def told_inputs_of_many(us: Any, many: ManySeries, system: Any, begins: bool) -> FloatArray:

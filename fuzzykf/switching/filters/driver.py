@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fuzzykf.errors import ParameterError
-from fuzzykf.gaussian import as_numbers, brief
+from fuzzykf.gaussian import brief
 from fuzzykf.reprs import reprs
 from fuzzykf.switching.dynamics.inputs import InputSystem
-from fuzzykf.switching.dynamics.told_inputs import told_inputs
+from fuzzykf.switching.dynamics.told_inputs import told_step
 from fuzzykf.switching.inference.driven import expected, starting_past
 from fuzzykf.texts import listed
 
@@ -46,9 +46,22 @@ class Onwards:
 NOWHERE = Onwards()
 
 
-def driver_of(system: Any, method: Method) -> Driver | None:
-    """Return the driver of a system; None if its steps depend on the latest observation alone."""
-    return Driver(system, method) if isinstance(system, InputSystem) else None
+def driver_of(owner: type, system: Any, method: Method) -> Driver | None:
+    """Return the driver of a system; None if its steps depend on the latest observation alone.
+
+    Raises
+    ------
+    ParameterError
+        If they depend on more, and filters of the class ``owner`` are not driven.
+    """
+    if not isinstance(system, InputSystem):
+        return None
+    if not hasattr(owner, "_driven"):
+        raise ParameterError(
+            "system: got one with inputs or features of the window, which a plain SwitchingFilter does not "
+            "take; expected a system without, or the filter that `filter` of its model makes"
+        )
+    return Driver(system, method)
 
 
 def refuse(name: str, u: Any) -> None:
@@ -89,7 +102,7 @@ class Driver:
         Raises
         ------
         ShapeError, ParameterError
-            If they are missing, or others; see `told_inputs`.
+            If they are missing, or others; see `told_step`.
         """
         k = self.system.dim_u
         if k is None:
@@ -100,8 +113,7 @@ class Driver:
                 return None  # nothing leads to the first observation
             names = listed(self.system.form.inputs)
             raise ParameterError(f"u: missing; the model has the inputs {names}, known at all times")
-        row: FloatArray = told_inputs("u", np.reshape(as_numbers("u", u), (1, -1)), 1, self.system, False)[0]
-        return row
+        return told_step("u", u, self.system)
 
     def tables(self, onwards: Onwards) -> Any:
         """Return the tables of the step to the next observation."""

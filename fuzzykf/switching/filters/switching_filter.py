@@ -107,7 +107,7 @@ class SwitchingFilter(Stepper, Filter):
             raise ParameterError(
                 f"system: got {type(system).__name__}, expected a SwitchingSystem (a model has placed())"
             )
-        self._system, self._method, self._driver = system, method, driver_of(system, method)
+        self._system, self._method, self._driver = system, method, driver_of(type(self), system, method)
         self.dim_x, self.dim_z = system.dim_x, system.dim_z
         self._start()
 
@@ -162,9 +162,7 @@ class SwitchingFilter(Stepper, Filter):
         ShapeError, ParameterError
             If ``u`` has a wrong shape, is not finite, is missing, or the model has no inputs.
         """
-        told = None
-        if u is not None or self._driver is not None:
-            told = read_step(self._driver, u, self._n)
+        told = None if u is None and self._driver is None else read_step(self._driver, u, self._n)
         if self._predicted and self._n > 0:
             self._take(np.full(self.dim_z, np.nan))
         self._predicted = True
@@ -286,7 +284,9 @@ class SwitchingFilter(Stepper, Filter):
         if self._mixture is None:
             mixture, log_likelihood = self._method.first(self._initial_law(), y)
         else:
-            tables = self._next_tables()
+            tables: Any = self._next_tables()
+            if onwards.past is not None and tables.lacks(y):  # whoever looks back finds what stood for it
+                tables = tables.filled(onwards.past[0])
             width = min(self._n + 1, self._system.order) * self.dim_z
             mixture, log_likelihood = self._method.advance(tables, self._mixture, y, width)
             before = Source(self._mixture, tables)

@@ -140,6 +140,7 @@ def filter_stretch(
     return both[None, -2], both[None, -1]
 
 
+@engine.QUIET
 def _before(
     system: DrivenSystem, tables: Any, states: FloatArray, window: FloatArray, m: int, first: int
 ) -> tuple[FloatArray, FloatArray]:

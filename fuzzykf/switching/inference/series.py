@@ -42,7 +42,6 @@ __all__ = [
     "result_of",
     "shown",
     "smoothed_result",
-    "windows_of",
 ]
 
 #: What engines find for every observation of a series.
@@ -425,17 +424,6 @@ def check_explained(name: str, walked: Trajectory, explained: Trajectory) -> Non
                 f"leads to {expected[k].tolist()}; the way back knows the system alone: let predict and "
                 "update do no more than pass on other observations, or override smooth as well"
             )
-
-
-def windows_of(ys: FloatArray, order: int) -> FloatArray:
-    """Return the windows (y_n, y_{n-1}, ...) of full length, one row per n; NaN before the start."""
-    if order == 1:
-        return ys
-    n, q = ys.shape
-    windows = np.full((n, order, q), np.nan)
-    for lag in range(min(order, n)):
-        windows[lag:, lag] = ys[: n - lag]
-    return windows.reshape(n, order * q)
 
 
 # --------------------------------------------------------------------------- results

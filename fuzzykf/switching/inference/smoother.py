@@ -30,7 +30,7 @@ from fuzzykf.switching.inference.gap_smoother import (
 )
 from fuzzykf.switching.inference.method import Smoothed, out_of_range
 from fuzzykf.switching.inference.mixture import Mixture
-from fuzzykf.switching.inference.series import Trajectory, windows_of
+from fuzzykf.switching.inference.series import Trajectory
 from fuzzykf.switching.inference.signed import check_signed_moments
 
 if TYPE_CHECKING:
@@ -143,6 +143,17 @@ def _back_to(backward: _Backward, first: int) -> tuple[FloatArray, FloatArray, F
     return gamma, means, covariances
 
 
+def _windows_of(ys: FloatArray, order: int) -> FloatArray:
+    """Return the windows (y_n, y_{n-1}, ...) of full length, one row per n; NaN before the start."""
+    if order == 1:
+        return ys
+    n, q = ys.shape
+    windows = np.full((n, order, q), np.nan)
+    for lag in range(min(order, n)):
+        windows[lag:, lag] = ys[: n - lag]
+    return windows.reshape(n, order * q)
+
+
 class _Window:
     """A system over a few steps, of which the tables are known.
 
@@ -181,7 +192,7 @@ class _Backward:
 
     def __init__(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> None:
         self.system, self.trajectory, self.ys = system, trajectory, ys
-        self._windows = windows_of(ys, system.order)
+        self._windows = _windows_of(ys, system.order)
         steps = np.arange(max(0, len(ys) - 1))
         plain = np.isnan(ys[1:]).sum(axis=1) == 0
         plain[[k for k in trajectory.gaps if k < plain.size]] = False

@@ -176,6 +176,8 @@ class Refit:
         data = gather(
             x, sample.y, r, self.n_fuzzy, state_feedback=feedback, inputs=self.us, features=features
         )
+        if data.further is not None and self.further is not None:
+            data = replace(data, further=data.further._replace(inputs=self.further.inputs))
         guess = None if self.knows_switch else sample.r
         found = self.fit(data, options=Options(guess=guess, **self.options))
         value = bic(found.n_parameters, len(data.z), found.log_likelihood)

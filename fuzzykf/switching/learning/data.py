@@ -15,7 +15,14 @@ from fuzzykf.missing import as_floats
 from fuzzykf.observations import check_aligned, index_of
 from fuzzykf.steps import step_note
 from fuzzykf.switching.dynamics.features import WindowFeatures
-from fuzzykf.switching.learning.further import Further, further_of, input_names, read_inputs
+from fuzzykf.switching.learning.further import (
+    DEPENDENT,
+    SIZES,
+    Further,
+    check_unknown,
+    further_of,
+    read_inputs,
+)
 from fuzzykf.texts import counted
 from fuzzykf.times import as_spans
 
@@ -29,12 +36,6 @@ __all__ = ["MIN_TRANSITIONS", "Earlier", "Scale", "TrainingData", "component", "
 #: Standard deviations of no more than so many gaps between the doubles around the values are rounding errors:
 #: at 1e7 the gap is 1.9e-9.  Of noise that is larger, rounding takes less than a thousandth of the variance.
 ROUNDING = 8.0
-
-#: Standard deviations that can be learned from.
-SIZES = (1e-150, 1e150)
-
-#: Eigenvalues of correlations below this mean that components depend on one another exactly.
-DEPENDENT = 1e-10
 
 #: A model has a dozen parameters per pair of regimes; less data than this cannot support it.
 MIN_TRANSITIONS = 20
@@ -192,7 +193,7 @@ def gather(
             "stretch of data is needed in which x was measured as well"
         )
     states, observations = _parts(x), _parts(y)
-    told = [inputs] if len(observations) == 1 else _parts(inputs)
+    told = _series_of_inputs(inputs, y, len(observations))
     for one, other, switch, u in zip_longest(states, observations, _parts(r), told):
         check_aligned(x=one, y=other, r=switch, inputs=u)
     if earlier is not None:
@@ -253,13 +254,18 @@ def gather(
     else:
         z, scale, labels = _in_scale(z, known, first, earlier), earlier.scale, earlier.labels
     kept = np.concatenate(positions)
-    further, us = None, None
+    further: Further | None = None
+    us: list[FloatArray] | None = None
     if inputs is not None or features is not None:
-        us = None if inputs is None else read_inputs(inputs, [len(one) for one in ys])
-        called = () if us is None else input_names(inputs, us[0].shape[1])
         before_these = None if earlier is None else earlier.further
+        called: tuple[str, ...] = ()
+        if inputs is not None:
+            names_before = None if before_these is None else before_these.inputs
+            us, called = read_inputs(told, [len(one) for one in ys], names_before)
         given = features or WindowFeatures()
         further = further_of(ys, us, kept[first + 1], given, called, labels.observations, before_these)
+        if earlier is None:
+            check_unknown(further, z[first], z[first + 1], m, feedback=state_feedback)
     return TrainingData(
         z=z,
         before=first,
@@ -453,6 +459,13 @@ def _series(name: str, parts: Sequence[Any]) -> list[FloatArray]:
 
 def _parts(value: Any) -> list[Any]:
     return list(value) if _are_several(value) else [value]
+
+
+def _series_of_inputs(inputs: Any, y: Any, n: int) -> list[Any]:
+    """Return the inputs of each of n series: those of a single one are rows, unless y is a list of one."""
+    if n > 1 and isinstance(inputs, list | tuple):
+        return list(inputs)
+    return _parts(inputs) if _are_several(y) else [inputs]
 
 
 def _are_several(value: Any) -> bool:

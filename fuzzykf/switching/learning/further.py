@@ -8,18 +8,26 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
-from fuzzykf.labels import columns_of
+from fuzzykf.labels import columns_of, match_columns
 from fuzzykf.switching.dynamics.features import WindowFeatures, carried, past_of
+from fuzzykf.switching.dynamics.told_inputs import by_name
+from fuzzykf.texts import counted, listed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fuzzykf.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["Further", "further_of", "input_names", "read_inputs"]
+__all__ = ["Further", "check_unknown", "further_of", "read_inputs"]
 
 #: Standard deviations, in those of the largest value, below which a column counts as constant.
 FLAT = 1e-10
+
+#: Variances of what is left of a component below which it follows from the others exactly.
+DEPENDENT = 1e-10
+
+#: Standard deviations that can be learned from.
+SIZES = (1e-150, 1e150)
 
 
 class Further(NamedTuple):
@@ -62,21 +70,32 @@ class Further(NamedTuple):
         return np.concatenate([y, common, *own], axis=1)
 
 
-def read_inputs(inputs: Any, lengths: Sequence[int]) -> list[FloatArray]:
-    """Return inputs (n, k) of each series.
+def read_inputs(
+    parts: Sequence[Any], lengths: Sequence[int], names: tuple[str, ...] | None = None
+) -> tuple[list[FloatArray], tuple[str, ...]]:
+    """Return inputs (n, k) of each series, and what they are called: by their columns, or by number.
+
+    Parameters
+    ----------
+    parts : sequence
+        Inputs of each series, (n, k) or (n,); tables go by the names of the first one.
+    lengths : sequence of int
+        Rows of y in each series.
+    names : tuple of str, optional
+        Of data that these follow.
 
     Raises
     ------
     ShapeError, ParameterError
-        If there is not a row for each row of y, or something is missing: inputs are known at all times.
+        If there is not a row for each row of y, a name is missing or stands twice, or something is missing:
+        inputs are known at all times.
     """
-    several = isinstance(inputs, list | tuple) and len(lengths) > 1
-    parts = list(inputs) if several else [inputs]
     if len(parts) != len(lengths):
         raise ShapeError(f"inputs: got {len(parts)} series, expected {len(lengths)}, as many as of y")
+    called = _names_of(parts) if names is None else names
     found = []
     for k, (part, n) in enumerate(zip(parts, lengths, strict=True)):
-        array = as_numbers("inputs", part.to_numpy() if hasattr(part, "to_numpy") else part)
+        array = as_numbers("inputs", by_name("inputs", part, called or ()))
         array = array[:, None] if array.ndim == 1 else array
         if array.ndim != 2 or len(array) != n or array.shape[1] == 0:
             raise ShapeError(
@@ -92,16 +111,26 @@ def read_inputs(inputs: Any, lengths: Sequence[int]) -> list[FloatArray]:
     widths = sorted({one.shape[1] for one in found})
     if len(widths) > 1:
         raise ShapeError(f"inputs: got series of {widths} columns, expected as many in each")
-    return found
+    if called is None:
+        called = tuple(f"u{j}" for j in range(widths[0]))
+    if len(called) != widths[0]:
+        raise ShapeError(
+            f"inputs: got {counted(widths[0], 'column')}, expected {len(called)}: {listed(called)}"
+        )
+    return found, called
 
 
-def input_names(inputs: Any, k: int) -> tuple[str, ...]:
-    """Return what inputs are called: by their columns, or by number."""
-    first = inputs[0] if isinstance(inputs, list | tuple) and len(inputs) else inputs
-    names = columns_of(first)
-    if names is None and k == 1 and isinstance(getattr(first, "name", None), str):
-        names = [first.name]
-    return tuple(f"u{j}" for j in range(k)) if names is None else tuple(str(name) for name in names)
+def _names_of(parts: Sequence[Any]) -> tuple[str, ...] | None:
+    """Return the names of the columns of the first table that has some, or the name of a single one."""
+    for part in parts:
+        columns = columns_of(part)
+        if columns is not None:
+            names = tuple(str(one) for one in columns)
+            match_columns(names, names, "inputs")  # none stands twice
+            return names
+    first = parts[0]
+    name = getattr(first, "name", None)
+    return (name,) if isinstance(name, str) and name and getattr(first, "ndim", 0) == 1 else None
 
 
 def further_of(
@@ -164,15 +193,63 @@ def _units(
     observations: Sequence[str] | None,
     q: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Means and standard deviations of each column; raises if one is constant."""
-    both = np.concatenate([parts[1], parts[2]])
-    mean = np.concatenate([parts[0].mean(axis=0), both.mean(axis=0)])
-    std = np.concatenate([parts[0].std(axis=0), both.std(axis=0)])
-    size = np.concatenate([np.abs(parts[0]).max(axis=0, initial=0.0), np.abs(both).max(axis=0, initial=0.0)])
-    flat = np.flatnonzero(~(std > FLAT * size))
-    if flat.size:
-        called = observations or [f"y[{k}]" for k in range(q)]
-        name = [one for part in features.names(called, inputs) for one in part][int(flat[0])]
-        argument = "inputs" if flat[0] < len(inputs) else "features"
-        raise ParameterError(f"{argument}: {name!r} is constant, which nothing can be learned from")
+    """Means and standard deviations of each column; raises if one is constant, or out of range."""
+    columns = [*parts[0].T, *np.concatenate([parts[1], parts[2]]).T]
+    called = observations or [f"y[{k}]" for k in range(q)]
+    names = [one for part in features.names(called, inputs) for one in part]
+    mean, std = np.empty(len(names)), np.empty(len(names))
+    for k, (column, name) in enumerate(zip(columns, names, strict=True)):
+        size = max(float(np.abs(column).max(initial=0.0)), np.finfo(np.float64).tiny)
+        unit = column / size  # squares of the numbers themselves may leave the range
+        mean[k], std[k] = size * unit.mean(), size * unit.std()
+        argument = "inputs" if k < len(inputs) else "features"
+        if not unit.std() > FLAT:
+            raise ParameterError(
+                f"{argument}: {name!r} is constant ({mean[k]:.6g}), which nothing can be learned from; expected "
+                "it to vary"
+            )
+        low, high = SIZES
+        if not low < std[k] < high:
+            raise ParameterError(
+                f"{argument}: {name!r} has a standard deviation of {std[k]:.2g}, expected one between "
+                f"{low:g} and {high:g}; use other units"
+            )
     return mean, std
+
+
+def check_unknown(further: Further, before: FloatArray, after: FloatArray, m: int, *, feedback: bool) -> None:
+    """Raise if inputs and features leave nothing unknown of an observation or a state that is measured.
+
+    Parameters
+    ----------
+    further : Further
+        Of T transitions.
+    before, after : ndarray, shape (T, d)
+        (X, Y) in standard units, NaN where missing.
+    m : int
+        Components of the state.
+    feedback : bool
+        Whether the state depends on the one before.
+
+    Raises
+    ------
+    ParameterError
+        If a component, or a combination of some, follows from what is known without noise.
+    """
+    x, y, x1, y1 = before[:, :m], before[:, m:], after[:, :m], after[:, m:]
+    one = np.ones((len(y), 1))
+    regressors_x = [one, *([x] if feedback else []), y, y1, further.common, further.own_next]
+    for name, target, regressors in (
+        ("y", y1, [one, y, further.common, further.own_y]),
+        ("x", x1, regressors_x),
+    ):
+        A = np.concatenate(regressors, axis=1)
+        rows = np.isfinite(A).all(axis=1) & np.isfinite(target).all(axis=1)
+        if rows.sum() < 2 * A.shape[1]:  # so few rows can always be explained
+            continue
+        residual = target[rows] - A[rows] @ np.linalg.lstsq(A[rows], target[rows], rcond=None)[0]
+        if np.linalg.eigvalsh(residual.T @ residual / len(residual))[0] < DEPENDENT:
+            raise ParameterError(
+                f"inputs, features: from them {name} of the same row follows without noise; expected inputs "
+                "that do not hold it"
+            )

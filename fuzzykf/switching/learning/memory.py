@@ -42,8 +42,10 @@ def _regression(pairs: int, cells: int, data: TrainingData, form: str) -> int:
         return 8 * cells * pairs
     m, d = data.dim_x, data.z.shape[1]
     q = d - m
-    unknowns = pairs * max(m * (m + 2 * q + 1), q * (q + 1))
-    return 8 * int(cells * pairs**2 + 2 * unknowns**2 + 3 * cells * (1 + 2 * d) ** 2)
+    common, own = data.window
+    further = common + own
+    unknowns = pairs * max(m * (m + 2 * q + 1 + further), q * (q + 1 + further))
+    return 8 * int(cells * pairs**2 + 2 * unknowns**2 + 3 * cells * (1 + 2 * d + common + 2 * own) ** 2)
 
 
 def _pass(M: int, data: TrainingData) -> int:

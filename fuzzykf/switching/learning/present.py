@@ -59,7 +59,7 @@ def present(
         n_observations=len(data.z),
         trace=np.array(fitted.trace),
         converged=fitted.converged,
-        warnings=(*fitted.warnings, *_unjudged(fitted)),
+        warnings=(*fitted.warnings, *_unjudged(fitted), *_unused(fitted, data)),
         switch_mean=switch,
         class_weights=weights,
         bic_of_forms=bic_of_forms,
@@ -78,4 +78,14 @@ def _unjudged(fitted: Fitted) -> list[str]:
     return [
         f"the joint fit was kept: the rows before the {training.n_kept_back:,} states kept back cannot be "
         f"learned from ({training.note})"
+    ]
+
+
+def _unused(fitted: Fitted, data: TrainingData) -> list[str]:
+    """Say that inputs and features have no effect where the joint fit was kept."""
+    if fitted.training is None or fitted.training.kept != "joint" or not sum(data.window):
+        return []
+    return [
+        "the joint fit was kept, in which inputs and features have no effect: before training for the filter "
+        "it is made without them"
     ]

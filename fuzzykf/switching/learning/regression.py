@@ -173,7 +173,7 @@ def fit_regression(
     S_pp = cells.moment[:, regressors][:, :, regressors]
     S_tp = cells.moment[:, targets][:, :, regressors]
     S_tt = cells.moment[:, targets][:, :, targets]
-    current = _pooled(cells, S_pp, S_tp, S_tt) if start is None else start
+    current = _pooled(cells, S_pp, S_tp, S_tt, n_drawn) if start is None else start
     value = -np.inf
     for _ in range(n_rounds):
         beta = _coefficients(cells, S_pp, S_tp, current, n_drawn)
@@ -186,10 +186,13 @@ def fit_regression(
     return current
 
 
-def _pooled(cells: Cells, S_pp: FloatArray, S_tp: FloatArray, S_tt: FloatArray) -> Regression:
-    """Return the regression that all regimes share, once for each."""
-    share = cells.weight / cells.weight.sum()
+def _pooled(cells: Cells, S_pp: FloatArray, S_tp: FloatArray, S_tt: FloatArray, n_drawn: int) -> Regression:
+    """Return the regression that all regimes share, once for each, with the ridge at unit noise."""
+    total = cells.weight.sum()
+    share = cells.weight / total
     pp, tp, tt = (np.tensordot(share, S, axes=1) for S in (S_pp, S_tp, S_tt))
+    drawn = range(len(pp) - n_drawn, len(pp))
+    pp[drawn, drawn] += RIDGE_MEAN * cells.shares.shape[1] / total  # regressors may follow from one another
     beta = _solve(pp, tp.T).T
     residual = tt - beta @ tp.T - tp @ beta.T + beta @ pp @ beta.T
     T, g = decompose(symmetrize(residual))

@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from fuzzykf.switching.dynamics.tilt import log_totals
+
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.switching.learning.data import TrainingData
@@ -72,10 +74,7 @@ def tilted(transition: FloatArray, push: FloatArray, us: FloatArray) -> FloatArr
 
 def log_normalisers(transition: FloatArray, push: FloatArray, us: FloatArray) -> FloatArray:
     """Return log Z_i(n), (T, M)."""
-    weight = us @ push.T
-    top = weight.max(axis=1, keepdims=True)
-    found: FloatArray = np.log(np.exp(weight - top) @ transition.T) + top
-    return found
+    return log_totals(transition, us @ push.T)
 
 
 def maximised(tilt: FloatArray, transition: FloatArray, shares: FloatArray, moves: Moves) -> FloatArray:

@@ -19,6 +19,10 @@ __all__ = ["AUTO", "as_features", "chosen"]
 AUTO = "auto"
 
 
+#: Scores that differ by less, in parts of their size, are equal.
+ROUNDING = 1e-9
+
+
 def maps(order: int) -> tuple[WindowFeatures, ...]:
     """Return the maps between which `AUTO` chooses: nothing, lags, hinges, both, and all with products."""
     lags: dict[str, Any] = {"order": max(order, 3), "blocks": (3, 6, 12)}
@@ -80,7 +84,9 @@ def chosen(order: int, has_inputs: bool, fit: Callable[[Any], FitResult[Any]]) -
     if not found:
         raise refused[0]
     scores = {name: _score(one) for name, one in found.items()}
-    best = found[max(scores, key=lambda name: scores[name])]
+    top = max(scores.values())
+    # where a joint fit stays, all that can be added to it has no effect: of equal scores the first one counts
+    best = found[next(name for name, score in scores.items() if score >= top - ROUNDING * abs(top))]
     best.score_of_features.update(scores)
     return best
 
