@@ -205,8 +205,8 @@ def _units(
         argument = "inputs" if k < len(inputs) else "features"
         if not unit.std() > FLAT:
             raise ParameterError(
-                f"{argument}: {name!r} is constant ({mean[k]:.6g}), which nothing can be learned from; expected "
-                "it to vary"
+                f"{argument}: {name!r} is constant ({mean[k]:.6g}), which nothing can be learned from; "
+                "expected it to vary"
             )
         low, high = SIZES
         if not low < std[k] < high:
