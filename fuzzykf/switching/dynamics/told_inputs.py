@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,14 +58,28 @@ def by_name(name: str, us: Any, names: tuple[str, ...]) -> Any:
     ParameterError
         If a name is missing, or stands twice.
     """
-    columns = columns_of(us)
+    at = _places(name, us, names)
     values = us.to_numpy() if hasattr(us, "to_numpy") else us
-    if columns is None or np.ndim(values) != 2:
-        return values
+    return values if at is None else values[:, at]
+
+
+def _places(name: str, us: Any, names: tuple[str, ...]) -> list[int] | None:
+    """Return where the inputs of a model stand among the columns of a table; None if they go by position."""
+    columns = columns_of(us)
+    if columns is None or us.ndim != 2:
+        return None
     nameless = names == tuple(f"u{j}" for j in range(len(names)))
     if nameless and not set(names) & {str(one) for one in columns}:
-        return values
-    return values[:, match_columns(columns, names, name)]
+        return None
+    return match_columns(columns, names, name)
+
+
+def _in_order(us: Any, names: tuple[str, ...]) -> Any:
+    """Return a table of one series with its columns in the order of the inputs; its index stays."""
+    at = _places("us", us, names)
+    if at is None:
+        return us
+    return us.iloc[:, at] if hasattr(us, "iloc") else us.to_numpy()[:, at]
 
 
 def told_step(name: str, u: Any, system: Any) -> FloatArray:
@@ -95,8 +110,15 @@ def told_inputs_of_many(us: Any, many: ManySeries, system: Any, begins: bool) ->
     plain = us is None or k is None
     if plain or (isinstance(us, np.ndarray) and us.shape in {(n, k), (n, k, 1), *([(n,)] if k == 1 else [])}):
         return told_inputs("us", us, n, system, begins)[None]
-    if hasattr(us, "columns") and len(us) == n and len(us.columns) == k:
-        return told_inputs("us", us, n, system, begins)[None]
+    names = system.form.inputs
+    if hasattr(us, "columns") and len(us) == n:
+        is_indexed = index_of(us) is not None and len(us.columns) == k
+        if is_indexed or set(names) <= {str(one) for one in us.columns}:
+            return told_inputs("us", us, n, system, begins)[None]
+    if isinstance(us, Mapping):
+        us = {key: _in_order(one, names) for key, one in us.items()}
+    elif isinstance(us, list | tuple):
+        us = [_in_order(one, names) for one in us]
     found = many.beside("us", us, k)
     for row, one in enumerate(found):
         end = n if many.lengths is None else many.lengths[row]
