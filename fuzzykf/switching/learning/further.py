@@ -40,6 +40,8 @@ class Further(NamedTuple):
     own_next: FloatArray  # (T, o): of the new one
     mean: FloatArray  # (c + o,): that makes the unit of each, with std
     std: FloatArray  # (c + o,)
+    raw: FloatArray  # (T, c + 2 o): the three parts as `WindowFeatures` has them
+    middle: FloatArray  # (k + q,): of inputs and observations, off which factors of products are taken
 
     @property
     def columns(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -58,16 +60,31 @@ class Further(NamedTuple):
 
     def rows(self, which: BoolArray) -> Further:
         """Return those of some transitions."""
-        return self._replace(
-            common=self.common[which], own_y=self.own_y[which], own_next=self.own_next[which]
-        )
+        names = ("common", "own_y", "own_next", "raw")
+        return self._replace(**{name: getattr(self, name)[which] for name in names})
 
     def windows(self, y: FloatArray) -> FloatArray:
         """Return the windows (T, w) of the placed model, in the units of the data; ``y`` (T, q) likewise."""
-        c = self.common.shape[1]
-        common = self.common * self.std[:c] + self.mean[:c]
-        own = (one * self.std[c:] + self.mean[c:] for one in (self.own_y, self.own_next))
-        return np.concatenate([y, common, *own], axis=1)
+        return np.concatenate([y, self.raw], axis=1)
+
+    def uncentred(self, slope: FloatArray, level: FloatArray, further: FloatArray) -> None:
+        """Turn coefficients of products of what is off the middle into those of the products; in place.
+
+        As (u - a)(y - b) = u y - a y - b u + a b, the others take up the difference.
+
+        Parameters
+        ----------
+        slope, level, further : ndarray, shapes (..., q), (...,) and (..., c + o)
+            Of the observation, 1, and (common, own), in the units of the data.
+        """
+        if not self.features.products:
+            return
+        k, q = len(self.inputs), slope.shape[-1]
+        a, b = self.middle[:k], self.middle[k:]
+        products = further[..., further.shape[-1] - k * q :].reshape(*further.shape[:-1], k, q)
+        slope -= np.einsum("...uy,u->...y", products, a)
+        further[..., :k] -= np.einsum("...uy,y->...u", products, b)
+        level += np.einsum("...uy,u,y->...", products, a, b)
 
 
 def read_inputs(
@@ -167,23 +184,48 @@ def further_of(
     else:
         whole = np.concatenate(ys)
         features = features.learned(whole[np.isfinite(whole).all(axis=1)])
-    found: tuple[list[FloatArray], ...] = ([], [], [])
+    q = ys[0].shape[1]
+    middle = _middle(ys, us) if earlier is None else earlier.middle
+    found: tuple[list[FloatArray], ...] = ([], [], [], [])
     for k, y in enumerate(ys):
         full = carried(y)
         u = np.empty((len(y), 0)) if us is None else us[k]
         lead = np.repeat(full[:1], features.n_past, axis=0)
         past = past_of(full, lead, features.n_past)
-        these = features.common(past, u), features.own(past[:, 0], u), features.own(full, u)
+        common, before = features.common(past, u), past[:, 0]
+        raw = np.concatenate([common, features.own(before, u), features.own(full, u)], axis=1)
+        these = common, *(_own_off(features, one, u, middle) for one in (before, full)), raw
         for some, one in zip(found, these, strict=True):
             some.append(one)
-    parts = [np.concatenate(some)[after] for some in found]
+    *parts, raw = (np.concatenate(some)[after] for some in found)
     if earlier is not None:
         mean, std = earlier.mean, earlier.std
     else:
-        mean, std = _units(parts, features, names, observations, ys[0].shape[1])
+        mean, std = _units(parts, features, names, observations, q)
     c = parts[0].shape[1]
     own_y, own_next = ((one - mean[c:]) / std[c:] for one in parts[1:])
-    return Further(features, names, (parts[0] - mean[:c]) / std[:c], own_y, own_next, mean, std)
+    common = (parts[0] - mean[:c]) / std[:c]
+    return Further(features, names, common, own_y, own_next, mean, std, raw, middle)
+
+
+def _middle(ys: Sequence[FloatArray], us: Sequence[FloatArray] | None) -> FloatArray:
+    """Return means of inputs and observations, (k + q,)."""
+    y = np.concatenate(ys)
+    u = np.empty((1, 0)) if us is None else np.concatenate(us)
+    return np.concatenate([u.mean(axis=0), y[np.isfinite(y).all(axis=1)].mean(axis=0)])
+
+
+def _own_off(features: WindowFeatures, y: FloatArray, u: FloatArray, middle: FloatArray) -> FloatArray:
+    """Return own(y, u), but products of what is off the middle: of other units they are the same.
+
+    A product of numbers far from zero is nearly a multiple of one of them, and a ridge would not let it tell
+    more than that.
+    """
+    if not features.products:
+        return features.own(y, u)
+    k, n = u.shape[1], features.n_hinges * y.shape[1]
+    hinges = features.own(y, u)[:, :n]
+    return np.concatenate([hinges, features.own(y - middle[k:], u - middle[:k])[:, n:]], axis=1)
 
 
 def _units(

@@ -332,6 +332,8 @@ class RegressionEstimate(GaussianEstimate):
             beta = fit.beta[..., fit.beta.shape[-1] - width :]
             found[name] = self._table(beta) * std[:, None] / further.std
             found[offset] = found[offset] - found[name] @ further.mean
+        further.uncentred(found["Ayy"], found["Ny"], found["By"])
+        further.uncentred(found["G"], found["c"], found["Bx"])
         return InputForm(
             **found,
             features=further.features,
