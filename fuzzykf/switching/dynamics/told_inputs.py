@@ -112,8 +112,7 @@ def told_inputs_of_many(us: Any, many: ManySeries, system: Any, begins: bool) ->
         return told_inputs("us", us, n, system, begins)[None]
     names = system.form.inputs
     if hasattr(us, "columns") and len(us) == n:
-        is_indexed = index_of(us) is not None and len(us.columns) == k
-        if is_indexed or set(names) <= {str(one) for one in us.columns}:
+        if len(us.columns) == k or set(names) <= {str(one) for one in us.columns}:
             return told_inputs("us", us, n, system, begins)[None]
     if isinstance(us, Mapping):
         us = {key: _in_order(one, names) for key, one in us.items()}
