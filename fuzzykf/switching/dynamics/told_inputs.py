@@ -111,9 +111,9 @@ def told_inputs_of_many(us: Any, many: ManySeries, system: Any, begins: bool) ->
     if plain or (isinstance(us, np.ndarray) and us.shape in {(n, k), (n, k, 1), *([(n,)] if k == 1 else [])}):
         return told_inputs("us", us, n, system, begins)[None]
     names = system.form.inputs
-    if hasattr(us, "columns") and len(us) == n:
-        if len(us.columns) == k or set(names) <= {str(one) for one in us.columns}:
-            return told_inputs("us", us, n, system, begins)[None]
+    is_shared = hasattr(us, "columns") and len(us) == n
+    if is_shared and (len(us.columns) == k or set(names) <= {str(one) for one in us.columns}):
+        return told_inputs("us", us, n, system, begins)[None]
     if isinstance(us, Mapping):
         us = {key: _in_order(one, names) for key, one in us.items()}
     elif isinstance(us, list | tuple):
