@@ -513,6 +513,8 @@ def test_names_of_inputs_count_whatever_their_order():
     np.testing.assert_array_equal(f.filter(ys, us=table).x, expected.x)
     np.testing.assert_array_equal(f.smooth(ys, us=table).x, f.smooth(ys, us=us).x)
     np.testing.assert_array_equal(f.filter_many([ys, ys], us=[table, us]).x, [expected.x, expected.x])
+    for shared in (table, table.set_axis(pd.date_range("2024", periods=6, freq="h"))):
+        np.testing.assert_array_equal(f.filter_many([ys, ys], us=shared).x, [expected.x, expected.x])
     rows = {
         "Series": [table.iloc[n] for n in range(6)],
         "mapping": [dict(table.iloc[n]) for n in range(6)],
