@@ -39,6 +39,9 @@ __all__ = ["CANDIDATES", "compare_models"]
 #: The candidates of `compare_models`, unless others are named.
 CANDIDATES = ("hard1", "hard2", "hard3", "fmc1", "fmc2", "free", "imm", "kalman", "regression", "piecewise")
 
+#: Those that join them where there are inputs.
+WITH_INPUTS = ("pool-inputs",)
+
 
 def compare_models(
     x: ArrayLike,
@@ -76,7 +79,8 @@ def compare_models(
         For the bootstrap.
     candidates : sequence of str or Candidate
         By name: "kalman", "hard2", "fmc1", ..., see `fuzzykf.comparison.candidate_names` and
-        `fuzzykf.comparison.candidate`; your own: a `fuzzykf.comparison.Candidate`.
+        `fuzzykf.comparison.candidate`; your own: a `fuzzykf.comparison.Candidate`.  With ``inputs``
+        "pool-inputs" joins those of the default.
     n_folds : int
         Stretches that are held out, one after the other.
     first : float
@@ -145,6 +149,8 @@ def compare_models(
     if len(observations) != n:
         raise ShapeError(f"y: got {len(observations)} rows, expected {n}, as many as x has")
     told = None if inputs is None else _inputs(inputs, n)
+    if told is not None and candidates is CANDIDATES:
+        candidates = (*CANDIDATES, *WITH_INPUTS)
     methods = chosen(candidates)
     folds = _folds(n, n_folds, first, window)
     times = as_times(time, x, n) if profile or time is not None else None

@@ -251,8 +251,8 @@ class CGOFMSModel(SwitchingModel):
             ``features=WindowFeatures(order=...)``.
         inputs : array_like, shape (n, k) or (n,), or list of these, optional
             What is known at all times: clock, calendar, control.  Inputs act linearly on the new observation
-            and the new state, in each pair of regimes; with ``objective="filter"`` also on the probabilities
-            of transitions.  The filter is told them as ``us``.
+            and the new state, in each pair of regimes, and on the log-odds of transitions (not where ``r`` is
+            given for a fuzzy switch).  The filter is told them as ``us``.
         features : WindowFeatures or "auto", optional
             A map of the latest observations, see `WindowFeatures`.  "auto" learns with each of a few maps and
             takes the one whose filter scores best on the states kept back (``.score_of_features`` of the
