@@ -92,6 +92,16 @@ class InputColumns(Immutable):
         """Return the number of rows."""
         return len(self._values)
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of rows and of columns."""
+        return len(self._values), len(self.columns)
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes, two, as that of any table."""
+        return 2
+
     def __getitem__(self, key: Any) -> Any:
         """Return the column of a name, (n,), or some rows as columns with names."""
         if isinstance(key, str):
