@@ -71,6 +71,26 @@ class _Known(NamedTuple):
         return _Known(*parts)
 
 
+class _Columns:
+    """From what is known of rows to inputs: those columns that vary in the rows to learn on.
+
+    Parameters
+    ----------
+    part : LearningPart
+    """
+
+    def __init__(self, part: LearningPart) -> None:
+        columns = _Known(part.clock, part.inputs).columns()
+        self._varies = np.empty(0, dtype=bool) if columns is None else np.ptp(columns, axis=0) > 0.0
+
+    def of(self, known: _Known) -> FloatArray | None:
+        """Return inputs (n, k); None where there are none, or not all of them."""
+        found = known.columns()
+        if found is None or not self._varies.size or found.shape[1] != self._varies.size:
+            return None
+        return found[:, self._varies]
+
+
 class LearnedWithInputs(Learned):
     """Learned models with inputs and features, and their filter: that of the one, or a pool of them.
 
@@ -98,7 +118,7 @@ class LearnedWithInputs(Learned):
         self.notes = tuple(
             lead.format(name=name) + note for name, fit in fits.items() for note in fit.warnings
         )
-        self._columns = _columns_of(part)
+        self._columns = _Columns(part)
         self._before = _Known(part.clock, part.inputs).latest(WARM_UP)
         self._now = _Known(None, None)
 
@@ -135,10 +155,10 @@ class LearnedWithInputs(Learned):
 
     def _told(self, n_before: int, n: int) -> dict[str, FloatArray]:
         """Return inputs of the rows before and of those to restore, as arguments of `filter`."""
-        before = self._columns(self._before)
+        before = self._columns.of(self._before)
         if before is None:
             return {}
-        now = self._columns(self._now)
+        now = self._columns.of(self._now)
         if now is None or len(now) != n or len(before) < n_before:
             got = 0 if now is None else len(now)
             raise FuzzykfError(
@@ -149,23 +169,9 @@ class LearnedWithInputs(Learned):
 
     def stepper(self) -> Callable[[FloatArray], object]:
         """Return the filter's ``step``, with the inputs of the first row to restore."""
-        now = self._columns(self._now)
+        now = self._columns.of(self._now)
         told = {} if now is None else {"u": now[0]}
         return lambda z: self.filter.step(z, **told)
-
-
-def _columns_of(part: LearningPart) -> Callable[[_Known], FloatArray | None]:
-    """Return from what is known to inputs: those columns that vary in the rows to learn on."""
-    columns = _Known(part.clock, part.inputs).columns()
-    if columns is None:
-        return lambda _: None
-    varies = np.ptp(columns, axis=0) > 0.0
-
-    def varying(known: _Known) -> FloatArray | None:
-        found = known.columns()
-        return None if found is None or found.shape[1] != varies.size else found[:, varies]
-
-    return varying
 
 
 def learn_chosen_map(part: LearningPart) -> Learned:
@@ -173,7 +179,7 @@ def learn_chosen_map(part: LearningPart) -> Learned:
 
     Of `WindowFeatures` "auto" tries a few; the clock is an input where times are known.
     """
-    us = _columns_of(part)(_Known(part.clock, part.inputs))
+    us = _Columns(part).of(_Known(part.clock, part.inputs))
     fit = part.hard(n_regimes=2, objective="filter", inputs=us, features="auto")
     form = fit.model.form
     name = repr(form.features) if hasattr(form, "features") else "no features"
@@ -188,7 +194,7 @@ def learn_pool_of_maps(part: LearningPart) -> Learned:
 
     Nothing is chosen: which map is the right one, a few months of data do not tell.
     """
-    us = _columns_of(part)(_Known(part.clock, part.inputs))
+    us = _Columns(part).of(_Known(part.clock, part.inputs))
     fits: dict[str, Any] = {}
     for name, features in MAPS.items():
         if features.products and us is None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -37,7 +39,7 @@ def test_the_pool_is_that_of_the_models_with_their_inputs(monkeypatch) -> None:
     monkeypatch.setattr(inputs, "MAPS", maps)
     x, y, clock, effort = series()
     part, told = part_of(x, y, clock[:N_TRAIN], effort)
-    learned = candidate("pool-inputs").learn(part)
+    learned = pickle.loads(pickle.dumps(candidate("pool-inputs").learn(part)))  # folds are other processes
     assert told == ["learning with lags, hinges and products, a member of the pool"]
     got = learned.at(clock[N_TRAIN:]).restore(part.y, y[N_TRAIN:])
     us = inputs.clock_columns(clock)
@@ -92,5 +94,5 @@ def test_columns_that_do_not_vary_are_left_out() -> None:
     x, y, clock, effort = series()
     weekend = Clock(clock.times[:N_TRAIN], np.zeros(N_TRAIN, dtype=bool))
     part, _ = part_of(x, y, weekend, effort)
-    columns = inputs._columns_of(part)(inputs._Known(clock, None))
+    columns = inputs._Columns(part).of(inputs._Known(clock, None))
     assert columns.shape == (N, 2 * inputs.HARMONICS)
