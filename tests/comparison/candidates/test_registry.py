@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 import sys
 import types
@@ -16,6 +17,7 @@ from fuzzykf.comparison import (
     Candidate,
     Estimates,
     Learned,
+    LearningPart,
     candidate,
     candidate_names,
     compare,
@@ -24,8 +26,10 @@ from fuzzykf.comparison import (
 )
 from fuzzykf.comparison.candidates import registry
 from fuzzykf.comparison.candidates.switching import LAWS
+from fuzzykf.comparison.clock import Clock
 from fuzzykf.comparison.models import CANDIDATES
 from fuzzykf.errors import ParameterError
+from fuzzykf.times import read_times
 
 #: Candidates that the page on comparing tells of beside those that are compared anyway.
 TO_NAME = ("fmc1-memoryless", "fmc1-filter", "hard2-inputs", "pool", "pool-boosting")
@@ -94,6 +98,21 @@ def test_any_number_of_hard_regimes_has_a_name() -> None:
         ParameterError, match="candidates: got 'hard0', expected names of hard1, hard2, hard3"
     ):
         candidate("hard0")
+
+
+@pytest.mark.parametrize("name", ["hard2", "hard2-inputs", "imm", "kalman", "piecewise", "daily-profile"])
+def test_what_any_candidate_learned_can_go_to_another_process(name) -> None:
+    rng = np.random.default_rng(0)
+    r = np.arange(240) // 30 % 2
+    y = np.where(r, 2.0, -2.0) + rng.normal(size=240)
+    x = np.where(r, y, -y) + 0.3 * rng.normal(size=240)
+    time = np.datetime64("2014-01-06T00:00", "s") + np.arange(240) * np.timedelta64(3600, "s")
+    clock = Clock.of(read_times(time))
+    effort = {"n_nodes": 1, "max_iter": 2, "tolerance": 1e-2, "clock": clock[:200]}
+    learned = candidate(name).learn(LearningPart(x=x[:200, None], y=y[:200, None], **effort))
+    there = pickle.loads(pickle.dumps(learned))
+    found, expected = (one.at(clock[200:]).restore(y[:200, None], y[200:, None]) for one in (there, learned))
+    np.testing.assert_array_equal(found.mean, expected.mean)
 
 
 def test_the_pages_tell_of_candidates_by_their_names_and_titles() -> None:
