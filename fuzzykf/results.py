@@ -674,7 +674,9 @@ class FitResult(Generic[M]):
             forgotten; with ``0.5 ** (1 / h)`` a row counts half after h rows (its half-life).  Rows in which
             something is missing are rows, and so are those of each series; the rows of one call count alike.
         inputs : array_like, or list of these, optional
-            Inputs of the new rows, if there were some in the fit.
+            Inputs of the new rows, if there were some in the fit.  How they act on the transitions stays as
+            it was learned first: of that no statistics are kept.  With features of the window each call loses
+            the rows whose window begins before it: pass long stretches.
 
         Returns
         -------

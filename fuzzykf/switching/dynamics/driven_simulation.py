@@ -64,7 +64,7 @@ def simulate_driven(
     o = form.sizes[1]
     for k in range(1, n):
         step = form.pairs(shares[k - 1], shares[k], partial(_name, k))
-        known = np.concatenate([past[0], features.common(past, us[k]), features.own(past[0], us[k])])
+        known = np.concatenate([past.ravel(), us[k], features.own(past[0], us[k])])
         window = np.concatenate([known, np.zeros(o)])
         y[k] = step.Ayy @ window + step.Ny + np.linalg.cholesky(step.Qyy) @ noise[k, m:]
         window[known.size :] = features.own(y[k], us[k])

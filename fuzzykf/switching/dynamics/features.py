@@ -13,9 +13,10 @@ new time, y the latest observation and y' the new one,
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
+from scipy.special import ndtr
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_count, as_flag, as_numbers, brief, is_whole
@@ -168,6 +169,24 @@ class WindowFeatures(Immutable):
             first += length
         return np.concatenate(parts, axis=-1)
 
+    def unrolled(self, beta: FloatArray, q: int, k: int) -> tuple[FloatArray, FloatArray]:
+        """Return coefficients of ``common``, (..., c), as those of earlier observations and of inputs.
+
+        Returns
+        -------
+        lags : ndarray, shape (..., n_past * q)
+            Of the window of observations, the latest first, whose own coefficient is not among them.
+        inputs : ndarray, shape (..., k)
+        """
+        lags = np.zeros((*beta.shape[:-1], self.n_past, q))
+        given = beta[..., k:].reshape(*beta.shape[:-1], -1, q)
+        lags[..., 1 : self.order, :] = given[..., : self.order - 1, :]
+        first = self.order
+        for block, length in enumerate(self.blocks, self.order - 1):
+            lags[..., first : first + length, :] = given[..., block, None, :] / length
+            first += length
+        return lags.reshape(*beta.shape[:-1], -1), beta[..., :k]
+
     def own(self, ys: FloatArray, us: FloatArray) -> FloatArray:
         """Return what each equation has of its own observation, (..., o).
 
@@ -185,6 +204,31 @@ class WindowFeatures(Immutable):
         if self.products:
             parts.append((us[..., :, None] * ys[..., None, :]).reshape(*lead, -1))
         return np.concatenate(parts, axis=-1) if parts else np.empty((*lead, 0))
+
+    def linearised(self, mean: FloatArray, variance: FloatArray, us: FloatArray) -> Linearised:
+        """Return what ``own`` is, linearly in an observation of which normal laws are known.
+
+        Products are linear.  Of hinges the mean, the covariance with the observation and what is left of
+        their own covariance are those of the normal law of each component; where its variance is zero they
+        are what they are.
+
+        Parameters
+        ----------
+        mean, variance : ndarray, shape (..., q)
+        us : ndarray, shape (..., k)
+        """
+        lead, q = mean.shape[:-1], mean.shape[-1]
+        h, k = self.n_hinges, us.shape[-1] if self.products else 0
+        slope = np.zeros((*lead, q * h + k * q, q))
+        level, left = np.zeros(slope.shape[:-1]), np.zeros((*slope.shape[:-1], slope.shape[-2]))
+        for c in range(q if h else 0):
+            rows = slice(c * h, (c + 1) * h)
+            assert self.knots is not None
+            moments = _hinge_moments(mean[..., c], variance[..., c], self.knots[c])
+            slope[..., rows, c], level[..., rows], left[..., rows, rows] = moments
+        for c in range(q if k else 0):
+            slope[..., q * h + c :: q, c] = us
+        return Linearised(slope, level, left)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the map as plain values."""
@@ -221,6 +265,45 @@ def _as_knots(hinges: Any) -> FloatArray:
             "component of an observation"
         )
     return as_array("hinges", knots, (None, None))
+
+
+class Linearised(NamedTuple):
+    """own(y, u) = slope y + level + noise, in mean and covariance."""
+
+    slope: FloatArray  # (..., o, q)
+    level: FloatArray  # (..., o)
+    left: FloatArray  # (..., o, o): covariance of the noise
+
+
+def _hinge_moments(
+    mean: FloatArray, variance: FloatArray, knots: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Slopes, levels (..., h) and covariances (..., h, h) of hinges of a normal number.
+
+    With a = (mean - knot) / s and t standard normal, E max(y - knot, 0) = s (a Phi(a) + phi(a)), its
+    covariance with y is s^2 Phi(a), and for a_i >= a_j, E of the product of two is
+    s^2 [(1 + a_i a_j) Phi(a_j) + a_i phi(a_j)].
+    """
+    s = np.sqrt(variance)[..., None]
+    certain = s == 0.0
+    a = np.where(certain, np.where(mean[..., None] > knots, np.inf, -np.inf), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a = np.where(certain, a, (mean[..., None] - knots) / s)
+    slope = ndtr(a)
+    finite = np.where(np.isfinite(a), a, 0.0)
+    density = np.where(certain, 0.0, np.exp(-0.5 * finite * finite) / np.sqrt(2.0 * np.pi))
+    value = np.where(certain, np.maximum(mean[..., None] - knots, 0.0), s * (finite * slope + density))
+    low, high = (
+        np.minimum(finite[..., :, None], finite[..., None, :]),
+        np.maximum(finite[..., :, None], finite[..., None, :]),
+    )
+    phi = np.exp(-0.5 * low * low) / np.sqrt(2.0 * np.pi)
+    second = (s * s)[..., None] * ((1.0 + low * high) * ndtr(low) + high * phi)
+    left = second - value[..., :, None] * value[..., None, :]
+    left -= (s * s)[..., None] * slope[..., :, None] * slope[..., None, :]
+    left = np.where(certain[..., None], 0.0, left)
+    slope = np.where(certain, 0.0, slope)
+    return slope, value - slope * mean[..., None], 0.5 * (left + np.swapaxes(left, -1, -2))
 
 
 def past_of(ys: FloatArray, lead: FloatArray, n_past: int) -> FloatArray:

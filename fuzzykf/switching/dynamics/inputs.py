@@ -6,13 +6,15 @@ The regressions of `RegressionForm` get further regressors, which are known when
     X' = Axx X + H y + G Y' + c + Bx (common, own(y', u')) + N(0, C),
 
 see `fuzzykf.switching.dynamics.features.WindowFeatures`.  So the tables of a step stay what they are, with a
-longer window w = (y, common, own(y, u'), own(y', u')) that is known but for what is missing of y.  Inputs may
+longer window w = (observations before, u', own(y, u'), own(y', u')): coefficients of means of blocks become
+those of the observations in them.  Inputs may
 act on the switch: with s_j the shares of the regimes in node j,
 
     P_ij(n) prop. to P_ij exp(s_j' tilt (u_n - centre)).
 
-In a gap features take for a missing observation what the filter expected of it.  That is exact only where
-they do not reach it; the latest observation itself stays unknown, as without features.
+In a gap observations before stay unknown as far as the window reaches, as in any model of higher order.
+Products with inputs are linear in what is missing.  Hinges of it have the mean, the variance and the
+covariance with it that they have under the normal law which was expected, which is not exact.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from fuzzykf.errors import NumericalRangeError, ParameterError
-from fuzzykf.gaussian import as_array, brief
+from fuzzykf.gaussian import as_array, brief, symmetrize
 from fuzzykf.reprs import reprs
 from fuzzykf.switching.dynamics.exactness import Exactness
 from fuzzykf.switching.dynamics.features import WindowFeatures, past_of
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.results import Simulation
+    from fuzzykf.switching.dynamics.features import Linearised
     from fuzzykf.switching.dynamics.pairs import Describe, InitialLaw
     from fuzzykf.switching.dynamics.placed import KnownPath
     from fuzzykf.switching.laws.chain import SwitchChain
@@ -107,7 +110,8 @@ class InputForm(RegressionForm):
         """Say whether filtering is exact on a chain."""
         return Exactness(
             True,
-            "exact: given inputs and the switch, Y alone is Markov; in gaps features take what was expected",
+            "exact: given inputs and the switch, Y alone is Markov; in gaps hinges have the moments of a "
+            "normal observation",
         )
 
     def pairs(
@@ -116,10 +120,17 @@ class InputForm(RegressionForm):
         """Regressions of a step on the longer window, given the shares of r_n and r_{n+1}."""
         found = super().pairs(u1, u2, describe, where)
         c, o = self.sizes
-        By, Bx = bilinear(self.By, u1, u2), bilinear(self.Bx, u1, u2)
-        none_y, none_x = np.zeros((*By.shape[:-1], o)), np.zeros((*Bx.shape[:-1], o))
-        H = np.concatenate([found.H, Bx[..., :c], none_x, Bx[..., c:]], axis=-1)
-        Ayy = np.concatenate([found.Ayy, By, none_y], axis=-1)
+        q, k = self.dim_z, len(self.inputs)
+
+        def wider(latest: FloatArray, beta: FloatArray, *, next_one: bool) -> FloatArray:
+            lags, inputs = self.features.unrolled(beta[..., :c], q, k)
+            lags[..., :q] = latest
+            own, none = beta[..., c:], np.zeros((*beta.shape[:-1], o))
+            both = (none, own) if next_one else (own, none)
+            return np.concatenate([lags, inputs, *both], axis=-1)
+
+        H = wider(found.H, bilinear(self.Bx, u1, u2), next_one=True)
+        Ayy = wider(found.Ayy, bilinear(self.By, u1, u2), next_one=False)
         return found._replace(H=H, Ayy=Ayy)
 
     def placed(self, chain: SwitchChain) -> InputSystem:
@@ -196,29 +207,27 @@ class InputSystem(StationarySystem):
                 "not take; expected 'cell', 'midpoint' or 'gauss'"
             )
         super().__init__(chain, form)
-        self.dim_u, self.features = form.dim_u, form.features
+        self.dim_u, self.features, self.order = form.dim_u, form.features, form.features.n_past
         #: How inputs act on each node, (M, k); None where they do not.
         self.push = chain.class_weights @ form.tilt if form.tilt.any() else None
 
     def driven_tables(
-        self, past: FloatArray, u: FloatArray, filled: FloatArray | None = None, number: int = 0
+        self, past: FloatArray, spread: FloatArray, u: FloatArray, number: int = 0
     ) -> DrivenTables:
         """Return the tables of a step.
 
         Parameters
         ----------
         past : ndarray, shape (n_past, q)
-            Observations before it, the latest first, without gaps.
+            Observations before it, the latest first, with what was expected where they are missing.
+        spread : ndarray, shape (q,)
+            Variance that was expected of the latest one, zero where it is there.
         u : ndarray, shape (k,)
             Inputs of the new time.
-        filled : ndarray, shape (q,), optional
-            What stands in the features for what is missing of the new observation.
         number : int
             Of the new observation, along a series.
         """
-        features = self.features
-        known = np.concatenate([features.common(past, u), features.own(past[0], u)])
-        return DrivenTables(self.at(u), features, known, u, filled, number)
+        return DrivenTables(self.at(u), self.features, past, spread, u, number)
 
     def told_tables(self, told: Mapping[str, FloatArray | None]) -> DrivenTables:
         """Return the tables of a step of which a file has kept what `DrivenTables.told` returns.
@@ -228,11 +237,9 @@ class InputSystem(StationarySystem):
         ShapeError
             If it does not fit the model.
         """
-        c, o = self.form.sizes
-        known, u = as_array("known", told["known"], (c + o,)), as_array("u", told["u"], (self.dim_u or 0,))
-        filled = told["filled"]
-        filled = None if filled is None else as_array("filled", filled, (self.dim_z,))
-        return DrivenTables(self.at(u), self.features, known, u, filled)
+        u = as_array("u", told["u"], (self.dim_u or 0,))
+        past = as_array("past", told["past"], (self.features.n_past, self.dim_z))
+        return self.driven_tables(past, as_array("spread", told["spread"], (self.dim_z,)), u)
 
     def at(self, u: FloatArray) -> PairTables:
         """Return the tables of a step with these inputs, but for the window.
@@ -262,13 +269,16 @@ class DrivenTables:
     ----------
     tables : PairTables
     features : WindowFeatures
-    known : ndarray, shape (c + o,)
-        (common, own(y, u')).
+    past : ndarray, shape (n_past, q)
+        Observations before, the latest first, with what was expected where they are missing.
+    spread : ndarray, shape (q,)
+        Variance that was expected of the latest one, zero where it is there.
     u : ndarray, shape (k,)
-    filled : ndarray, shape (q,), optional
-        What stands in the features for what is missing of the new observation.
     number : int
         Of the new observation, along a series.
+    next_law : tuple of ndarray, optional
+        Mean and variance (q,) of the new observation, if they are known: those that were expected of what is
+        missing, variance zero where it is there.
     """
 
     is_driven: ClassVar[bool] = True
@@ -277,14 +287,16 @@ class DrivenTables:
         self,
         tables: PairTables,
         features: WindowFeatures,
-        known: FloatArray,
+        past: FloatArray,
+        spread: FloatArray,
         u: FloatArray,
-        filled: FloatArray | None,
         number: int = 0,
+        next_law: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
-        self._tables, self._features, self._known, self._u, self._filled = tables, features, known, u, filled
-        self.number = number
+        self._tables, self._features, self._past, self._spread = tables, features, past, spread
+        self._u, self.number, self.next_law = u, number, next_law
         self.transition, self.pairs = tables.transition, tables.pairs
+        #: Whether the window has features of the new observation.
         self.reads_next = features.n_hinges > 0 or features.products
 
     @property
@@ -311,32 +323,74 @@ class DrivenTables:
         """As of `PairTables`."""
         return self._tables.summary(chain)
 
-    def window(self, known: FloatArray, y: FloatArray | None = None) -> FloatArray:
-        """Return the window (w,) from the latest observation (q,), NaN where missing, and the new one.
+    def window(self, known: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the window (w,) from the latest observations, NaN where missing, and the new one (q,).
 
-        Without a new one what the features take of it is zero: enough for what is said of Y'.
+        At the start of a series there are fewer of them than the window holds: the first one stands for what
+        was before it.  Where the latest or the new one is missing it is for `in_gap` to say what features
+        take; here they are those of what was expected.
         """
-        if y is None or not self.reads_next:
-            own = np.zeros(self._tables.pairs.H.shape[-1] - known.size - self._known.size)
-        else:
-            missing = np.isnan(y)
-            if missing.any():
-                assert self._filled is not None  # whoever knows of a gap has filled it
-                y = np.where(missing, self._filled, y)
-            own = self._features.own(y, self._u)
-        return np.concatenate([known, self._known, own])
+        own = self._features.own(np.stack([self._past[0], np.nan_to_num(y)]), self._u).ravel()
+        return np.concatenate([known, self._past.ravel()[known.size :], self._u, own])
 
-    def lacks(self, y: FloatArray) -> bool:
-        """Whether features of the new observation (q,) need something to stand for what is missing of it."""
-        return self.reads_next and self._filled is None and bool(np.isnan(y).any())
+    def without_features(self, known: FloatArray) -> FloatArray:
+        """Return the window (w,) of the tables that `in_gap` makes, in which features are zero."""
+        w = self.pairs.H.shape[-1]
+        window = np.zeros(w)
+        given = np.concatenate([known, self._past.ravel()[known.size :], self._u])
+        window[: given.size] = given
+        return window
 
-    def told(self) -> dict[str, FloatArray | None]:
+    def in_gap(self, mean: FloatArray | None = None, variance: FloatArray | None = None) -> PairTables:
+        """Return the tables of the step with features that are linear in what they are features of.
+
+        Parameters
+        ----------
+        mean, variance : ndarray, shape (q,), optional
+            Of the new observation, variance zero where it is there.  Without them nothing of the state holds
+            that has to do with features of it.
+        """
+        if not self.reads_next:
+            return self._tables
+        pairs, q, o = self.pairs, self._past.shape[1], self._own
+        w = pairs.H.shape[-1]
+        before = self._features.linearised(self._past[0], self._spread, self._u)
+        B = pairs.Ayy[..., w - 2 * o : w - o]
+        Ayy = pairs.Ayy.copy()
+        Ayy[..., :q] += B @ before.slope
+        found = pairs._replace(
+            Ayy=Ayy, Ny=pairs.Ny + B @ before.level, Qyy=symmetrize(pairs.Qyy + _square(B, before.left))
+        )
+        if mean is None or variance is None:
+            return PairTables(self.transition, found)
+        after, B = self._features.linearised(mean, variance, self._u), pairs.H[..., w - o :]
+        return PairTables(
+            self.transition,
+            found._replace(
+                G=pairs.G + B @ after.slope,
+                c=pairs.c + B @ after.level,
+                C=symmetrize(pairs.C + _square(B, after.left)),
+            ),
+        )
+
+    def with_next(self, mean: FloatArray, variance: FloatArray) -> DrivenTables:
+        """Return the same with what is known of the new observation."""
+        parts = self._past, self._spread, self._u, self.number
+        return DrivenTables(self._tables, self._features, *parts, (mean, variance))
+
+    @property
+    def _own(self) -> int:
+        """How many features each observation has."""
+        return self._features.sizes(self._past.shape[1], self._u.size)[1]
+
+    def told(self) -> dict[str, FloatArray]:
         """Return what a file has to keep: see `InputSystem.told_tables`."""
-        return {"known": self._known, "u": self._u, "filled": self._filled}
+        return {"past": self._past, "spread": self._spread, "u": self._u}
 
-    def filled(self, y: FloatArray) -> DrivenTables:
-        """Return the same with what stands for missing parts of the new observation."""
-        return DrivenTables(self._tables, self._features, self._known, self._u, y, self.number)
+
+def _square(B: FloatArray, left: FloatArray) -> FloatArray:
+    """B left B'."""
+    return B @ left @ np.swapaxes(B, -1, -2)
 
 
 @reprs("chain")
@@ -346,25 +400,39 @@ class DrivenSystem:
     Parameters
     ----------
     system : InputSystem
-    ys : ndarray, shape (n, q)
-        Observations without gaps: where one is missing, what was expected of it.
+    ys, spreads : ndarray, shape (n, q)
+        Observations, and where one is missing what was expected of it; its variance, zero elsewhere.
     us : ndarray, shape (n, k)
     lead : ndarray, shape (n_past, q)
         What stands for observations before the first; that is number ``origin`` of the series.
+    before : ndarray, shape (q,)
+        Variance of the latest of these.
     origin : int
     """
 
-    order: int = 1
     steady_from: int | None = None
 
     def __init__(
-        self, system: InputSystem, ys: FloatArray, us: FloatArray, lead: FloatArray, origin: int = 0
+        self,
+        system: InputSystem,
+        ys: FloatArray,
+        spreads: FloatArray,
+        us: FloatArray,
+        lead: FloatArray,
+        before: FloatArray,
+        origin: int = 0,
     ) -> None:
-        self.chain, self.dim_x, self.dim_z = system.chain, system.dim_x, system.dim_z
+        self.chain, self.dim_x, self.dim_z, self.order = (
+            system.chain,
+            system.dim_x,
+            system.dim_z,
+            system.order,
+        )
         self._system, self._ys, self._us, self._origin = system, ys, us, origin
         self._past = past_of(ys, lead, system.features.n_past)
-        #: Whether complete observations need no more than one set of tables.
-        self.goes_through = system.push is None
+        self._spreads = np.concatenate([before[None], spreads])  # of the observation before each
+        #: Complete observations are for the method all at once.
+        self.goes_through = True
 
     def initial(self) -> InitialLaw:
         """Return the law of (r_1, Z_1)."""
@@ -373,25 +441,41 @@ class DrivenSystem:
     def pair_tables(self, n: int) -> Any:
         """Return the tables of the step from observation ``n``."""
         k = n + 1 - self._origin
-        return self._system.driven_tables(self._past[k], self._us[k], self._ys[k], n + 1)
+        tables = self._system.driven_tables(self._past[k], self._spreads[k], self._us[k], n + 1)
+        return tables.with_next(self._ys[k], self._spreads[k + 1])
 
     def windows(self, start: int, stop: int) -> tuple[FloatArray, FloatArray]:
-        """Return what the windows of the steps to observations start, ..., stop - 1 hold beside y.
+        """Return what the windows of the steps to observations start, ..., stop - 1 hold.
 
         Returns
         -------
-        known : ndarray, shape (n, c + o)
-            (common, own(y, u')).
+        known : ndarray, shape (n, n_past * q + k + o)
+            Observations before, u' and own(y, u').
         own : ndarray, shape (n, o)
             own(y', u').
         """
         part = slice(start - self._origin, stop - self._origin)
         past, us = self._past[part], self._us[part]
         features = self._system.features
-        known = np.concatenate([features.common(past, us), features.own(past[:, 0], us)], axis=1)
+        flat = past.reshape(len(past), -1)
+        known = np.concatenate([flat, us, features.own(past[:, 0], us)], axis=1)
         return known, features.own(self._ys[part], us)
 
-    def own(self, ys: FloatArray, start: int) -> FloatArray:
-        """Return own(y', u') for other observations y' (n, q), from number ``start`` on."""
+    def kernels(self, start: int, stop: int) -> list[Any] | None:
+        """Return the kernels of the steps to observations start, ..., stop - 1; None if all are one."""
+        if self._system.push is None:
+            return None
+        us = self._us[start - self._origin : stop - self._origin]
+        return [self._system.at(u).kernel for u in us]
+
+    def transitions(self, start: int, n: int) -> FloatArray:
+        """Return the transition probabilities of n steps, (n, M, M), or (M, M) if all are one."""
+        if self._system.push is None:
+            return self._system.tables.transition
+        us = self._us[start - self._origin : start - self._origin + n]
+        return np.array([self._system.at(u).transition for u in us])
+
+    def linearised(self, mean: FloatArray, variance: FloatArray, start: int) -> Linearised:
+        """Return features of the new observations, from number ``start`` on, by their normal laws."""
         at = start - self._origin
-        return self._system.features.own(ys, self._us[at : at + len(ys)])
+        return self._system.features.linearised(mean, variance, self._us[at : at + len(mean)])

@@ -121,13 +121,14 @@ class DrivenFilter(SavedFilter):
             whole = np.concatenate([np.full((1, self.dim_z), np.nan), ys])
             skipped = np.empty(0) if self._onwards.u is None else self._onwards.u
             us = np.concatenate([skipped[None], us])
-        run, full = along(self._method, system, whole, us, past, stand)
+        spread = None if stand is None else self._onwards.spread
+        run, full, spreads = along(self._method, system, whole, us, past, spread, stand)
         trajectory = self._method.run(run, ys, names, states=states, stand=stand)
         n_past = system.features.n_past
         if not len(whole):
             return trajectory, NOWHERE if stand is None else self._onwards
         lead = starting_past(full[0], n_past) if past is None else past[::-1]
-        return trajectory, Onwards(np.concatenate([lead, full])[: -n_past - 1 : -1].copy())
+        return trajectory, Onwards(np.concatenate([lead, full])[: -n_past - 1 : -1].copy(), None, spreads[-1])
 
     def smooth(self, zs: ManyNumbers, us: Any = None, *, keep_nodes: bool = False) -> FilterResult:
         """Estimate every state of a series from all of it; see `SwitchingFilter.smooth`.
@@ -174,7 +175,7 @@ class DrivenFilter(SavedFilter):
             walked = None
             if not self._is_plain():
                 walked, ys = self._by_verbs(ys, _moves(system, told))
-            run, _ = along(self._method, system, ys, told)
+            run, *_ = along(self._method, system, ys, told)
             trajectory, onwards = self._run(system, ys, told, FOUND, True, None)
             if walked is not None:
                 check_explained(type(self).__name__, walked, trajectory)
@@ -257,7 +258,9 @@ class DrivenFilter(SavedFilter):
         ahead = self._index_ahead(steps)
         check_ahead(ahead, steps, {"us": us})
         told = told_inputs("us", us, steps, system, self._n == 0)
-        onward: Any = Onward(system, self._onwards.past, told, self._n)
+        spread = self._onwards.spread
+        spread = np.zeros(self.dim_z) if spread is None else spread
+        onward: Any = Onward(system, self._onwards.past, spread, told, self._n)
         found = forecast(self._method, onward, self._mixture, self._n, steps)
         return replace(found, index=ahead)
 
@@ -272,6 +275,7 @@ class DrivenFilter(SavedFilter):
         return state | {
             "past": encode(self._onwards.past),
             "u": encode(self._onwards.u),
+            "spread": encode(self._onwards.spread),
             "before_told": told,
         }
 
@@ -280,15 +284,19 @@ class DrivenFilter(SavedFilter):
         system = self._driven
         if system is None:
             return
-        past, u = decode(values["past"], 2), decode(values["u"], 1)
+        past, u, spread = (decode(values[k], n) for k, n in (("past", 2), ("u", 1), ("spread", 1)))
         shape = system.features.n_past, self.dim_z
         if (past is None) != (self._n == 0) or (past is not None and past.shape != shape):
             raise FileFormatError("past: does not fit the model")
+        if (past is None) != (spread is None) or (spread is not None and spread.size != self.dim_z):
+            raise FileFormatError("spread: does not fit the model")
         if u is not None and u.size != system.dim_u:
             raise FileFormatError(f"u: got {u.tolist()}, which does not fit the model")
-        self._onwards = Onwards(past, u)
+        self._onwards = Onwards(past, u, spread)
         if self._before is not None:
-            tables: Any = system.told_tables({k: decode(v, 1) for k, v in values["before_told"].items()})
+            tables: Any = system.told_tables(
+                {k: decode(v, 2 if k == "past" else 1) for k, v in values["before_told"].items()}
+            )
             self._before = Source(self._before.mixture, tables)
 
 

@@ -12,7 +12,7 @@ from fuzzykf.gaussian import brief
 from fuzzykf.reprs import reprs
 from fuzzykf.switching.dynamics.inputs import InputSystem
 from fuzzykf.switching.dynamics.told_inputs import told_step
-from fuzzykf.switching.inference.driven import expected, starting_past
+from fuzzykf.switching.inference.driven import expected, first_expected, starting_past
 from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
@@ -36,10 +36,13 @@ class Onwards:
         any.
     u : ndarray, shape (k,), or None
         Inputs that were told of the step to the next observation.
+    spread : ndarray, shape (q,), or None
+        Variance that was expected of the latest observation, zero where it is there.
     """
 
     past: FloatArray | None = None
     u: FloatArray | None = None
+    spread: FloatArray | None = None
 
 
 #: Before any observation.
@@ -121,7 +124,8 @@ class Driver:
         u = np.empty(0) if onwards.u is None else onwards.u
         if u.size != (self.system.dim_u or 0):
             self.read(None, 1)
-        return self.system.driven_tables(onwards.past, u)
+        assert onwards.spread is not None
+        return self.system.driven_tables(onwards.past, onwards.spread, u)
 
     def after(self, onwards: Onwards, mixture: Mixture | None, y: FloatArray) -> Onwards:
         """Return what a filter goes on from after an observation (q,), NaN where missing.
@@ -135,7 +139,7 @@ class Driver:
         """
         system = self.system
         if mixture is None or onwards.past is None:
-            first = np.where(np.isnan(y), system.initial().ahead(system.dim_x).z, y)
-            return Onwards(starting_past(first, system.features.n_past))
-        full = expected(self._method, self.tables(onwards), mixture, y)
-        return Onwards(np.concatenate([full[None], onwards.past[:-1]]))
+            first, spread = first_expected(system, y)
+            return Onwards(starting_past(first, system.features.n_past), None, spread)
+        full, spread = expected(self._method, self.tables(onwards), mixture, y)
+        return Onwards(np.concatenate([full[None], onwards.past[:-1]]), None, spread)

@@ -285,8 +285,8 @@ class SwitchingFilter(Stepper, Filter):
             mixture, log_likelihood = self._method.first(self._initial_law(), y)
         else:
             tables: Any = self._next_tables()
-            if onwards.past is not None and tables.lacks(y):  # whoever looks back finds what stood for it
-                tables = tables.filled(onwards.past[0])
+            if onwards.past is not None:  # whoever looks back finds what stood for what is missing
+                tables = tables.with_next(onwards.past[0], onwards.spread)
             width = min(self._n + 1, self._system.order) * self.dim_z
             mixture, log_likelihood = self._method.advance(tables, self._mixture, y, width)
             before = Source(self._mixture, tables)

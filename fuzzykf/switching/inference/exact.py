@@ -96,7 +96,8 @@ class Exact(Method):
             return Mixture(table, window, sign), log_likelihood
         before = mixture.window
         if tables.is_driven:
-            before = self._window_in_gap(tables, mixture, y)
+            before = tables.without_features(before)
+            tables = self._in_gap(tables, mixture, y)
         known = mixture.table, mixture.sign, before, mixture.root
         try:
             table, sign, root, branches, log_likelihood = engine.step_in_part(
@@ -114,23 +115,32 @@ class Exact(Method):
         left = root if unknown else None
         return Mixture(table, window, sign, None, unknown, left, branches), log_likelihood
 
-    def _window_in_gap(self, tables: Any, mixture: Mixture, y: FloatArray) -> FloatArray:
-        """Return the window of a step with inputs or features; these take what is expected of Y'."""
-        if tables.lacks(y):
-            tables = tables.filled(np.where(np.isnan(y), self.ahead(tables, mixture).z, y))
-        window: FloatArray = tables.window(mixture.window, y)
-        return window
+    def _in_gap(self, tables: Any, mixture: Mixture, y: FloatArray) -> PairTables:
+        """Return the tables of a step in which something of y' or of the window is missing."""
+        if tables.next_law is None:
+            missing = np.isnan(y)
+            law = self.ahead(tables, mixture) if tables.reads_next and missing.any() else None
+            mean = y if law is None else np.where(missing, law.z, y)
+            variance = 0.0 * y if law is None else np.where(missing, np.diagonal(law.S), 0.0)
+            tables = tables.with_next(mean, variance)
+        found: PairTables = tables.in_gap(*tables.next_law)
+        return found
 
     def ahead(self, tables: Any, mixture: Mixture) -> Ahead:
         """Moments of (X', Y') and the probabilities of the nodes before Y' is seen."""
         m = tables.pairs.Axx.shape[-1]
 
-        def moments(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        def moments(tables: Any, window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
             return engine.before_step(tables.in_slots, mixture.table, mixture.sign, window, mixture.mass)
 
-        mu, mean, covariance = moments(tables.window(mixture.window) if tables.is_driven else mixture.window)
-        if tables.is_driven and tables.reads_next:  # features of Y' are those of its mean
-            mu, mean, covariance = moments(tables.window(mixture.window, mean[m:]))
+        if not tables.is_driven:
+            mu, mean, covariance = moments(tables, mixture.window)
+        else:
+            window = tables.without_features(mixture.window)
+            mu, mean, covariance = moments(tables.in_gap(), window)
+            if tables.reads_next:  # features of Y' have the normal law of its mean and covariance
+                law = mean[m:], np.diagonal(covariance)[m:]
+                mu, mean, covariance = moments(tables.in_gap(*law), window)
         return Ahead(mu, mean[:m], covariance[:m, :m], mean[m:], covariance[m:, m:])
 
     @property

@@ -45,13 +45,13 @@ def forecast(
             law = system.initial()
             rows.append(law.ahead(system.dim_x))
             if expects is not None:
-                expects(rows[-1].z)
+                expects(rows[-1])
             mixture, _ = method.first(law, nothing)
         else:
             tables = system.pair_tables(k - 1)
             rows.append(method.ahead(tables, mixture))
             if expects is not None:
-                expects(rows[-1].z)
+                expects(rows[-1])
             mixture, _ = method.advance(tables, mixture, nothing, min(k + 1, system.order) * system.dim_z)
     mu, x, P, z_prior, S = (np.array(column) for column in zip(*rows, strict=True))
     chain = system.chain

@@ -66,13 +66,22 @@ def window_before(tables: Any, known: FloatArray, y: FloatArray) -> FloatArray:
     return window
 
 
+def gap_tables(tables: Any, known: FloatArray) -> tuple[PairTables, FloatArray]:
+    """Return tables and window of a step in which something is missing."""
+    if not tables.is_driven:
+        return tables, known
+    assert tables.next_law is not None  # whoever looks back knows what stood for what is missing
+    return tables.in_gap(*tables.next_law), tables.without_features(known)
+
+
 def pairs_ahead(
     tables: PairTables, mixture: Mixture, y: FloatArray
 ) -> tuple[engine.PairMixture, engine.PairMixture]:
     """Move all branches of a mixture through every slot of a step, before and after what is there of y."""
     table, sign, root = branches_of(mixture)
+    tables, window = gap_tables(tables, mixture.window)
     step = engine.apart(tables.in_slots, tables.noise_root, mixture.table.shape[1], mixture.branches)
-    before = engine.pair_mixture(*step, table, sign, window_before(tables, mixture.window, y), root)
+    before = engine.pair_mixture(*step, table, sign, window, root)
     return before, engine.condition_pairs(before, y, tables.pairs.dim_x)
 
 
@@ -115,8 +124,9 @@ def step_back(
     joint = gamma.reshape(-1, M2)
     if not mixture.unknown:
         return _by_row(tables, joint)[0].sum(axis=1), window_known(mixture, m)
-    state = mixture.table, mixture.sign, window_before(tables, mixture.window, y), mixture.root
-    before = engine.pair_mixture(tables.in_slots, tables.noise_root, *state)
+    at, known = gap_tables(tables, mixture.window)
+    state = mixture.table, mixture.sign, known, mixture.root
+    before = engine.pair_mixture(at.in_slots, at.noise_root, *state)
     told = Moments(*(part.reshape(-1, M2, *part.shape[1:]) for part in window))
     return _told_apart(mixture, *_regress_rows(tables, before, joint, told, q, mixture.window.size), m)
 

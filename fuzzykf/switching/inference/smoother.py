@@ -196,11 +196,13 @@ class _Backward:
         steps = np.arange(max(0, len(ys) - 1))
         plain = np.isnan(ys[1:]).sum(axis=1) == 0
         plain[[k for k in trajectory.gaps if k < plain.size]] = False
-        through = getattr(system, "goes_through", False)  # with tables that differ in what is known alone
+        # with tables that differ in what is known alone
+        kernels: Any = getattr(system, "kernels", None)
+        through = kernels is not None and kernels(0, 0) is None
         if (system.steady_from is None and not through) or system.chain.is_signed:
             plain[:] = False
         else:
-            plain[: system.steady_from or 0] = False
+            plain[: system.order - 1 if through else system.steady_from] = False  # windows are shorter there
         #: where the stretch of plain steps up to k begins; k + 1 if k itself is not plain
         self._since = np.maximum.accumulate(np.where(plain, 0, steps + 1)) if plain.size else steps
         self._ends = np.append(np.flatnonzero(~plain), plain.size)
@@ -212,9 +214,9 @@ class _Backward:
     def _rows(self, start: int, stop: int) -> FloatArray:
         """Rows (1, w, y') of the plain steps start, ..., stop - 1."""
         windows = getattr(self.system, "windows", None)  # with inputs and features
-        further = () if windows is None else windows(start + 1, stop + 1)
+        seen = (self._windows[start:stop],) if windows is None else windows(start + 1, stop + 1)
         ones, ys = np.ones((stop - start, 1)), self.ys[start + 1 : stop + 1]
-        return np.concatenate([ones, self._windows[start:stop], *further, ys], axis=1)
+        return np.concatenate([ones, *seen, ys], axis=1)
 
     def smooth(self, start: int, stop: int, after: FloatArray) -> FloatArray:
         """Smoothed probabilities at the plain steps start, ..., stop - 1, given those at ``stop``."""

@@ -210,6 +210,7 @@ def gather(
         raise ShapeError(f"x, y, r: got {len(xs)}, {len(ys)} and {len(rs)} series, expected as many of each")
     rows, measured, switches, starts, before, positions = [], [], [], [], [], []
     n_rows = n_given = 0
+    n_past = 1 if features is None else features.n_past
     for k, (a, b, c) in enumerate(zip(xs, ys, rs, strict=True)):
         if len(a) != len(b) or (c is not None and len(c) != len(a)):
             raise ShapeError(
@@ -224,7 +225,7 @@ def gather(
         counts = whole if complete else np.isfinite(b).all(axis=1)
         if c is not None:
             counts = counts & np.isfinite(c).all(axis=1)
-        kept = np.flatnonzero(counts)
+        kept = np.flatnonzero(_after_enough(counts, n_past))
         follows = np.diff(kept) == 1
         at = n_rows + np.arange(kept.size)
         if kept.size:
@@ -248,7 +249,7 @@ def gather(
     first = np.concatenate(before) if before else np.empty(0, dtype=int)
     has_state = known[first + 1] & known[first] if state_feedback else known[first + 1]
     if earlier is None:
-        _check_number(known, first, has_state, state_feedback=state_feedback)
+        _check_number(known, first, has_state, n_past, state_feedback=state_feedback)
         z, scale = _standardised(z, known, m)
         _check_noise(z, first, has_state, m, state_feedback=state_feedback)
     else:
@@ -284,6 +285,18 @@ def gather(
     )
 
 
+def _after_enough(counts: Any, n: int) -> BoolArray:
+    """Return which rows end ``n`` rows in a row that count: those whose window was wholly observed.
+
+    What would stand for the others is made up, and would be learned from as if it had been measured.
+    """
+    found: BoolArray = counts.copy()
+    for lag in range(1, n):
+        found[lag:] &= counts[:-lag]
+        found[:lag] = False
+    return found
+
+
 def irregular(x: Any, y: Any) -> list[str]:
     """Say of which series rows are missing in an index of times or durations, or have unequal steps."""
     several = _are_several(x) or _are_several(y)
@@ -298,7 +311,9 @@ def irregular(x: Any, y: Any) -> list[str]:
     return notes
 
 
-def _check_number(known: BoolArray, first: IntArray, has_state: BoolArray, *, state_feedback: bool) -> None:
+def _check_number(
+    known: BoolArray, first: IntArray, has_state: BoolArray, n_past: int, *, state_feedback: bool
+) -> None:
     """Raise if there are too few transitions from which the state can be learned."""
     n = int(has_state.sum())
     if n >= MIN_TRANSITIONS:
@@ -312,6 +327,7 @@ def _check_number(known: BoolArray, first: IntArray, has_state: BoolArray, *, st
             "does not"
         )
     what = "x and y are both measured" if state_feedback else "y is measured, and x after them"
+    what += f", and y in the {n_past} rows before" if n_past > 1 else ""
     raise ParameterError(
         f"x, y: hold {counted(n, 'step')} in which {what}, expected at least {MIN_TRANSITIONS}; the "
         "parameters of the state are not identifiable from y alone"

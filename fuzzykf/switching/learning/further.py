@@ -40,7 +40,7 @@ class Further(NamedTuple):
     own_next: FloatArray  # (T, o): of the new one
     mean: FloatArray  # (c + o,): that makes the unit of each, with std
     std: FloatArray  # (c + o,)
-    raw: FloatArray  # (T, c + 2 o): the three parts as `WindowFeatures` has them
+    raw: FloatArray  # (T, w - q): windows of the placed model, but for the latest observation
     middle: FloatArray  # (k + q,): of inputs and observations, off which factors of products are taken
 
     @property
@@ -161,8 +161,8 @@ def further_of(
 ) -> Further:
     """Compute inputs and features of transitions.
 
-    In them a missing observation counts as the last one before it: what a filter expects of it, which takes
-    its place there later, nobody knows before something was learned.
+    Rows of which earlier observations are missing are not asked for: whatever stands for these is not learned
+    from.
 
     Parameters
     ----------
@@ -193,7 +193,8 @@ def further_of(
         lead = np.repeat(full[:1], features.n_past, axis=0)
         past = past_of(full, lead, features.n_past)
         common, before = features.common(past, u), past[:, 0]
-        raw = np.concatenate([common, features.own(before, u), features.own(full, u)], axis=1)
+        lags = past[:, 1:].reshape(len(y), -1)
+        raw = np.concatenate([lags, u, features.own(before, u), features.own(full, u)], axis=1)
         these = common, *(_own_off(features, one, u, middle) for one in (before, full)), raw
         for some, one in zip(found, these, strict=True):
             some.append(one)

@@ -46,6 +46,7 @@ from fuzzykf.switching.learning.notes import (
 )
 from fuzzykf.switching.learning.present import present
 from fuzzykf.switching.learning.statistics import Learned, Statistics
+from fuzzykf.switching.learning.tilt import n_free
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -149,7 +150,7 @@ def _learn(learned: Learned, data: TrainingData, forget: float, options: Mapping
     make = hard_model if is_hard else fuzzy_model
     model: Any = make(estimate, statistics.rows, data.scale, data.further)
     system = model.placed() if is_hard else model.placed(learned.n_nodes)
-    n_parameters = estimate.gaussian.n_parameters + estimate.chain.n_parameters
+    n_parameters = estimate.gaussian.n_parameters + estimate.chain.n_parameters + n_free(estimate.tilt)
     weights = posterior.gamma @ shares
     notes = _notes(statistics, n_parameters, posterior, system, data) + unfinished(converged, max_iter)
     if not is_hard:

@@ -61,7 +61,7 @@ def test_means_of_a_step_are_those_of_plain_sums():
     system = fuzzy(m=2).placed(2)
     rng = np.random.default_rng(1)
     past, u, new = rng.normal(size=(EVERYTHING.n_past, 1)), rng.normal(size=2), rng.normal(size=1)
-    tables = system.driven_tables(past, u)
+    tables = system.driven_tables(past, np.zeros(1), u)
     window = tables.window(past[0], new)
     common = [*u, past[1, 0], (past[2, 0] + past[3, 0]) / 2]
     before, after = ([max(y + 0.5, 0.0), max(y - 0.5, 0.0), u[0] * y, u[1] * y] for y in (past[0, 0], new[0]))

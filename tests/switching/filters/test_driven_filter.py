@@ -304,36 +304,6 @@ def test_a_forecast_and_what_is_known_before_an_observation_are_exact_with_input
     assert f.nis == pytest.approx((f.y.T @ np.linalg.inv(f.S) @ f.y).item())
 
 
-def test_in_a_gap_features_take_what_was_expected():
-    # one regime: a plain loop with the unknown latest observation in the state, features at what was expected
-    features = features_of("all", 1)
-    model = hard(features, K=1, m=1, k=1, tilt=False)
-    ys, us = series_of(8)
-    ys[[3, 4, 6]] = NAN
-    nodes, form = Nodes(model.placed(), us), model.form
-    (A, H, G, c, C), (B, d, Q) = nodes.matrices(0, 0), nodes.of_y(0, 0)
-    By, Bx = form.By[0, 0], form.Bx[0, 0]
-    found = model.filter().filter(ys, us=us)
-    full = []
-    z, S = nodes.law.mean[0], nodes.law.covariance[0]
-    for n, y in enumerate(ys[:, 0]):
-        if n:
-            past = [[full[max(n - 1 - lag, 0)]] for lag in range(features.n_past)]
-            mean_y = B @ z[1:] + d + By @ regressors(features, past, us[n], past[0])
-            seen = mean_y if np.isnan(y) else [y]
-            offset = c + Bx @ regressors(features, past, us[n], seen)
-            F = np.block([[A, H + G @ B], [np.zeros((1, 1)), B]])
-            x = A @ z[:1] + H @ z[1:] + G @ mean_y + offset
-            S = F @ S @ F.T + np.block([[C + G @ Q @ G.T, G @ Q], [Q @ G.T, Q]])
-            z = np.concatenate([x, mean_y])
-        full.append(z[1] if np.isnan(y) else y)
-        if not np.isnan(y):
-            gain = S[:, 1] / S[1, 1]
-            z, S = z + gain * (y - z[1]), S - np.outer(gain, S[1])
-        np.testing.assert_allclose(found.x[n], z[:1], atol=1e-11)
-        np.testing.assert_allclose(found.P[n], S[:1, :1], atol=1e-11)
-
-
 # ---------------------------------------------------------------- one series, many ways
 
 GAPPY = [0, 4, 5, 9]

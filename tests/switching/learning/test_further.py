@@ -120,13 +120,13 @@ def log_likelihood_by_a_forward_pass(model, x, y, us):
         return [*hinges, *(u * value if features.products else [])]
 
     x, y, K = x[:, 0], y[:, 0], len(P)
-    w = np.empty(K)
+    w, begin = np.empty(K), features.n_past - 1  # the first row of which all of the window is there
     for i in range(K):
-        off, S = np.array([x[0], y[0]]) - form.means[i], form.covariances[i]
+        off, S = np.array([x[begin], y[begin]]) - form.means[i], form.covariances[i]
         w[i] = np.log(initial[i]) - 0.5 * off @ np.linalg.solve(S, off)
         w[i] -= 0.5 * np.linalg.slogdet(2.0 * np.pi * S)[1]
-    for n in range(1, len(y)):
-        lags = [y[max(n - 1 - k, 0)] for k in range(features.n_past)]
+    for n in range(begin + 1, len(y)):
+        lags = [y[n - 1 - k] for k in range(features.n_past)]
         common = [*us[n], *lags[1 : features.order]]
         k = features.order
         for length in features.blocks:
@@ -307,14 +307,31 @@ def test_order_is_short_for_features(data):
     assert CGOMSModel.fit(x, y, order=1, form="regression", **SHORT).model.form.kind == "regression"
 
 
-def test_lags_reach_over_gaps_by_the_last_value():
-    y = np.array([1.0, 2.0, np.nan, 4.0, 5.0] * 30)[:, None] + np.random.default_rng(0).normal(size=(150, 1))
+def test_rows_whose_window_was_not_wholly_observed_are_left_out():
+    y = np.random.default_rng(0).normal(size=(150, 1))
+    y[[7, 30, 31, 60]] = np.nan
     x = np.random.default_rng(1).normal(size=(150, 1))
-    further = gather(x, y, features=WindowFeatures(order=3)).further
-    lags = further.common * further.std + further.mean
-    # the steps to rows 1, 4, 5, 6, 9: before the first there is that one itself
-    expected = [[y[0], y[0]], [y[1], y[1]], [y[3], y[1]], [y[4], y[3]], [y[6], y[6]]]
-    np.testing.assert_allclose(lags[:5], np.array(expected)[..., 0], rtol=1e-12)
+    data = gather(x, y, features=WindowFeatures(order=2, blocks=(2,)))
+    whole = [n for n in range(3, 150) if np.isfinite(y[n - 3 : n + 1]).all()]
+    np.testing.assert_array_equal(data.kept, whole)
+    steps = [n for n in whole if n - 1 in whole]  # of which all four before are there
+    common = data.further.common * data.further.std + data.further.mean
+    expected = [[y[n - 2, 0], (y[n - 3, 0] + y[n - 4, 0]) / 2] for n in steps]
+    np.testing.assert_allclose(common, expected, rtol=1e-12)
+
+
+def test_gaps_in_the_observations_do_not_bias_what_lags_do():
+    rng = np.random.default_rng(0)
+    y = np.zeros(3000)
+    for n in range(2, 3000):
+        y[n] = 0.2 * y[n - 1] + 0.7 * y[n - 2] + rng.normal()
+    x = y + 2.0 * np.roll(y, 2) + 0.1 * rng.normal(size=3000)
+    y[rng.random(3000) < 0.1] = np.nan
+    fit = CGOMSModel.fit(x, y, n_regimes=1, order=3, form="regression", state_feedback=False)
+    assert fit.model.form.Bx[0, 0, 0, 0] == pytest.approx(
+        2.0, abs=0.02
+    )  # of the observation two steps before
+    assert fit.model.form.table.C.item() == pytest.approx(0.01, rel=0.1)
 
 
 def test_memory_counts_inputs_and_features(data):
