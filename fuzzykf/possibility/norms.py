@@ -211,7 +211,7 @@ class TNorm:
         """Memberships of costs: the (pseudo-)inverse of `cost`."""
         with np.errstate(over="ignore"):
             membership = to_membership(_floats("cost", cost), self.scale)
-        if np.isposinf(membership).any():
+        if (membership == np.inf).any():
             raise ParameterError(f"cost: got {brief(cost)}, expected values of at least 0")
         return membership
 

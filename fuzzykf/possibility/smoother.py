@@ -331,11 +331,11 @@ def _cut_off(lattice: Lattice, belief: GridBelief) -> list[str]:
     universe, t_norm = belief.universe, lattice.t_norm
     if universe.domain is not None or universe.bounded:
         return []
-    level = np.sqrt(t_norm.membership(universe.limit))
+    most = float(t_norm.cost(np.sqrt(t_norm.membership(universe.limit))))
     for k in lattice.free:
         for end in (0, -1):
             edge, before = lattice.cost.take(end, axis=k), belief.lattice.cost.take(end, axis=k)
-            if ((t_norm.membership(edge) > level) & (before >= CUT * universe.limit)).any():
+            if ((edge < most) & (before >= CUT * universe.limit)).any():
                 return [
                     "later measurements draw states to the edge of what the filter kept; what it left out "
                     "does not come back (choose a smaller floor)"

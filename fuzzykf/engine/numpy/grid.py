@@ -12,7 +12,7 @@ How costs and memberships are related is their scale, given by the generator of 
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import pairwise, product
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
@@ -291,12 +291,11 @@ def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
         In steps from the first node.  At an edge, or where the neighbours do not
         form a bowl, it is that of the best node.
     """
-    best = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    best, axes, slope, hessian = _bowl(cost)
     position = np.array(best, dtype=np.float64)
     value = float(cost[best])
-    axes, slope, hessian = _bowl(cost)
-    if axes and np.linalg.eigvalsh(hessian)[0] > 0.0:
-        step = -np.linalg.solve(hessian, slope)
+    if axes and _curvatures(hessian)[0] > 0.0:
+        step = -np.linalg.solve(hessian, slope) if len(axes) > 1 else -slope / hessian[0]
         if np.abs(step).max() <= 1.0:
             position[axes] += step
             value += 0.5 * float(slope @ step)
@@ -305,27 +304,39 @@ def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
 
 def sharpness(cost: FloatArray) -> float:
     """Largest second derivative (per squared step, in any direction) at the best node; 0 if unknown."""
-    axes, _, hessian = _bowl(cost)
-    return float(np.linalg.eigvalsh(hessian)[-1]) if axes else 0.0
+    _, axes, _, hessian = _bowl(cost)
+    return float(_curvatures(hessian)[-1]) if axes else 0.0
 
 
-def _bowl(cost: FloatArray) -> tuple[list[int], FloatArray, FloatArray]:
-    """Axes along which costs are smooth around the best node, gradient and Hessian there."""
-    best = [int(b) for b in np.unravel_index(int(np.argmin(cost)), cost.shape)]
+def _curvatures(hessian: FloatArray) -> FloatArray:
+    """Eigenvalues of a Hessian, the least one first."""
+    return np.asarray(np.linalg.eigvalsh(hessian)) if hessian.shape[0] > 1 else hessian[0]
+
+
+def _bowl(cost: FloatArray) -> tuple[tuple[int, ...], list[int], FloatArray, FloatArray]:
+    """Best node, axes along which costs are smooth around it, gradient and Hessian there."""
+    best = tuple(int(b) for b in np.unravel_index(int(np.argmin(cost)), cost.shape))
     axes = [k for k in range(cost.ndim) if 0 < best[k] < cost.shape[k] - 1]
-    lines = [cost[tuple(slice(None) if m == k else b for m, b in enumerate(best))] for k in axes]
     window = cost[tuple(slice(b - 1, b + 2) if k in axes else b for k, b in enumerate(best))]
-    smooth = all(_is_smooth(line, best[k]) for line, k in zip(lines, axes, strict=True))
-    if not (axes and smooth and np.isfinite(window).all()):
-        return [], np.zeros(0), np.zeros((0, 0))
-    return axes, *_quadratic(window)
+    if axes and np.isfinite(window).all() and all(_is_smooth(cost, best, k) for k in axes):
+        return best, axes, *_quadratic(window)
+    return best, [], np.zeros(0), np.zeros((0, 0))
 
 
-def _is_smooth(line: FloatArray, node: int) -> bool:
-    """Whether the second differences at a node and at its neighbours agree."""
-    near = line[max(node - 2, 0) : node + 3]
-    with np.errstate(invalid="ignore"):
-        return bool(np.isfinite(_bend(near[:-3], near[1:-2], near[2:-1], near[3:])).all())
+def _is_smooth(cost: FloatArray, node: tuple[int, ...], k: int) -> bool:
+    """Whether the second differences along an axis at a node and at its neighbours agree."""
+    near = slice(max(node[k] - 2, 0), node[k] + 3)
+    # A handful of numbers: an array would be a burden.
+    line = cost[tuple(near if m == k else b for m, b in enumerate(node))].tolist()
+    slopes = [second - first for first, second in pairwise(line)]
+    bends = [second - first for first, second in pairwise(slopes)]
+    return all(_agree(low, high) for low, high in pairwise(bends))
+
+
+def _agree(low: float, high: float) -> bool:
+    """Whether two second differences are about the same; see `_bend`."""
+    allowed = ROUGHNESS * (abs(low) + abs(high)) + NEGLIGIBLE
+    return abs(low - high) <= allowed < np.inf
 
 
 def _quadratic(window: FloatArray) -> tuple[FloatArray, FloatArray]:

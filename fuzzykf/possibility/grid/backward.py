@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.engine.selected import convolve_joint, interpolate, pull_back, subgrid_minimum
+from fuzzykf.immutable import cached_property
 from fuzzykf.possibility.grid.belief import convolve_axis
 from fuzzykf.possibility.grid.lattice import Kernel, Lattice
 from fuzzykf.possibility.grid.noise import shear
@@ -115,8 +116,7 @@ def smoothed(lattice: Lattice, message: Message) -> tuple[Lattice, Message] | No
     if not t_norm.additive:
         return Lattice(lattice.axes, t_norm.renormalise(cost, float(cost.min())), t_norm), message
     excess = subgrid_minimum(cost)[0]
-    cost = np.maximum(cost - excess, 0.0)
-    return Lattice(lattice.axes, cost, t_norm), Message(message.axes, message.cost - excess)
+    return Lattice(lattice.axes, cost - excess, t_norm), Message(message.axes, message.cost - excess)
 
 
 def before_update(posterior: Lattice, message: Message, prior: Lattice, possibility: float) -> Message:
@@ -145,8 +145,7 @@ def before_update(posterior: Lattice, message: Message, prior: Lattice, possibil
         return Message(message.axes, np.maximum(seen, message.cost))
     with np.errstate(invalid="ignore"):
         cost = posterior.cost + message.cost - prior.cost
-    possible = prior.live(np.inf) & posterior.live(np.inf)
-    return Message(message.axes, np.where(possible, cost, np.inf))
+    return Message(message.axes, np.where(posterior.live(np.inf), cost, np.inf))  # and so is the prior
 
 
 def before_prediction(
@@ -191,28 +190,75 @@ def before_prediction(
         message = _in_basis(message, basis, universe)
     elif noise.peak.any():
         move = move.then(np.eye(d), noise.peak)
-    live = source.live(np.inf)
-    image = move.on_grid(source.axes, live)
+    images = _Images(source, move)
     axes, cost = list(message.axes), message.cost
     for k, kernel in enumerate(kernels):
         if kernel is not None:
             points = max(universe.points[k], source.axes[k].size, axes[k].size)  # as fine as either
-            there, tabulated = image[..., k][live], _Reflected(kernel).curvature is None
-            target = _spanned(there, axes[k], points, tabulated, universe.domain is not None)
-            cost = convolve_axis(cost, k, axes[k], target, _Reflected(kernel))
+            reflected = _Reflected(kernel)
+            tabulated = reflected.curvature is None
+            target = _spanned(images.bounds(k), axes[k], points, tabulated, universe.domain is not None)
+            cost = convolve_axis(cost, k, axes[k], target, reflected)
             axes[k] = target
-    return Message(source.axes, _looked_up(source, move, image, live, tuple(axes), cost) - lift)
+    return Message(source.axes, images.look_up(tuple(axes), cost) - lift)
+
+
+class _Images:
+    """Where a map takes the possible nodes of a lattice; those of a matrix are not laid out.
+
+    Parameters
+    ----------
+    source : Lattice
+    move : Mapping
+    """
+
+    def __init__(self, source: Lattice, move: Mapping) -> None:
+        self.source, self.move, self.live = source, move, source.live(np.inf)
+
+    @cached_property
+    def places(self) -> FloatArray:
+        """The images (n_1, ..., n_d, d) of all nodes."""
+        return self.move.on_grid(self.source.axes, self.live)
+
+    def bounds(self, k: int) -> tuple[float, float]:
+        """Least and largest component of the images of possible nodes."""
+        if self.move.matrix is not None:
+            return _bounds(self.move.matrix[k], self.move.shift[k], self.source.axes, self.live)
+        there = self.places[..., k][self.live]
+        return float(there.min()), float(there.max())
+
+    def look_up(self, axes: tuple[FloatArray, ...], cost: FloatArray) -> FloatArray:
+        """Costs (n_1, ..., n_d) at the images on another lattice, infinite for impossible nodes."""
+        source, move, d = self.source, self.move, len(axes)
+        if move.matrix is not None and len(source.free) == d and all(axis.size > 1 for axis in axes):
+            found = _pulled(axes, cost, source.axes, move.matrix, move.shift)
+            return np.where(self.live, found, np.inf)
+        out = np.full(source.cost.shape, np.inf)
+        out[self.live] = _interpolated(axes, cost, self.places[self.live])
+        return out
+
+
+def _bounds(
+    row: FloatArray, shift: float, axes: tuple[FloatArray, ...], where: BoolArray
+) -> tuple[float, float]:
+    """Least and largest row x + shift of the nodes x of a lattice, of which some count."""
+    d = len(axes)
+    terms = [row[k] * axis.reshape([-1 if m == k else 1 for m in range(d)]) for k, axis in enumerate(axes)]
+    value = np.broadcast_to(sum(terms, np.asarray(shift)), where.shape)
+    if not where.all():
+        value = value[where]
+    return float(value.min()), float(value.max())
 
 
 def _spanned(
-    there: FloatArray, axis: FloatArray, points: int, tabulated: bool, in_domain: bool
+    bounds: tuple[float, float], axis: FloatArray, points: int, tabulated: bool, in_domain: bool
 ) -> FloatArray:
     """Return an axis over images, by whole steps of the axis of a message where these are fine enough.
 
     In a domain nodes stay nodes; and the costs of a noise between equidistant nodes, if they are to be
     tabulated, are few.
     """
-    low, high = float(there.min()), float(there.max())
+    low, high = bounds
     step = float(axis[-1] - axis[0]) / max(axis.size - 1, 1)
     if step > 0.0:
         first, last = (
@@ -228,24 +274,6 @@ def _spanned(
         return np.linspace(low, high, points)
     step = step or max(abs(low), 1.0) * 1e-6
     return np.asarray(low + step * (np.arange(FEW) - FEW // 2), dtype=np.float64)
-
-
-def _looked_up(
-    source: Lattice,
-    move: Mapping,
-    image: FloatArray,
-    live: BoolArray,
-    axes: tuple[FloatArray, ...],
-    cost: FloatArray,
-) -> FloatArray:
-    """Costs at the images of the nodes of ``source``, infinite for nodes that are impossible."""
-    d = len(axes)
-    if move.matrix is not None and len(source.free) == d and all(axis.size > 1 for axis in axes):
-        found = _pulled(axes, cost, source.axes, move.matrix, move.shift)
-        return np.where(live, found, np.inf)
-    out = np.full(source.cost.shape, np.inf)
-    out[live] = _interpolated(axes, cost, image[live])
-    return out
 
 
 def _interpolated(axes: tuple[FloatArray, ...], cost: FloatArray, points: FloatArray) -> FloatArray:
@@ -267,12 +295,10 @@ def _in_basis(message: Message, basis: FloatArray, universe: Universe) -> Messag
     d = len(message.axes)
     back = np.asarray(np.linalg.inv(basis))
     possible = np.isfinite(message.cost)
-    there = grid_points(message.axes)[possible] @ back.T
+    ends = [_bounds(row, 0.0, message.axes, possible) for row in back]
     axes = tuple(
-        np.linspace(there[:, k].min(), there[:, k].max(), max(universe.points[k], message.axes[k].size))
-        if there[:, k].max() > there[:, k].min()
-        else there[:1, k]
-        for k in range(d)
+        np.linspace(low, high, max(points, axis.size)) if high > low else np.array([low])
+        for (low, high), points, axis in zip(ends, universe.points, message.axes, strict=True)
     )
     if all(axis.size > 1 for axis in (*axes, *message.axes)):
         return Message(axes, _pulled(message.axes, message.cost, axes, basis, np.zeros(d)))
@@ -302,18 +328,16 @@ def _pulled(
 
 def _before_joint(source: Lattice, message: Message, move: Mapping, joint: Membership) -> FloatArray:
     """Carry a message back over a noise that has no axes: offset by offset on the lattice of the message."""
-    t_norm = source.t_norm
-    live = source.live(np.inf)
-    image = move.on_grid(source.axes, live)
+    t_norm, images = source.t_norm, _Images(source, move)
     if any(axis.size == 1 for axis in message.axes):
-        return _before_joint_of_points(source, message, image, joint)
+        return _before_joint_of_points(images, message, joint)
     axes, padding, count = [], [], []
     for k, axis in enumerate(message.axes):
-        step, there = axis[1] - axis[0], image[..., k][live]
-        below = max(0, int(np.ceil((axis[0] - there.min()) / step)))
-        above = max(0, int(np.ceil((there.max() - axis[-1]) / step)))
+        step, (low, high) = axis[1] - axis[0], images.bounds(k)
+        below = max(0, int(np.ceil((axis[0] - low) / step)))
+        above = max(0, int(np.ceil((high - axis[-1]) / step)))
         if below + above > WIDEST * axis.size:  # a message far narrower than what leads to it
-            return _before_joint_of_points(source, message, image, joint)
+            return _before_joint_of_points(images, message, joint)
         padding.append((below, above))
         axes.append(axis[0] + step * np.arange(-below, axis.size + above))
         count.append(axes[-1].size - 1)
@@ -323,19 +347,17 @@ def _before_joint(source: Lattice, message: Message, move: Mapping, joint: Membe
     kernel = joint.cost(joint.peak - offsets, t_norm)  # reflected
     kernel[kernel >= t_norm.impossible] = np.inf
     cost = convolve_joint(cost, kernel, tuple(count), t_norm.combine)
-    return _looked_up(source, move, image, live, tuple(axes), cost)
+    return images.look_up(tuple(axes), cost)
 
 
-def _before_joint_of_points(
-    source: Lattice, message: Message, image: FloatArray, joint: Membership
-) -> FloatArray:
+def _before_joint_of_points(images: _Images, message: Message, joint: Membership) -> FloatArray:
     """Do the same from all nodes of a message, which need not form a lattice with any width."""
-    t_norm, live = source.t_norm, source.live(np.inf)
-    out = np.full(source.cost.shape, np.inf)
+    t_norm, live = images.source.t_norm, images.live
+    out = np.full(live.shape, np.inf)
     possible = np.isfinite(message.cost)
-    best = out[live]
+    best, image = out[live], images.places[live]
     for later, cost in zip(grid_points(message.axes)[possible], message.cost[possible], strict=True):
-        noise = joint.cost(later - image[live] + joint.peak, t_norm)
+        noise = joint.cost(later - image + joint.peak, t_norm)
         noise[noise >= t_norm.impossible] = np.inf
         np.minimum(best, t_norm.combine(noise, cost), out=best)
     out[live] = best

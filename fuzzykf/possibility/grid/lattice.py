@@ -45,6 +45,9 @@ NEGLIGIBLE = 60.0
 #: Cells integrated at a time.
 SLAB = 1 << 12
 
+#: By scale: of which family the costs are a multiple of its quadratic form, and that multiple.
+FORMS = {"log": ("gaussian", 0.5), "reciprocal": ("cauchy", 1.0), "complement": ("parabolic", 1.0)}
+
 
 @dataclass(frozen=True)
 class Universe:
@@ -156,7 +159,8 @@ class Lattice:
 
     def live(self, limit: float) -> BoolArray:
         """Which nodes have a cost of at most ``limit`` and are not impossible."""
-        return (self.cost <= limit) & (self.cost < self.t_norm.impossible)
+        possible = self.cost < self.t_norm.impossible
+        return possible if limit == np.inf else possible & (self.cost <= limit)
 
     def memberships(self) -> FloatArray:
         """Memberships of the nodes, divided by the largest."""
@@ -276,14 +280,26 @@ class Kernel:
         self.lower, self.upper = (float(bound[0]) - self._peak for bound in membership.support())
         self.kinks = (0.0,) if isinstance(membership, TriangularMembership) else ()
         self.curvature: float | None = None
-        if isinstance(membership, EllipticalMembership) and membership.family == t_norm.family:
-            half = 0.5 if membership.family == "gaussian" else 1.0
-            self.curvature = half / float(membership.matrix[0, 0])
+        self._bend: float | None = None  # the same where costs do not add, too
+        family, part = FORMS[t_norm.scale]
+        if isinstance(membership, EllipticalMembership) and membership.family == family:
+            self._bend = part / float(membership.matrix[0, 0])
+            self.curvature = self._bend if t_norm.family == family else None
+
+    @classmethod
+    def quadratic(cls, variance: float, t_norm: TNorm) -> Kernel:
+        """Return the kernel of a scalar noise of the family of a t-norm, by its matrix."""
+        kernel = cls.__new__(cls)
+        kernel.t_norm, kernel.kinks = t_norm, ()
+        kernel.curvature = kernel._bend = FORMS[t_norm.scale][1] / variance
+        kernel.upper = float(np.sqrt(t_norm.impossible / kernel.curvature))
+        kernel.lower = -kernel.upper
+        return kernel
 
     def cost(self, offset: FloatArray) -> FloatArray:
         """Costs of offsets from the peak."""
-        if self.curvature is not None:
-            return self.curvature * (offset * offset)
+        if self._bend is not None:
+            return self._bend * (offset * offset)
         return self._membership.cost((offset + self._peak)[..., None], self.t_norm)
 
     def reach(self, cost: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -43,19 +43,19 @@ def meeting(
     """
     lines = np.arange(cost.shape[0])[:, None]
     here, noise = cost[lines, source], kernel.cost(target - place[source])
-    least = np.maximum(here, noise)
-    for side in (-1, 1):
-        beside = np.clip(source + side, 0, place.size - 1)
-        there = cost[lines, beside]
-        with np.errstate(invalid="ignore"):
-            before = noise - here
-            after = kernel.cost(target - place[beside]) - there
-            cell = np.nonzero(np.sign(before) * np.sign(after) < 0.0)
-        ends = place[source[cell]], place[beside[cell]]
-        found = _between(
-            (here[cell], there[cell]), ends, target[cell[1]], kernel, (before[cell], after[cell])
-        )
-        least[cell] = np.minimum(least[cell], found)
+    # The cells before and after the best nodes: many short arrays would take longer than a few long ones.
+    beside = np.clip(source + np.array([-1, 1])[:, None, None], 0, place.size - 1)
+    there = cost[lines, beside]
+    with np.errstate(invalid="ignore"):
+        before = noise - here
+        after = kernel.cost(target - place[beside]) - there
+        cell = np.nonzero(np.sign(before) * np.sign(after) < 0.0)
+    line = cell[1:]
+    ends = place[source[line]], place[beside[cell]]
+    found = _between((here[line], there[cell]), ends, target[cell[2]], kernel, (before[line], after[cell]))
+    between = np.full(beside.shape, np.inf)
+    between[cell] = found
+    least: FloatArray = np.minimum(np.maximum(here, noise), between.min(axis=0))
     return least
 
 
@@ -91,5 +91,7 @@ def _interpolated(start: FloatArray, end: FloatArray, part: FloatArray) -> Float
     """Costs between two nodes, at least one of which is possible."""
     with np.errstate(invalid="ignore", divide="ignore"):
         value = start + part * (end - start)
+        if np.isfinite(value).all():
+            return value
         value = np.where(np.isinf(end), start - np.log(1.0 - part), value)
         return np.where(np.isinf(start), end - np.log(part), value)

@@ -77,8 +77,7 @@ def shear(
     if not (isinstance(noise, EllipticalMembership) and noise.family == t_norm.family):
         return None
     basis, diagonal = _ldl(noise.matrix, spread)
-    scalars = (noise.with_matrix(np.zeros(1), np.array([[d]])) if d > 0.0 else None for d in diagonal)
-    return basis, tuple(None if c is None else Kernel(c, t_norm) for c in scalars)
+    return basis, tuple(Kernel.quadratic(d, t_norm) if d > 0.0 else None for d in diagonal.tolist())
 
 
 def _is_point(membership: Membership) -> bool:
