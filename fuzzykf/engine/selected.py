@@ -127,8 +127,11 @@ def _take_over(names: dict[str, Any]) -> None:
 #: Convolutions of up to so many sums in all try every source: NumPy does that faster than anything else.
 BRUTE_FORCE = 4_000_000
 
+#: So do those of so few lines: to look through the table first, for what helps every line, takes as long.
+FEW_LINES = 0
+
 if engine.info().name == "compiled":
-    BRUTE_FORCE = 0
+    BRUTE_FORCE, FEW_LINES = 0, 2
     _take_over(globals())
 
 
@@ -137,7 +140,7 @@ def best_sources(cost: FloatArray, table: FloatArray, combine: np.ufunc) -> IntA
 
     Parameters and result are those of `convolve_table`.
     """
-    if cost.shape[0] * table.size <= BRUTE_FORCE:
+    if cost.shape[0] <= FEW_LINES or cost.shape[0] * table.size <= BRUTE_FORCE:
         return convolve_table(cost, table, combine)
     if combine is np.add and is_convex(table):
         return convolve_convex(cost, table)

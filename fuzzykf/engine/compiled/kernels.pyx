@@ -20,20 +20,21 @@ cdef extern from "src/search.h" nogil:
     enum: FK_BLOCK
     enum: FK_AXES
     ctypedef Py_ssize_t fk_index
-    void fk_table(int, const double *, const double *, fk_index, fk_index, fk_index *) noexcept
-    void fk_finite_range(const double *, fk_index, fk_index, fk_index *, fk_index *) noexcept
+    void fk_table(int, const double *, const double *, fk_index, fk_index, fk_index, fk_index *) noexcept
+    void fk_finite_range(const double *, fk_index, fk_index, fk_index, fk_index *, fk_index *) noexcept
     void fk_convex(
-        const double *, const double *, fk_index, fk_index, const fk_index *, const fk_index *, fk_index *,
-        fk_index *, fk_index *
+        const double *, const double *, fk_index, fk_index, fk_index, const fk_index *, const fk_index *,
+        fk_index *, fk_index *, fk_index *
     ) noexcept
     void fk_block_least(const double *, fk_index, double *) noexcept
     void fk_bounded(
-        int, const double *, const double *, const double *, const double *, fk_index, fk_index, fk_index *
+        int, const double *, const double *, const double *, const double *, fk_index, fk_index, fk_index,
+        fk_index *
     ) noexcept
     void fk_totals(
-        int, const double *, const double *, fk_index, fk_index, const fk_index *, fk_index, double *
+        int, const double *, const double *, fk_index, fk_index, fk_index, const fk_index *, fk_index, double *
     ) noexcept
-    int fk_is_convex(const double *, fk_index, fk_index) noexcept
+    int fk_is_convex(const double *, fk_index, fk_index, fk_index) noexcept
     void fk_joint(
         int, int, const fk_index *, const double *, const fk_index *, const double *, const fk_index *, double *
     ) noexcept
@@ -46,10 +47,27 @@ cdef int how(object combine) except -1:
     raise ValueError(f"combine: got {combine!r}, expected np.add, np.multiply or np.maximum")
 
 
+cdef cnp.ndarray rows_of(object table, Py_ssize_t n):
+    """Return a table whose rows have no gaps, as it is if it is a view of one number a diagonal; -1 admits any n."""
+    cdef cnp.ndarray rows = cnp.PyArray_FROMANY(
+        table, cnp.NPY_DOUBLE, 0, 0, cnp.NPY_ARRAY_ALIGNED | cnp.NPY_ARRAY_NOTSWAPPED | cnp.NPY_ARRAY_FORCECAST
+    )
+    cdef Py_ssize_t size = sizeof(double)
+    if cnp.PyArray_NDIM(rows) == 2 and (n == -1 or rows.shape[1] == n):
+        if cnp.PyArray_STRIDE(rows, 1) == size and cnp.PyArray_STRIDE(rows, 0) % size == 0:
+            return rows
+    return doubles(rows, "table", (-1, n))
+
+
+cdef Py_ssize_t stride_of(cnp.ndarray rows) noexcept:
+    """How many numbers lead from row to row."""
+    return cnp.PyArray_STRIDE(rows, 0) // <Py_ssize_t> sizeof(double)
+
+
 cdef cnp.ndarray table_for(object table, cnp.ndarray lines):
     if lines.shape[1] < 1:
         raise ValueError("cost: got lines without nodes, expected at least one")
-    return doubles(table, "table", (-1, lines.shape[1]))
+    return rows_of(table, lines.shape[1])
 
 
 def convolve_table(cost, table, combine=np.add):
@@ -59,10 +77,11 @@ def convolve_table(cost, table, combine=np.add):
     cdef int code = how(combine)
     cdef const double *costs = at(lines)
     cdef const double *entries = at(rows)
+    cdef Py_ssize_t stride = stride_of(rows)
     cdef fk_index *to = whole(source)
     with nogil:
         for line in range(count):
-            fk_table(code, costs + line * n, entries, n, m, to + line * m)
+            fk_table(code, costs + line * n, entries, stride, n, m, to + line * m)
     return source
 
 
@@ -75,12 +94,14 @@ def convolve_convex(cost, table):
     cdef fk_index *last = first + m + 2
     cdef const double *costs = at(lines)
     cdef const double *entries = at(rows)
+    cdef Py_ssize_t stride = stride_of(rows)
     cdef fk_index *to = whole(source)
     with nogil:
-        fk_finite_range(entries, n, m, first, last)
+        fk_finite_range(entries, stride, n, m, first, last)
         for line in range(count):
             fk_convex(
-                costs + line * n, entries, n, m, first, last, to + line * m, last + m + 2, last + 2 * (m + 2)
+                costs + line * n, entries, stride, n, m, first, last, to + line * m, last + m + 2,
+                last + 2 * (m + 2),
             )
     return source
 
@@ -96,17 +117,20 @@ def convolve_bounded(cost, table, combine=np.add):
     cdef int code = how(combine)
     cdef const double *costs = at(lines)
     cdef const double *entries = at(rows)
+    cdef Py_ssize_t stride = stride_of(rows)
     cdef fk_index *to = whole(source)
     with nogil:
         for row in range(m):
-            fk_block_least(entries + row * n, n, bounds.data + row * blocks)
+            fk_block_least(entries + row * stride, n, bounds.data + row * blocks)
         for line in range(count):
             if line:  # neighbouring lines are alike
                 memcpy(to + line * m, to + (line - 1) * m, m * sizeof(fk_index))
             else:
-                fk_table(FK_ADD, nothing, entries, n, m, to)
+                fk_table(FK_ADD, nothing, entries, stride, n, m, to)
             fk_block_least(costs + line * n, n, cost_least)
-            fk_bounded(code, costs + line * n, cost_least, entries, bounds.data, n, m, to + line * m)
+            fk_bounded(
+                code, costs + line * n, cost_least, entries, bounds.data, stride, n, m, to + line * m
+            )
     return source
 
 
@@ -128,22 +152,25 @@ def totals(cost, table, source, Py_ssize_t shift, combine=np.add):
     cdef int code = how(combine)
     cdef const double *costs = at(lines)
     cdef const double *entries = at(rows)
+    cdef Py_ssize_t stride = stride_of(rows)
     cdef const fk_index *sources = whole(s)
     cdef double *to = at(out)
     if not -n <= shift <= n:
         shift = n  # beyond all ends
     with nogil:
         for line in range(count):
-            fk_totals(code, costs + line * n, entries, n, m, sources + line * m, shift, to + line * m)
+            fk_totals(
+                code, costs + line * n, entries, stride, n, m, sources + line * m, shift, to + line * m
+            )
     return out
 
 
 def is_convex(table):
-    cdef cnp.ndarray rows = doubles(table, "table", (-1, -1))
-    cdef Py_ssize_t m = rows.shape[0], n = rows.shape[1]
+    cdef cnp.ndarray rows = rows_of(table, -1)
+    cdef Py_ssize_t m = rows.shape[0], n = rows.shape[1], stride = stride_of(rows)
     cdef int convex
     with nogil:
-        convex = fk_is_convex(at(rows), n, m)
+        convex = fk_is_convex(at(rows), stride, n, m)
     return convex != 0
 
 

@@ -13,6 +13,7 @@ How costs and memberships are related is their scale, given by the generator of 
 from __future__ import annotations
 
 from itertools import pairwise, product
+from math import hypot
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
@@ -295,38 +296,60 @@ def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
     position = np.array(best, dtype=np.float64)
     value = float(cost[best])
     if axes and _curvatures(hessian)[0] > 0.0:
-        step = -np.linalg.solve(hessian, slope) if len(axes) > 1 else -slope / hessian[0]
-        if np.abs(step).max() <= 1.0:
-            position[axes] += step
-            value += 0.5 * float(slope @ step)
+        step = _solved(hessian, slope)
+        if max(map(abs, step)) <= 1.0:
+            position[axes] -= step
+            value -= 0.5 * sum(a * b for a, b in zip(slope, step, strict=True))
     return value, position
 
 
 def sharpness(cost: FloatArray) -> float:
     """Largest second derivative (per squared step, in any direction) at the best node; 0 if unknown."""
     _, axes, _, hessian = _bowl(cost)
-    return float(_curvatures(hessian)[-1]) if axes else 0.0
+    return _curvatures(hessian)[-1] if axes else 0.0
 
 
-def _curvatures(hessian: FloatArray) -> FloatArray:
+def _curvatures(hessian: list[list[float]]) -> list[float]:
     """Eigenvalues of a Hessian, the least one first."""
-    return np.asarray(np.linalg.eigvalsh(hessian)) if hessian.shape[0] > 1 else hessian[0]
+    if len(hessian) == 1:
+        return hessian[0]
+    if len(hessian) == 2:
+        (a, b), (_, c) = hessian
+        middle, half = 0.5 * (a + c), hypot(0.5 * (a - c), b)
+        return [middle - half, middle + half]
+    found: list[float] = np.linalg.eigvalsh(hessian).tolist()
+    return found
 
 
-def _bowl(cost: FloatArray) -> tuple[tuple[int, ...], list[int], FloatArray, FloatArray]:
-    """Best node, axes along which costs are smooth around it, gradient and Hessian there."""
+def _solved(hessian: list[list[float]], slope: list[float]) -> list[float]:
+    """Inverse of a Hessian, which is positive definite, times a gradient."""
+    if len(slope) == 1:
+        return [slope[0] / hessian[0][0]]
+    if len(slope) == 2:
+        (a, b), (_, c) = hessian
+        determinant = a * c - b * b
+        if determinant > 0.0:
+            return [(c * slope[0] - b * slope[1]) / determinant, (a * slope[1] - b * slope[0]) / determinant]
+    found: list[float] = np.linalg.solve(hessian, slope).tolist()
+    return found
+
+
+def _bowl(cost: FloatArray) -> tuple[tuple[int, ...], list[int], list[float], list[list[float]]]:
+    """Best node, axes along which costs are smooth around it, gradient and Hessian there.
+
+    All these are a handful of numbers, for which arrays would be a burden.
+    """
     best = tuple(int(b) for b in np.unravel_index(int(np.argmin(cost)), cost.shape))
     axes = [k for k in range(cost.ndim) if 0 < best[k] < cost.shape[k] - 1]
     window = cost[tuple(slice(b - 1, b + 2) if k in axes else b for k, b in enumerate(best))]
     if axes and np.isfinite(window).all() and all(_is_smooth(cost, best, k) for k in axes):
         return best, axes, *_quadratic(window)
-    return best, [], np.zeros(0), np.zeros((0, 0))
+    return best, [], [], []
 
 
 def _is_smooth(cost: FloatArray, node: tuple[int, ...], k: int) -> bool:
     """Whether the second differences along an axis at a node and at its neighbours agree."""
     near = slice(max(node[k] - 2, 0), node[k] + 3)
-    # A handful of numbers: an array would be a burden.
     line = cost[tuple(near if m == k else b for m, b in enumerate(node))].tolist()
     slopes = [second - first for first, second in pairwise(line)]
     bends = [second - first for first, second in pairwise(slopes)]
@@ -339,20 +362,20 @@ def _agree(low: float, high: float) -> bool:
     return abs(low - high) <= allowed < np.inf
 
 
-def _quadratic(window: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _quadratic(window: FloatArray) -> tuple[list[float], list[list[float]]]:
     """Gradient and Hessian at the centre of a window of 3 x ... x 3 nodes."""
     d, value = window.ndim, window.ravel().tolist()
     strides = [3 ** (d - 1 - k) for k in range(d)]
     centre = sum(strides)
-    slope, hessian = np.empty(d), np.empty((d, d))
+    slope, hessian = [0.0] * d, [[0.0] * d for _ in range(d)]
     for k, i in enumerate(strides):
         up, down = value[centre + i], value[centre - i]
         slope[k] = 0.5 * (up - down)
-        hessian[k, k] = up - 2.0 * value[centre] + down
+        hessian[k][k] = up - 2.0 * value[centre] + down
         for m, j in enumerate(strides[:k]):
             mixed = value[centre + i + j] - value[centre + i - j]
             mixed += value[centre - i - j] - value[centre - i + j]
-            hessian[k, m] = hessian[m, k] = 0.25 * mixed
+            hessian[k][m] = hessian[m][k] = 0.25 * mixed
     return slope, hessian
 
 

@@ -57,7 +57,7 @@ def convolve_table(cost: FloatArray, table: FloatArray, combine: np.ufunc = np.a
         The first of the best sources; anything where none is possible.
     """
     source = np.empty((cost.shape[0], table.shape[0]), dtype=np.intp)
-    total = np.empty_like(table)
+    total = np.empty(table.shape)
     for k, line in enumerate(cost):
         combine(table, line, out=total)
         total.argmin(axis=1, out=source[k])
@@ -75,6 +75,7 @@ def convolve_convex(cost: FloatArray, table: FloatArray) -> IntArray:
     Parameters and result are those of `convolve_table` with ``np.add``.
     """
     n = cost.shape[1]
+    table = np.ascontiguousarray(table)
     possible = np.isfinite(table)
     first = possible.argmax(axis=1)
     last = np.where(possible.any(axis=1), n - 1 - possible[:, ::-1].argmax(axis=1), -1)

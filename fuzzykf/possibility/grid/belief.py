@@ -359,14 +359,13 @@ def _convolve_tabulated(
 
 def _table(axis: FloatArray, target: FloatArray, kernel: Kernel) -> FloatArray:
     """Costs (m, n) of the noise that leads from each source to each target; infinite where impossible."""
-    n, m = axis.size, target.size
     step, other = (float(line[-1] - line[0]) / max(line.size - 1, 1) for line in (axis, target))
     if abs(step - other) <= SAME * step:
-        # One number a diagonal.
-        offset = np.concatenate([target[0] - axis[::-1], target[1:] - axis[0]])
+        # One number a diagonal, from the last row to the first: each row is a view of them.
+        offset = np.concatenate([target[:0:-1] - axis[0], target[0] - axis])
         cost = kernel.cost(offset)
         cost[~(cost < kernel.t_norm.impossible)] = np.inf
-        return np.ascontiguousarray(sliding_window_view(cost, n)[:m, ::-1])
+        return sliding_window_view(cost, axis.size)[::-1]
     table = kernel.cost(target[:, None] - axis)
     table[table >= kernel.t_norm.impossible] = np.inf
     return table

@@ -130,6 +130,26 @@ def test_searches(seed, kind, lines, n, m):
 
 
 @few
+@given(seeds, st.integers(1, 60), st.integers(1, 40))
+def test_tables_of_one_number_a_diagonal_are_searched_as_views(seed, n, m):
+    # rows overlap and come backwards: strides of -8 and 8 bytes
+    rng = np.random.default_rng(seed)
+    cost, offset = costs(rng, (3, n), "rough"), np.arange(1.0 - n, m)[::-1]
+    for diagonal in (0.01 * offset**2, np.where(abs(offset) < 7, 0.0, np.inf), rng.random(n + m - 1)):
+        view = np.lib.stride_tricks.sliding_window_view(diagonal, n)[::-1]
+        table = np.array(view)
+        for module in (core.kernels, kernels):
+            assert module.is_convex(view) == kernels.is_convex(table)
+            source = kernels.convolve_table(cost, table)
+            np.testing.assert_array_equal(module.convolve_table(cost, view), source)
+            least = kernels.totals(cost, table, source, 0)
+            np.testing.assert_array_equal(module.totals(cost, view, source, 0), least)
+            methods = [module.convolve_bounded] + [module.convolve_convex] * kernels.is_convex(table)
+            for method in methods:
+                np.testing.assert_array_equal(kernels.totals(cost, table, method(cost, view), 0), least)
+
+
+@few
 @given(seeds, st.integers(1, 3), st.sampled_from([np.add, np.maximum]))
 def test_joint_kernels(seed, d, combine):
     rng = np.random.default_rng(seed)

@@ -29,29 +29,31 @@ FK_INLINE fk_index fk_first_with(int how, const double *cost, const double *tabl
   return 0;
 }
 
-FK_INLINE void fk_search_table(int how, const double *cost, const double *table, fk_index n, fk_index m,
-                               fk_index *source) {
+FK_INLINE void fk_search_table(int how, const double *cost, const double *table, fk_index stride, fk_index n,
+                               fk_index m, fk_index *source) {
   for (fk_index i = 0; i < m; i++) {
-    const double *row = table + i * n;
+    const double *row = table + i * stride;
     source[i] = fk_first_with(how, cost, row, n, fk_least_total(how, cost, row, n));
   }
 }
 
-/* One line against a table (m, n): the first best source of each target. */
-FK_STATIC void fk_table(int how, const double *cost, const double *table, fk_index n, fk_index m,
+/* One line against a table (m, n): the first best source of each target.  Here and below ``stride`` leads from
+ * row to row of the table: rows may overlap, and come backwards. */
+FK_STATIC void fk_table(int how, const double *cost, const double *table, fk_index stride, fk_index n, fk_index m,
                         fk_index *source) {
   if (how == FK_ADD)
-    fk_search_table(FK_ADD, cost, table, n, m, source);
+    fk_search_table(FK_ADD, cost, table, stride, n, m, source);
   else if (how == FK_MULTIPLY)
-    fk_search_table(FK_MULTIPLY, cost, table, n, m, source);
+    fk_search_table(FK_MULTIPLY, cost, table, stride, n, m, source);
   else
-    fk_search_table(FK_MAXIMUM, cost, table, n, m, source);
+    fk_search_table(FK_MAXIMUM, cost, table, stride, n, m, source);
 }
 
 /* First and last finite entry of each row of a table (m, n); 0 and -1 for rows without any. */
-FK_STATIC void fk_finite_range(const double *table, fk_index n, fk_index m, fk_index *first, fk_index *last) {
+FK_STATIC void fk_finite_range(const double *table, fk_index stride, fk_index n, fk_index m, fk_index *first,
+                               fk_index *last) {
   for (fk_index i = 0; i < m; i++) {
-    const double *row = table + i * n;
+    const double *row = table + i * stride;
     fk_index a = 0, b = n - 1;
     while (a < n && !isfinite(row[a])) a++;
     while (b >= 0 && !isfinite(row[b])) b--;
@@ -63,19 +65,20 @@ FK_STATIC void fk_finite_range(const double *table, fk_index n, fk_index m, fk_i
 /* One line by divide and conquer: the first best source of each target, 0 where there is none.  lowest
  * and highest, room for m + 2 each, bound the sources of the targets: entry 0 stands for the target
  * before the first, entry m + 1 for all beyond the last. */
-FK_STATIC void fk_convex(const double *cost, const double *table, fk_index n, fk_index m, const fk_index *first,
-                         const fk_index *last, fk_index *source, fk_index *lowest, fk_index *highest) {
-  fk_index stride = 1;
-  while (stride < m) stride *= 2;
+FK_STATIC void fk_convex(const double *cost, const double *table, fk_index stride, fk_index n, fk_index m,
+                         const fk_index *first, const fk_index *last, fk_index *source, fk_index *lowest,
+                         fk_index *highest) {
+  fk_index half = 1;
+  while (half < m) half *= 2;
   lowest[0] = 0;
   highest[m + 1] = n - 1;
-  for (; stride; stride /= 2)
-    for (fk_index i = stride - 1; i < m; i += 2 * stride) {
-      const fk_index before = lowest[i + 1 - stride];
-      const fk_index after = highest[i + 1 + stride < m + 1 ? i + 1 + stride : m + 1];
+  for (; half; half /= 2)
+    for (fk_index i = half - 1; i < m; i += 2 * half) {
+      const fk_index before = lowest[i + 1 - half];
+      const fk_index after = highest[i + 1 + half < m + 1 ? i + 1 + half : m + 1];
       const fk_index low = first[i] > before ? first[i] : before, high = last[i] < after ? last[i] : after;
       const fk_index count = high >= low ? high - low + 1 : 0;
-      const double *costs = cost + low, *row = table + i * n + low;
+      const double *costs = cost + low, *row = table + i * stride + low;
       const double least = fk_least_total(FK_ADD, costs, row, count);
       source[i] = count ? low + fk_first_with(FK_ADD, costs, row, count, least) : 0;
       if (count && isfinite(least)) {
@@ -97,10 +100,11 @@ FK_STATIC void fk_block_least(const double *row, fk_index n, double *least) {
 }
 
 FK_INLINE void fk_search_blocks(int how, const double *cost, const double *cost_least, const double *table,
-                                const double *table_least, fk_index n, fk_index m, fk_index *guess) {
+                                const double *table_least, fk_index stride, fk_index n, fk_index m,
+                                fk_index *guess) {
   const fk_index blocks = (n + FK_BLOCK - 1) / FK_BLOCK;
   for (fk_index i = 0; i < m; i++) {
-    const double *row = table + i * n, *bound = table_least + i * blocks;
+    const double *row = table + i * stride, *bound = table_least + i * blocks;
     double best = fk_combine(how, row[guess[i]], cost[guess[i]]);
     if (i) { /* the source of the last target is a good guess, too */
       const double other = fk_combine(how, row[guess[i - 1]], cost[guess[i - 1]]);
@@ -121,28 +125,28 @@ FK_INLINE void fk_search_blocks(int how, const double *cost, const double *cost_
 /* One line by bounds on blocks of sources, starting from a guess of the source of each target, which is
  * improved.  The bounds are the least entries of the blocks. */
 FK_STATIC void fk_bounded(int how, const double *cost, const double *cost_least, const double *table,
-                          const double *table_least, fk_index n, fk_index m, fk_index *guess) {
+                          const double *table_least, fk_index stride, fk_index n, fk_index m, fk_index *guess) {
   if (how == FK_ADD)
-    fk_search_blocks(FK_ADD, cost, cost_least, table, table_least, n, m, guess);
+    fk_search_blocks(FK_ADD, cost, cost_least, table, table_least, stride, n, m, guess);
   else if (how == FK_MULTIPLY)
-    fk_search_blocks(FK_MULTIPLY, cost, cost_least, table, table_least, n, m, guess);
+    fk_search_blocks(FK_MULTIPLY, cost, cost_least, table, table_least, stride, n, m, guess);
   else
-    fk_search_blocks(FK_MAXIMUM, cost, cost_least, table, table_least, n, m, guess);
+    fk_search_blocks(FK_MAXIMUM, cost, cost_least, table, table_least, stride, n, m, guess);
 }
 
 /* Totals of the sources ``shift`` places from the given ones; infinite beyond the ends. */
-FK_STATIC void fk_totals(int how, const double *cost, const double *table, fk_index n, fk_index m,
+FK_STATIC void fk_totals(int how, const double *cost, const double *table, fk_index stride, fk_index n, fk_index m,
                          const fk_index *source, fk_index shift, double *out) {
   for (fk_index i = 0; i < m; i++) {
     const fk_index j = source[i] + shift;
-    out[i] = j >= 0 && j < n ? fk_combine(how, cost[j], table[i * n + j]) : INFINITY;
+    out[i] = j >= 0 && j < n ? fk_combine(how, cost[j], table[i * stride + j]) : INFINITY;
   }
 }
 
 /* Whether every row of a table is convex where it is finite, and finite on an interval. */
-FK_STATIC int fk_is_convex(const double *table, fk_index n, fk_index m) {
+FK_STATIC int fk_is_convex(const double *table, fk_index stride, fk_index n, fk_index m) {
   for (fk_index i = 0; i < m; i++) {
-    const double *row = table + i * n;
+    const double *row = table + i * stride;
     int turns = 0;
     for (fk_index j = 0; j <= n; j++) {
       const int now = j < n && isfinite(row[j]), before = j > 0 && isfinite(row[j - 1]);
