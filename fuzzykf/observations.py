@@ -28,9 +28,15 @@ __all__ = [
     "check_ahead",
     "check_aligned",
     "index_of",
+    "is_uneven",
     "named_per_step",
+    "one_per_step",
     "per_step",
 ]
+
+
+#: Arguments of whole series that say how each step moves the state.
+MOTIONS = ("Fs", "Qs", "dt", "fx_args")
 
 
 class _Rows(Protocol):
@@ -237,6 +243,22 @@ def per_step(name: str, values: Any, n: int) -> Sequence[Any]:
     if len(each) < n:
         raise ShapeError(f"{name}: got {len(each)} values, expected one for each of the {n} observations")
     return each
+
+
+def one_per_step(name: str, values: Any, n: int) -> Sequence[Any]:
+    """Return one value per step, of which there may be no more."""
+    each = as_listed(name, values, n)
+    if len(each) != n:
+        raise ShapeError(f"{name}: got {len(each)} values, expected one for each of the {n} observations")
+    return each
+
+
+def is_uneven(told: Mapping[str, Any]) -> bool:
+    """Whether what is told of the steps, by the names of the arguments, says how each moves the state.
+
+    They may then differ in length.
+    """
+    return any(told.get(name) is not None for name in MOTIONS)
 
 
 def named_per_step(name: str, values: Any, n: int) -> list[dict[str, Any]]:

@@ -14,8 +14,8 @@ from fuzzykf import (
     KnownSwitchFilter,
     compare_models,
 )
-from fuzzykf.errors import ParameterError
-from fuzzykf.observations import check_aligned
+from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.observations import check_aligned, is_uneven, one_per_step
 
 
 @pytest.fixture
@@ -112,3 +112,20 @@ def test_workdays_of_a_profile_go_with_the_times():
     profile = DailyProfile().fit(np.arange(48.0), time, np.arange(48) < 24)
     with pytest.raises(ParameterError, match=r"^time, workday: rows of different indexes"):
         profile.at(time, pd.Series(np.arange(48) < 24)[::-1])
+
+
+def test_one_per_step_is_neither_more_nor_less() -> None:
+    assert one_per_step("Rs", [1.0, None], 2) == [1.0, None]
+    for values in ([1.0], [1.0, 2.0, 3.0]):
+        with pytest.raises(
+            ShapeError, match=rf"Rs: got {len(values)} values, expected one for each of the 2"
+        ):
+            one_per_step("Rs", values, 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "uneven"), [("Fs", True), ("Qs", True), ("dt", True), ("fx_args", True), ("Rs", False)]
+)
+def test_what_moves_a_state_may_make_steps_uneven(name, uneven) -> None:
+    assert is_uneven({name: [1.0], "us": [2.0]}) == uneven
+    assert not is_uneven({name: None})

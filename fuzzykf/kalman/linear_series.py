@@ -16,8 +16,9 @@ from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError, check_in
 from fuzzykf.kalman.controls import check_rows, linear_controls
 from fuzzykf.kalman.series import FIELDS, as_listed, collect, empty_fields, field_shapes
 from fuzzykf.kalman.smoothing import LinearMotions
-from fuzzykf.kalman.step_arguments import StepArguments, is_uneven, own_matrix, read_spans, read_steps
+from fuzzykf.kalman.step_arguments import StepArguments, own_matrix, read_spans, read_steps
 from fuzzykf.many import as_output_type, as_stored, over_threads, read_many, stacked
+from fuzzykf.observations import is_uneven
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -11,8 +11,8 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_numbers, brief, check_covariance
 from fuzzykf.kalman.arguments import TIMED, as_covariance, as_matrix, as_square, given_matrix
-from fuzzykf.kalman.series import as_listed, begin, per_step
-from fuzzykf.observations import as_observations, check_aligned
+from fuzzykf.kalman.series import begin, per_step
+from fuzzykf.observations import as_observations, check_aligned, is_uneven, one_per_step
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 __all__ = [
     "StepArguments",
     "given_motion",
-    "is_uneven",
     "motion_over",
     "own_matrix",
     "read_series",
@@ -135,18 +134,11 @@ def read_steps(
     return StepArguments(n, None if us is None else per_step("us", us, n), rows, uneven)
 
 
-def is_uneven(told: Mapping[str, Any]) -> bool:
-    """Whether what is told of the steps, by the names of the arguments, says how each moves the state."""
-    return any(told.get(name) is not None for name in ("Fs", "Qs", "dt"))
-
-
 def _read_rows(
     name: str, values: Any, n: int, shape: tuple[int, int]
 ) -> FloatArray | list[FloatArray | None]:
     """Read the matrices of n steps; a list where None is among them."""
-    each: Any = as_listed(name, values, n)
-    if len(each) != n:
-        raise ShapeError(f"{name}: got {len(each)} values, expected one for each of the {n} observations")
+    each: Any = one_per_step(name, values, n)
     is_covariance = name[0] in "QR"
     if isinstance(each, np.ndarray) and each.shape == (n, *shape) and each.dtype != object:
         return (check_covariance if is_covariance else as_array)(name, each, each.shape)

@@ -13,6 +13,7 @@ from fuzzykf.errors import SupportWarning
 from fuzzykf.gaussian import as_choice, as_flag
 from fuzzykf.io import Document
 from fuzzykf.many import read_many
+from fuzzykf.observations import is_uneven
 from fuzzykf.possibility.arguments import (
     check_given,
     given_maps,
@@ -21,11 +22,11 @@ from fuzzykf.possibility.arguments import (
     with_noise,
 )
 from fuzzykf.possibility.beliefs import QuadraticBelief, believe
-from fuzzykf.possibility.closed_form import over_all
 from fuzzykf.possibility.conjunction import assigned, explained, restrained
 from fuzzykf.possibility.constraint import as_constraint, is_crisp, narrowed
 from fuzzykf.possibility.describe import describe
-from fuzzykf.possibility.mapping import as_map, motion, sight
+from fuzzykf.possibility.gain import residual_matrix, show_gain, show_likelihood, show_no_gain
+from fuzzykf.possibility.mapping import motion, sight
 from fuzzykf.possibility.memberships.derived import as_membership
 from fuzzykf.possibility.norms import as_t_conorm, as_t_norm
 from fuzzykf.possibility.representation import (
@@ -35,11 +36,10 @@ from fuzzykf.possibility.representation import (
     check_constraint,
     choose,
     no_matrix,
-    required_quadratic,
     universe_of,
 )
 from fuzzykf.possibility.saved import from_values, to_values
-from fuzzykf.possibility.series import is_uneven, of_each, read_steps
+from fuzzykf.possibility.series import of_each, read_steps
 from fuzzykf.possibility.smoother import MEMORY, smooth_series
 from fuzzykf.reprs import shown
 
@@ -49,10 +49,9 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from fuzzykf.arrays import FloatArray, IntArray, ManyNumbers, ManySeriesLike, Numbers
+    from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.base import FilterResult
     from fuzzykf.observations import PerStep
-    from fuzzykf.possibility.closed_form import Posterior
     from fuzzykf.possibility.memberships import Membership
     from fuzzykf.possibility.norms import TConorm, TNorm
     from fuzzykf.possibility.protocol import Belief, Outcome
@@ -61,9 +60,6 @@ if TYPE_CHECKING:
     Memberships: TypeAlias = Membership | Sequence[Membership | None]
 
 __all__ = ["FuzzyRelationEstimator"]
-
-#: The components of a measurement that is missing.
-NONE_SEEN = np.zeros(0, dtype=np.intp)
 
 
 class FuzzyRelationEstimator(Filter, Document):
@@ -284,10 +280,11 @@ class FuzzyRelationEstimator(Filter, Document):
         self.z: Any = np.full((self.dim_z, 1), None, dtype=object)
         self.x_prior, self.P_prior = self._estimate()
         self.x_post, self.P_post = self._estimate()
+        self.y: Any
         if self.is_closed_form:
-            self._set_gain(None, NONE_SEEN, np.zeros((self.dim_z, self.dim_z)))
+            show_no_gain(self)
         if self.representation == "gaussian":
-            self._set_likelihood(float(np.log(sys.float_info.min)), 0.0)
+            show_likelihood(self, float(np.log(sys.float_info.min)), 0.0)
 
     # ------------------------------------------------------------------ the verbs
 
@@ -374,23 +371,20 @@ class FuzzyRelationEstimator(Filter, Document):
         if R is not None:
             noise, R = noise_of_step(self, "R", R)
         measure = sight(self, seen, R, H, hx_arguments)
-        S = np.zeros((self.dim_z, self.dim_z))
-        if self.is_closed_form:
-            full = as_map("H", self.H if H is None else H, (self.dim_z, self.dim_x))
-            S = full @ self.P @ full.T + required_quadratic("R", noise, self.representation)[1]
+        S = residual_matrix(self, noise, H) if self.is_closed_form else None
         observed = noise if seen.size == self.dim_z else noise.project(seen.tolist())
         outcome = explained(self._belief, measure, observed, value[seen], self._constraint, self.on_empty)
         _warn(outcome)
         assert outcome.belief is not None
         self._learn(outcome.belief, outcome.possibility, value.reshape(-1, 1))
-        if self.is_closed_form:
-            self._set_gain(outcome.posterior, seen, S)
+        if S is not None:
+            show_gain(self, outcome.posterior, seen, S)
 
     def _skip(self) -> None:
         """Let a missing measurement pass: nothing is learned from it."""
         self._learn(self._belief, 1.0, np.full((self.dim_z, 1), None, dtype=object))
         if self.is_closed_form:
-            self._set_gain(None, NONE_SEEN, np.zeros((self.dim_z, self.dim_z)))
+            show_no_gain(self)
 
     def _learn(self, belief: Belief, possibility: float, z: Any) -> None:
         """Keep what an update has found."""
@@ -402,23 +396,6 @@ class FuzzyRelationEstimator(Filter, Document):
         """Copy x and P."""
         x, P = self._belief.moments()
         return x.copy(), P.copy()
-
-    def _set_likelihood(self, log_likelihood: float, mahalanobis: float) -> None:
-        """Set what only a Gaussian membership, read as a density, has."""
-        self.log_likelihood = log_likelihood
-        # As in filterpy, a likelihood too small for a float is the smallest one.
-        self.likelihood = max(float(np.exp(log_likelihood)), sys.float_info.min)
-        self.mahalanobis = mahalanobis
-
-    def _set_gain(self, found: Posterior | None, seen: IntArray, S: FloatArray) -> None:
-        """Keep residual and gain of an update; those of missing components are zero."""
-        y, self.SI, self.K = over_all(found, seen, self.dim_x, self.dim_z)
-        self.y, self.S = y if self.x.ndim == 1 else y.reshape(-1, 1), S
-        if self.representation == "gaussian":
-            if found is None:
-                self._set_likelihood(0.0, 0.0)
-            else:
-                self._set_likelihood(found.log_likelihood, float(np.sqrt(found.surprise)))
 
     # ------------------------------------------------------------------ whole series
 
@@ -486,8 +463,8 @@ class FuzzyRelationEstimator(Filter, Document):
         ([0.5, 1.75], [2.5, 2.25])
         """
         told = {"us": us, "Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "fx_args": fx_args, "hx_args": hx_args}
-        series, steps = read_steps(zs, self.dim_z, told)
-        return self._filter_noting(series, resume=resume, told=steps, uneven=is_uneven(told))
+        series = read_steps(zs, self.dim_z, told)
+        return self._filter_noting(series.zs, resume=resume, told=series.steps, uneven=series.uneven)
 
     def filter_many(
         self,
@@ -605,8 +582,8 @@ class FuzzyRelationEstimator(Filter, Document):
         [0.909, 1.273, 1.636]
         """
         told = {"us": us, "Rs": Rs, "Qs": Qs, "Fs": Fs, "Hs": Hs, "fx_args": fx_args, "hx_args": hx_args}
-        series, steps = read_steps(zs, self.dim_z, told)
-        return smooth_series(self, series, memory, steps, is_uneven(told))
+        series = read_steps(zs, self.dim_z, told)
+        return smooth_series(self, series, memory)
 
     # ------------------------------------------------------------------ the state
 

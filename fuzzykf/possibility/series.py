@@ -3,37 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from fuzzykf.errors import ParameterError, ShapeError
+from fuzzykf.errors import ParameterError
 from fuzzykf.observations import (
-    as_listed,
     as_observations,
     check_aligned,
     index_of,
+    is_uneven,
     named_per_step,
+    one_per_step,
     per_step,
 )
 
 if TYPE_CHECKING:
     from fuzzykf.many import ManySeries
 
-__all__ = ["is_uneven", "of_each", "read_steps"]
+__all__ = ["ToldSeries", "of_each", "read_steps"]
 
 #: Arguments of single predictions and of single updates, by the names of those of the verbs.
 MOVES = {"us": "u", "Fs": "F", "Qs": "Q"}
 LOOKS = {"Hs": "H", "Rs": "R"}
 
 
-def is_uneven(told: Mapping[str, Any]) -> bool:
-    """Whether what is told of the steps says how each moves the state, so that they may differ in length."""
-    return any(told.get(name) is not None for name in ("Fs", "Qs", "fx_args"))
+class ToldSeries(NamedTuple):
+    """A series, and what is told of its steps.
+
+    Attributes
+    ----------
+    zs : array_like or list
+        As it was given, or a list of what can be gone through once only.
+    steps : list of (dict, dict), or None
+        Keyword arguments of each prediction and update; None if nothing is told.
+    uneven : bool
+        Whether they tell how each step moves the state, so that steps may differ in length.
+    """
+
+    zs: Any
+    steps: list[tuple[dict[str, Any], dict[str, Any]]] | None
+    uneven: bool
 
 
-def read_steps(
-    zs: Any, dim_z: int, told: Mapping[str, Any]
-) -> tuple[Any, list[tuple[dict[str, Any], dict[str, Any]]] | None]:
-    """Return the keyword arguments of each prediction and update of a series.
+def read_steps(zs: Any, dim_z: int, told: Mapping[str, Any]) -> ToldSeries:
+    """Read the keyword arguments of each prediction and update of a series.
 
     Parameters
     ----------
@@ -42,13 +54,6 @@ def read_steps(
     told : mapping
         By the names of the arguments of `FuzzyRelationEstimator.filter`; None where one was not given.
 
-    Returns
-    -------
-    zs
-        As it was given, or a list of what can be gone through once only.
-    list of (dict, dict), or None
-        None if nothing is told.
-
     Raises
     ------
     ShapeError, ParameterError
@@ -56,7 +61,7 @@ def read_steps(
     """
     given = {name: one for name, one in told.items() if one is not None}
     if not given:
-        return zs, None
+        return ToldSeries(zs, None, False)
     check_aligned(zs=zs, **given)
     if not hasattr(zs, "__len__") and hasattr(zs, "__iter__"):
         zs = list(zs)
@@ -74,17 +79,14 @@ def read_steps(
             for kinds in (MOVES, LOOKS)
         )
         steps.append((pair[0] | fx_args[k], pair[1] | hx_args[k]))
-    return zs, steps
+    return ToldSeries(zs, steps, is_uneven(told))
 
 
 def _rows(name: str, values: Any, n: int) -> Sequence[Any]:
     """Return one value for each of n steps; of controls there may be more."""
     if name == "us":
         return per_step(name, values, n)
-    rows = as_listed(name, values, n)
-    if len(rows) != n:
-        raise ShapeError(f"{name}: got {len(rows)} values, expected one for each of the {n} observations")
-    return rows
+    return one_per_step(name, values, n)
 
 
 def of_each(many: ManySeries, us: Any, dim_u: int, told: Mapping[str, Any]) -> Any:

@@ -32,12 +32,13 @@ from fuzzykf.possibility.representation import required_quadratic
 from fuzzykf.possibility.trail import Trail
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from typing import TypeAlias
 
-    from fuzzykf.arrays import FloatArray, ManyNumbers
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.possibility.grid.lattice import Lattice
     from fuzzykf.possibility.intervals.box import Box
+    from fuzzykf.possibility.series import ToldSeries
     from fuzzykf.possibility.trail import Node
 
     #: x (d,), P (d, d), lower and upper bounds (d,).
@@ -62,25 +63,15 @@ class WayBack(Protocol):
         """Return what is known, mended as `on_empty` says if it is impossible; x, P and bounds of it."""
 
 
-def smooth_series(
-    est: Any,
-    zs: ManyNumbers,
-    memory: float,
-    told: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]] | None = None,
-    uneven: bool = False,
-) -> FilterResult:
+def smooth_series(est: Any, series: ToldSeries, memory: float) -> FilterResult:
     """Filter a series and look back; the estimator ends at the last observation.
 
     Parameters
     ----------
     est : FuzzyRelationEstimator
-    zs : array_like
+    series : ToldSeries
     memory : float
         See `FuzzyRelationEstimator.smooth`.
-    told : sequence of (dict, dict), optional
-        Keyword arguments of each prediction and update.
-    uneven : bool
-        Whether they tell how long the steps are.
 
     Returns
     -------
@@ -94,7 +85,7 @@ def smooth_series(
             trail = Trail(est, copies=False, room=room, size=_bytes_of)
         else:
             trail = Trail(est, copies=est.is_closed_form)
-        forward = est._filter_noting(zs, trail.note, told=told, uneven=uneven)
+        forward = est._filter_noting(series.zs, trail.note, told=series.steps, uneven=series.uneven)
         trail.stop()
         x, P, lower, upper = _look_back(trail, est)
         lower, upper = narrowed(lower, upper, est._constraint)
