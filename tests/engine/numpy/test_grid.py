@@ -11,6 +11,7 @@ from fuzzykf.engine.numpy.grid import (
     interpolate,
     interpolate_lines,
     scaled,
+    sharpness,
     subgrid_minimum,
     to_membership,
 )
@@ -98,6 +99,39 @@ def test_minimum_between_nodes(d):
     value, position = subgrid_minimum(f(nodes((7,) * d)) + 0.5)
     assert value == pytest.approx(0.5)
     np.testing.assert_allclose(position, c)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("bend", [1.0, 1e-300, 1e300])
+def test_minimum_of_a_valley_is_not_beyond_it(d, bend):
+    # the second differences of a function of one combination of the axes form a matrix of rank one
+    along = (nodes((7,) * d) - 3) @ np.sqrt([1.0, 2.0, 3.0][:d])
+    for off in (0.0, 0.01):
+        cost = bend * (along - off) ** 2
+        value, position = subgrid_minimum(cost)
+        assert -1e-12 * bend <= value <= cost.min()
+        assert np.abs(position - 3).max() <= 1.0
+        assert sharpness(cost) == pytest.approx(bend * d * (d + 1))
+
+
+@pytest.mark.parametrize("row", [[3.0, 1.0], [1.0, 3.0], [3.0, 2.0], [2.0, 3.0]])
+def test_minimum_of_a_singular_bowl_is_a_node(row):
+    # whole numbers: the determinant of the second differences is exactly zero, and no way leads to a minimum
+    x = nodes((5, 5)) - 2.0
+    cost = 0.5 * (x @ row) ** 2 + 0.05 * x[..., 0]
+    value, position = subgrid_minimum(cost)
+    best = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    assert value == cost[best]
+    np.testing.assert_array_equal(position, best)
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_sharpness_is_the_largest_curvature(d):
+    rng = np.random.default_rng(d)
+    A = rng.normal(size=(d, d))
+    x = nodes((7,) * d) - rng.uniform(2.6, 3.4, d)
+    cost = 0.5 * ((x @ A.T) ** 2).sum(axis=-1)
+    assert sharpness(cost) == pytest.approx(np.linalg.norm(A, 2) ** 2)
 
 
 def test_minimum_at_an_edge_is_a_node():

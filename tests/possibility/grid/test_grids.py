@@ -709,6 +709,25 @@ def test_part_of_a_measurement():
         np.testing.assert_allclose(est.P, one.P, atol=1e-9)
 
 
+@pytest.mark.parametrize("row", [[3.0, 1.0], [1.0, 3.0], [1.0, 1.0]])
+@pytest.mark.parametrize("z", [0.0, 0.5, 1.0])
+def test_a_sum_that_is_all_that_is_known_leaves_a_valley(row, z):
+    # all states on a line are equally good: the second differences at the best node are exactly singular
+    est = FuzzyRelationEstimator(
+        2,
+        1,
+        H=[row],
+        state=IntervalMembership([-4.0, -4.0], [4.0, 4.0]),
+        measurement_noise=GaussianMembership(0.0, 1.0),
+        points=17,
+        domain=((-4.0, 4.0), (-4.0, 4.0)),
+    )
+    est.update(z)
+    assert est.possibility == pytest.approx(1.0, abs=1e-9)
+    x = np.stack(np.meshgrid(np.linspace(-4.0, 4.0, 17), np.linspace(-4.0, 4.0, 17), indexing="ij"), axis=-1)
+    np.testing.assert_allclose(est.membership(x), np.exp(-0.5 * (x @ row - z) ** 2), atol=1e-9)
+
+
 def test_sampled_memberships():
     # a Gaussian given on a grid: linear between its nodes
     x = np.linspace(-5.0, 5.0, 2001)
