@@ -13,6 +13,7 @@ from fuzzykf.comparison.candidates.filter_trained import training_told
 from fuzzykf.comparison.density import NormalMixture
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.switching import FilterPool, WindowFeatures
+from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -40,6 +41,10 @@ MAPS: Mapping[str, WindowFeatures] = {
     "lags and hinges": WindowFeatures(**_LAGS, hinges=3),
     "lags, hinges and products": WindowFeatures(**_LAGS, hinges=3, products=True),
 }
+
+#: Fewer rows to learn on for each observation that a map looks back at, and it does not look back: a window
+#: has to be wholly observed, and what is left has to teach the coefficients.
+ROWS_PER_LAG = 20
 
 #: Of the day, sine and cosine of so many.
 HARMONICS = 3
@@ -189,6 +194,20 @@ def learn_chosen_map(part: LearningPart) -> Learned:
     return learned
 
 
+def _maps_for(n: int) -> dict[str, WindowFeatures]:
+    """Return the maps that so many rows can teach, by what they have."""
+    found = {}
+    for name, one in MAPS.items():
+        if n >= ROWS_PER_LAG * one.n_past:
+            found[name] = one
+            continue
+        left = [part for part in ("hinges", "products") if part in name]
+        found[listed(left) or "the latest observation"] = WindowFeatures(
+            hinges=one.n_hinges, products=one.products
+        )
+    return found
+
+
 def learn_pool_of_maps(part: LearningPart) -> Learned:
     """Learn two hard regimes for the filter with each of `MAPS`, and pool the filters.
 
@@ -196,12 +215,13 @@ def learn_pool_of_maps(part: LearningPart) -> Learned:
     """
     us = _Columns(part).of(_Known(part.clock, part.inputs))
     fits: dict[str, Any] = {}
-    for name, features in MAPS.items():
+    for name, features in _maps_for(len(part)).items():
         if features.products and us is None:
             continue
         if fits:
             part.progress(f"learning with {name}, a member of the pool")
-        fits[name] = part.hard(n_regimes=2, objective="filter", inputs=us, features=features)
+        given = None if us is None and features.is_trivial else features
+        fits[name] = part.hard(n_regimes=2, objective="filter", inputs=us, features=given)
     description = "; ".join(f"{name}: {training_told(fit)}" for name, fit in fits.items())
     return LearnedWithInputs(fits, part, description)
 

@@ -30,7 +30,7 @@ from fuzzykf.reprs import shown
 from fuzzykf.results import FitResult
 from fuzzykf.switching.dynamics.model import SwitchingModel
 from fuzzykf.switching.filters.switching_filter import SwitchingFilter
-from fuzzykf.switching.filters.told_members import told_of_members
+from fuzzykf.switching.filters.told_members import inputs_of, told_of_members
 from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
@@ -182,12 +182,12 @@ class FilterPool(Filter, Document):
     def step(self, z: Numbers, **told: Any) -> FloatArray:
         """Predict, told what else `predict` of each member is, then update with ``z``; see `Filter.step`."""
         with self._as_it_was_on_error():
-            if self._predicted or not self._is_plain():
+            if self._predicted or told or not self._is_plain():
                 self.predict(**told)
                 self.update(z)
             else:  # a step of a member may be much faster than its verbs
-                for member, own in told_of_members(self.members, told):
-                    member.step(z, **own)
+                for member in self.members:
+                    member.step(z)
                 self._n += 1
         return self.x
 
@@ -302,6 +302,7 @@ class FilterPool(Filter, Document):
         zs: ManySeriesLike,
         keep: Iterable[str] = USUAL_FIELDS,
         *,
+        us: FloatArray | None = None,
         by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
@@ -315,6 +316,8 @@ class FilterPool(Filter, Document):
             Which fields to store: names among ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``,
             and ``mu``, ``node_x``, ``node_P``: with these `FilterResult.interval` has quantiles of the
             mixture.
+        us : ndarray, shape (n, k) or (series, n, k), optional
+            Inputs, of all series or of each, of members whose models have some.
 
         Returns
         -------
@@ -322,20 +325,22 @@ class FilterPool(Filter, Document):
             The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
             that is shorter than others.
         """
-        if not self._is_plain():
+        if not self._is_plain() and us is None:
             return super().filter_many(zs, keep, by=by, resume=resume)
         names = check_keep(keep, tuple(STORED))
         wanted = tuple(dict.fromkeys(source for name in names for source in STORED[name]))
         anew = not as_flag("resume", resume) or self._n == 0
         many = self._read_many(zs, by)
+        inputs = None if us is None else as_numbers("us", us)
 
-        def several(series: FloatArray, _: Any) -> dict[str, FloatArray]:
+        def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
             results = []
-            for member in self.members:
+            told = inputs_of(inputs, rows, series.shape[1])
+            for member, own in told_of_members(self.members, told):
                 spare = member.copy()
                 if anew:
                     spare.reset()
-                results.append(spare.filter_many(series, keep=wanted, resume=True))
+                results.append(spare.filter_many(series, keep=wanted, resume=True, **own))
             return {name: self._mixed(results, name) for name in names}
 
         return many.filtered(several, self.nodes if "mu" in names else None)

@@ -14,7 +14,7 @@ from fuzzykf.comparison.clock import Clock
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.times import read_times
 
-N, N_TRAIN = 420, 300
+N, N_TRAIN = 640, 520
 
 
 def series(n_days_from=4):
@@ -88,6 +88,13 @@ def test_without_times_there_are_features_alone(monkeypatch) -> None:
     assert list(learned.fits) == ["lags"]
     assert told == []
     assert learned.restore(part.y, y[N_TRAIN:]).mean.shape == (N - N_TRAIN, 1)
+
+
+def test_few_rows_are_not_asked_for_long_windows() -> None:
+    assert [one.n_past for one in inputs._maps_for(480).values()] == [24, 24, 24]
+    short = inputs._maps_for(479)
+    assert list(short) == ["the latest observation", "hinges", "hinges, products"]
+    assert [one.n_past for one in short.values()] == [1, 1, 1]
 
 
 def test_columns_that_do_not_vary_are_left_out() -> None:

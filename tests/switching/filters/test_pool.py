@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm
 
 from fuzzykf import CGOMSModel, Filter, FilterPool, IMMEstimator, KalmanFilter, OFSRFilter, io, pool_models
-from fuzzykf.errors import FileFormatError, ParameterError, SequenceError
+from fuzzykf.errors import FileFormatError, ParameterError, SequenceError, ShapeError
 from fuzzykf.testing import check_filter
 
 ZS = np.array([0.4, 1.0, np.nan, 2.0, -0.7])
@@ -258,3 +258,27 @@ def test_what_cannot_be_pooled(fuzzy_model):
         ParameterError, match=r"filters\[1\]: got dim_x=2, dim_z=2, expected .* dim_x=1, dim_z=1"
     ):
         FilterPool([kalman(), kalman(m=2)])
+
+
+def test_inputs_go_to_those_members_whose_models_have_some() -> None:
+    rng = np.random.default_rng(0)
+    r, u = np.arange(200) // 40 % 2, rng.normal(size=(200, 1))
+    y = 3.0 * r + u[:, 0] + rng.normal(size=200)
+    x = np.where(r, y, -y) + u[:, 0] + 0.3 * rng.normal(size=200)
+    options = {"n_starts": 1, "max_iter": 5, "form": "regression"}
+    told = CGOMSModel.fit(x, y, inputs=u, **options).model.filter()
+    plain = CGOMSModel.fit(x, y, **options).model.filter()
+    pool = FilterPool([FilterPool([plain, plain]), told])
+    found = pool.filter(y, us=u)
+    members = plain.filter(y), told.filter(y, us=u)
+    np.testing.assert_allclose(found.x, 0.5 * (members[0].x + members[1].x), rtol=1e-12)
+    pool.reset()
+    stepped = np.array([pool.step(one, u=told)[:, 0] for one, told in zip(y[:20], u, strict=False)])
+    np.testing.assert_allclose(stepped, found.x[:20], rtol=1e-9)
+    for us in (u, np.stack([u, u])):
+        many = pool.filter_many(np.stack([y, y])[..., None], us=us)
+        np.testing.assert_allclose(many.x[1], found.x, rtol=1e-9)
+    with pytest.raises(ParameterError, match=r"u: got .*, but the model has no inputs"):
+        FilterPool([plain]).step(1.0, u=0.5)
+    with pytest.raises(ShapeError, match=r"us: got shape \(200,\), expected \(n, k\) or \(series, n, k\)"):
+        pool.filter_many(np.stack([y, y])[..., None], us=u[:, 0])
