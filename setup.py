@@ -74,9 +74,10 @@ IS_X86 = platform.machine().lower() in ("x86_64", "amd64")
 BY_HAND = ["-O2", "-fpeel-loops", "-ftree-partial-pre"] if IS_X86 else ["-O3"]
 CALLING = ["-O2"]
 FLAGS = {
-    **dict.fromkeys(["kalman_series", "nodes", "nodes_gradient", "tables"], BY_HAND),
+    **dict.fromkeys(["gaps", "kalman_series", "nodes", "tables"], BY_HAND),
     **dict.fromkeys(["arrays", "processor", "backward", "hidden_markov", "nodes_backward"], CALLING),
-    **dict.fromkeys(["series", "switching", "compiled_attributes"], CALLING),
+    **dict.fromkeys(["gap_backward", "gap_series", "series", "switching"], CALLING),
+    **dict.fromkeys(["compiled_attributes", "compiled_stepper", "nodes_gradient"], CALLING),
 }
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from fuzzykf import engine
 from fuzzykf.engine.numpy.backward import *
 from fuzzykf.engine.numpy.convolution import *
+from fuzzykf.engine.numpy.gap_backward import *
 from fuzzykf.engine.numpy.gap_series import *
 from fuzzykf.engine.numpy.gaps import *
 from fuzzykf.engine.numpy.grid import *
@@ -56,7 +57,7 @@ _PACKED = (
 
 
 #: Kernels that are given what `pack_gaps` returns: not compiled for negative weights and large systems.
-_GAPS = ("step_in_part", "filter_gappy")
+_GAPS = ("back_into_gap", "filter_gappy", "step_in_part")
 
 
 def _up_to(largest: int, compiled: Any, any_size: Any, first: int, second: int) -> Any:

@@ -122,6 +122,30 @@ def test_gaps_in_steps(in_turn, fuzzy_model, hard_model, size):
     in_turn(lambda: steps(f, [z] * N), gaps, N, "a gap and the step after it")
 
 
+# --------------------------------------------------------------------------- gaps in series
+
+HOLES = {
+    "1 % missing": lambda n: np.flatnonzero(np.random.default_rng(1).random(n) < 0.01),
+    "30 % missing, six in a row": lambda n: np.flatnonzero(np.arange(n) % 20 < 6),
+}
+KEPT = {
+    "smooth": lambda f, values: f.smooth(values),
+    "filter, nodes kept": lambda f, values: f.filter(values, keep_nodes=True),
+}
+
+
+@pytest.mark.benchmark(group="series with gaps of 20,000 rows, F = 5, scalar, against complete ones")
+@pytest.mark.parametrize("holes", HOLES)
+@pytest.mark.parametrize("work", KEPT)
+def test_gaps_in_series(in_turn, fuzzy_model, work, holes):
+    # the goal: at most 1.5 with 1 % missing
+    f, n = OFSRFilter(fuzzy_model, 5), 20_000
+    complete = fuzzy_model.simulate(n, np.random.default_rng(0)).y[:, 0]
+    gappy = complete.copy()
+    gappy[HOLES[holes](n)] = np.nan
+    in_turn(lambda: KEPT[work](f, complete), lambda: KEPT[work](f, gappy), n, "with gaps")
+
+
 # --------------------------------------------------------------------------- pairs of probability zero
 
 RING = {(0, 1): (1 / 20, 10), (1, 2): (1 / 30, 8), (2, 3): (1 / 15, 12), (3, 0): (1 / 25, 6)}

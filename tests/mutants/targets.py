@@ -178,7 +178,7 @@ TARGETS = (
     Target(INFERENCE + "exact.py", 8, RECURSION + BACKWARD),
     Target(INFERENCE + "mixture.py", 4, RECURSION + BACKWARD),
     Target(INFERENCE + "series.py", 5, RECURSION + BACKWARD),
-    Target(INFERENCE + "gap_smoother.py", 8, (*BACKWARD, "exactness/test_gaps_after_outliers.py")),
+    Target(ENGINE + "gap_backward.py", 8, (*BACKWARD, "exactness/test_gaps_after_outliers.py")),
     Target(INFERENCE + "smoother.py", 5, BACKWARD),
     Target(INFERENCE + "forecast.py", 3, ("switching/filters/test_fields.py", *BACKWARD)),
     Target("switching/dynamics/pairs.py", 5, FORMS + RECURSION),

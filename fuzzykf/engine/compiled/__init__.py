@@ -12,8 +12,8 @@ MODULES = {
     name: import_module(f"{__name__}.{name}")
     for name in (
         *("arrays", "processor"),  # helpers, without twins
-        *("backward", "convolution", "gap_series", "gaps", "grid", "hidden_markov", "imm", "kalman"),
-        *("kalman_series", "kernels", "nodes", "nodes_backward", "nodes_gradient", "raster"),
+        *("backward", "convolution", "gap_backward", "gap_series", "gaps", "grid", "hidden_markov"),
+        *("imm", "kalman", "kalman_series", "kernels", "nodes", "nodes_backward", "nodes_gradient", "raster"),
         *("series", "state_score", "switching", "tables"),
     )
 }

@@ -93,7 +93,8 @@ def fit_together(gaps, kernel):
 
 
 def filter_gappy(
-    gaps, kernel, Summary summary not None, begin, ys, Py_ssize_t start, Py_ssize_t stop, dict out, mass=None
+    gaps, kernel, Summary summary not None, begin, ys, Py_ssize_t start, Py_ssize_t stop, dict out, mass=None,
+    dict kept=None
 ):
     cdef GapTables tables = gaps
     cdef Kernel packed = kernel
@@ -107,7 +108,7 @@ def filter_gappy(
         raise ValueError("gaps, kernel: expected the same tables without negative weights, as many nodes before as after")
     if not (0 <= start < stop <= n and first >= order):
         raise ValueError(f"start, stop: got {(start, stop)}, expected observations with whole windows, {n} in all")
-    cdef cnp.ndarray l_ = None, mean = None, S_ = None, f_ = None, given = None, begun
+    cdef cnp.ndarray l_ = None, mean = None, S_ = None, f_ = None, given = None, begun, known
     cdef bint is_state = isinstance(begin, State)
     cdef GapRoom gap_room
     cdef Firsts firsts
@@ -167,11 +168,12 @@ def filter_gappy(
     cdef const double *one_first
     cdef Py_ssize_t end_at
     cdef double value = 0.0
+    cdef bint keeps = kept is not None
     if start and given is None:
         window_of(series + (start - 1) * q, order, q, window)
-        n_begin = open_state(
-            rows_now, begin.table, begin.root, begin.branches, np.asarray(<double[:w]> window), M, m
-        )
+        known = np.empty(w)
+        memcpy(at(known), window, w * sizeof(double))
+        n_begin = open_state(rows_now, begin.table, begin.root, begin.branches, known, M, m)
         begun = doubles(state_table(begin.table, m), "table", (rows, M))
         load(work.one.table, at(begun), rows, M)
     with nogil:
@@ -188,6 +190,9 @@ def filter_gappy(
                 if isnan(work.one.total):
                     end_at = first
                 fk_summarise(engine(), &summary.s, &work.one, M, m, a * n, &o, &room)
+                if keeps:
+                    with gil:
+                        kept[0] = shown(now, rows_now, n_now, M, m, one, w, gap_room)
             elif start == 0:
                 work.one.total = fk_first(
                     M, m, q, log_initial, means, covariances, factors, one, work.one.table, ld, root
@@ -252,6 +257,10 @@ def filter_gappy(
                 rows_old = swap
                 n_old = n_now
                 n_now = n_to
+                if keeps and n_now:
+                    window_of(one + t * q, order, q, window)
+                    with gil:
+                        kept[t] = shown(now, rows_now, n_now, M, m, window, w, gap_room)
                 t += 1
             to_reached[a] = t
             if n_old < 0:

@@ -107,13 +107,16 @@ cdef class GapRoom:
 cdef int open_state(double *rows, object table, object root, object branches, window, int M, int m) except -1:
     """Put a state of Python into rows of branches; how many a node has."""
     cdef cnp.ndarray w_ = doubles(window, "window", (-1,))
-    cdef int nu = int(np.isnan(w_).sum()), e = m + nu, n, b, i, r, c, ld = fk_padded(M)
+    cdef int nu = 0, e, n, b, i, r, c, ld = fk_padded(M)
+    for r in range(<int> w_.shape[0]):
+        nu += isnan(at(w_)[r])
+    e = m + nu
     if branches is not None:
         table, root = branches.table, branches.root
     n = np.shape(table)[1] // M
     cdef cnp.ndarray t_ = doubles(table, "table", (1 + e + e * e, n * M))
     cdef cnp.ndarray f_ = doubles(root, "root", (n * M, e, e))
-    cdef double[:] T = np.empty(e * e)
+    cdef Buffer T = Buffer(e * e)
     cdef const double *from_table = at(t_)
     cdef const double *from_root = at(f_)
     cdef double *to
@@ -127,10 +130,10 @@ cdef int open_state(double *rows, object table, object root, object branches, wi
                 of = m + r if r < nu else r - nu  # u stands first
                 to[(1 + r) * ld + i] = from_table[<size_t> (1 + of) * n * M + b * M + i]
                 for c in range(e):
-                    T[r * e + c] = from_root[(<size_t> (b * M + i) * e + of) * e + c]
-            fk_to_lower(e, &T[0])
+                    T.data[r * e + c] = from_root[(<size_t> (b * M + i) * e + of) * e + c]
+            fk_to_lower(e, T.data)
             for r in range(e * e):
-                to[(1 + e + r) * ld + i] = T[r]
+                to[(1 + e + r) * ld + i] = T.data[r]
     return n
 
 

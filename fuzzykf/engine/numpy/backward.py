@@ -13,7 +13,7 @@ from fuzzykf.engine.numpy.tables import DEAD, LOG_ZERO
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.engine.numpy.tables import Kernel
 
 __all__ = ["best_path", "smooth_back"]
@@ -61,7 +61,12 @@ def smooth_back(kernel: Kernel, log_p: FloatArray, U: FloatArray, after: FloatAr
     return gamma
 
 
-def best_path(kernel: Kernel, score: FloatArray, U: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+def best_path(
+    kernel: Kernel,
+    score: FloatArray,
+    U: FloatArray,
+    given: tuple[IntArray, FloatArray, IntArray] | None = None,
+) -> tuple[FloatArray, NDArray[np.int64]]:
     """Viterbi's recursion through n steps with the same tables.
 
     Parameters
@@ -71,6 +76,9 @@ def best_path(kernel: Kernel, score: FloatArray, U: FloatArray) -> tuple[FloatAr
     score : ndarray, shape (M,)
         Log-density of the best path to each node, up to a constant.
     U : ndarray, shape (n, 1 + w + q)
+    given : tuple of ndarray, shapes (g,), (g, depth, M) and (depth, M), optional
+        The steps whose log-densities of pairs do not follow from U, in their order; these, slot by slot; and
+        the node before in each slot.
 
     Returns
     -------
@@ -82,8 +90,16 @@ def best_path(kernel: Kernel, score: FloatArray, U: FloatArray) -> tuple[FloatAr
     M2, slots = kernel.shape[1], kernel.slots
     pointers = np.empty((len(U), M2), dtype=np.int64)
     columns = np.arange(M2)
+    told = {} if given is None else dict(zip(given[0].tolist(), given[1], strict=True))
     for start in range(0, len(U), _CHUNK):
         for t, pairs in enumerate(slot_logs(kernel, U[start : start + _CHUNK]), start):
+            if given is not None and t in told:
+                total = score[given[2]] + told[t]
+                best = total.argmax(axis=0)
+                pointers[t] = given[2][best, columns]
+                score = total[best, columns]
+                score = np.maximum(score - score.max(), LOG_ZERO)
+                continue
             total = score[kernel.nodes] + pairs.reshape(-1, M2)
             if are_far(total.max(axis=0)):
                 total, reference, _ = far_pairs(kernel, score, U[t])

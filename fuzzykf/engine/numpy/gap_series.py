@@ -42,6 +42,7 @@ def filter_gappy(
     stop: int,
     out: dict[str, FloatArray],
     mass: FloatArray | None = None,
+    kept: dict[int, GapState] | None = None,
 ) -> tuple[FloatArray, FloatArray, IntArray, tuple[GapState, GapState]]:
     """Filter observations start, ..., stop - 1, NaN where missing, of each series with constant tables.
 
@@ -53,6 +54,8 @@ def filter_gappy(
     begin : tuple or GapState
         If start is 0, as in `filter_series`; else the tables (s, 1 + m + m*m, M) of series whose windows
         are complete, or the state of a single one.
+    kept : dict, optional
+        Gets the states of the last series after which something is unknown, by the number of the observation.
 
     Returns
     -------
@@ -76,6 +79,8 @@ def filter_gappy(
         k, end_at = start, stop
         if start == 0 and not there[a, 0]:
             now, value = first_in_part(law, series[0])
+            if kept is not None:
+                kept[0] = now
             k, end_at = 1, 1 if np.isnan(value) else stop
             states = state_table(now.table, m)[None, None]
             summarise(part, slice(0, 1), states, None, np.array([[value]]), switch)
@@ -105,6 +110,8 @@ def filter_gappy(
             old, now = now, GapState(table, root if np.isnan(after).any() else None, branches)
             states = state_table(table, m)[None, None]
             summarise(part, slice(k, k + 1), states, None, np.array([[value]]), switch)
+            if kept is not None and now.root is not None:
+                kept[k] = now
             k += 1
         befores.append(state_table(old.table, m))
         lasts.append(state_table(now.table, m))

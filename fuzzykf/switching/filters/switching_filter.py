@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -338,7 +338,8 @@ class SwitchingFilter(Stepper, Filter):
         sequel = self.__dict__.get("_sequel") if resume else None
         if self._is_plain():
             stand = self._stand() if resume else None
-            trajectory = self._method.run(self._system, ys, FOUND, states=keep_nodes, stand=stand)
+            states: bool | Literal["nodes"] = keep_nodes and "nodes"
+            trajectory = self._method.run(self._system, ys, FOUND, states=states, stand=stand)
             if len(ys) or not resume:
                 self._adopt(trajectory, ys, stand)
         else:

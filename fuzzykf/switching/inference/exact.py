@@ -192,6 +192,7 @@ class Exact(Method):
         stop: int,
         out: dict[str, FloatArray],
         mass: FloatArray,
+        kept: dict[int, GapState] | None = None,
     ) -> tuple[FloatArray, IntArray, tuple[GapState, GapState]]:
         """Filter observations start, ..., stop - 1 of series (s, n, q) under constant tables, gaps and all.
 
@@ -200,7 +201,7 @@ class Exact(Method):
         """
         summary = tables.summary(system.chain)
         _, last, reached, states = engine.filter_gappy(
-            tables.gaps, tables.kernel, summary, begin, ys, start, stop, out, mass
+            tables.gaps, tables.kernel, summary, begin, ys, start, stop, out, mass, kept
         )
         if (reached == stop).all():
             _check_range(last, out, ys, start, stop)

@@ -15,7 +15,7 @@ merges before it moves, is exact where the state does not act on the next observ
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 
@@ -88,7 +88,7 @@ class OnJointNodes(Method):
         ys: FloatArray,
         names: tuple[str, ...],
         *,
-        states: bool = False,
+        states: bool | Literal["nodes"] = False,
         stand: Stand | None = None,
     ) -> Trajectory:
         """Filter a series (n, q); with ``states`` the field ``joint`` is the table of all of Z."""

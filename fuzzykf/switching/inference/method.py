@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -121,6 +121,7 @@ class Method(Protocol):
         stop: int,
         out: dict[str, FloatArray],
         mass: FloatArray,
+        kept: dict[int, GapState] | None = None,
     ) -> tuple[FloatArray, IntArray, tuple[GapState, GapState]]:
         """Filter observations start, ..., stop - 1 of series, any of which may be missing.
 
@@ -179,7 +180,7 @@ class Method(Protocol):
             ys: FloatArray,
             names: tuple[str, ...],
             *,
-            states: bool = False,
+            states: bool | Literal["nodes"] = False,
             stand: Stand | None = None,
         ) -> Trajectory:
             """Filter a series (n, q), as `fuzzykf.switching.inference.series.filter_one` says."""

@@ -17,7 +17,7 @@ out, in any pattern; the state is X alone at all times, as the past of Y says no
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, cast, final
+from typing import TYPE_CHECKING, Any, Literal, cast, final
 
 import numpy as np
 
@@ -116,11 +116,11 @@ class OnNodes(Method):
         ys: FloatArray,
         names: tuple[str, ...],
         *,
-        states: bool = False,
+        states: bool | Literal["nodes"] = False,
         stand: Stand | None = None,
     ) -> Trajectory:
         """Filter a series (n, q), see `fuzzykf.switching.inference.series.filter_one`."""
-        found, before, last = self._filter(system, ys[None], names, states, stand)
+        found, before, last = self._filter(system, ys[None], names, bool(states), stand)
         fields = {name: values[0] for name, values in found.items()}
         n = (0 if stand is None else stand.n + stand.skips) + len(ys)  # observations after it
         if not len(ys):

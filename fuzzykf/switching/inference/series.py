@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate
 from math import prod
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class Trajectory:
         Fields of a result; if states were asked for ``table`` (n, 1 + m + m*m, M), of X alone, and
         with negative weights ``sign`` (n, M).
     gaps : dict of int to Mixture
-        The states after which a part of the window was unknown, if states were asked for.
+        The states after which a part of the window was unknown, if all of the states were asked for.
     last : Mixture or None
         After the last observation.
     before : Source or None
@@ -112,7 +112,7 @@ def filter_one(
     ys: FloatArray,
     names: tuple[str, ...],
     *,
-    states: bool = False,
+    states: bool | Literal["nodes"] = False,
     stand: Stand | None = None,
 ) -> Trajectory:
     """Filter a series (n, q), NaN where missing, from the initial law on or from where a filter stands.
@@ -124,13 +124,14 @@ def filter_one(
     ys : ndarray, shape (n, q)
     names : tuple of str
         The fields that are wanted.
-    states : bool
-        Whether the states are wanted as well.
+    states : bool or "nodes"
+        Whether the states are wanted as well; "nodes" if those of X alone are.
     stand : Stand, optional
     """
     lead = np.empty((0, ys.shape[1])) if stand is None else stand.lead(ys.shape[1])
-    out = allocate(system, (1, len(lead) + len(ys)), names, states)
-    trajectory = _filter_block(method, system, np.concatenate([lead, ys])[None], out, stand)
+    out = allocate(system, (1, len(lead) + len(ys)), names, bool(states))
+    whole = np.concatenate([lead, ys])[None]
+    trajectory = _filter_block(method, system, whole, out, stand, keeps_gaps=states is True)
     fields = {name: values[0, len(lead) :] for name, values in out.items()}
     return Trajectory(fields, trajectory.gaps, trajectory.last, trajectory.before)
 
@@ -241,6 +242,7 @@ def _filter_block(
     ys: FloatArray,
     out: dict[str, FloatArray],
     stand: Stand | None = None,
+    keeps_gaps: bool = False,
 ) -> Trajectory:
     """Filter series (s, n, q) side by side: complete, a single one with gaps, or several that begin complete.
 
@@ -266,7 +268,7 @@ def _filter_block(
     single: list[tuple[int, FloatArray, FloatArray | None, float]] = []  # observations taken alone
     # probabilities that an engine has beside their logarithms, before the latest observation and after
     mass = np.full((2, s, len(chain.nodes)), np.nan)
-    takes_gaps = "table" not in out and len(holes) > 1 and _takes_gaps(method, system)
+    takes_gaps = len(holes) > 1 and _takes_gaps(method, system)
     by_hand = -1  # the observation that is too far off for a series
     k = shift = 0
     if stand is not None:
@@ -292,16 +294,19 @@ def _filter_block(
             state: Any = law.start(q) if law is not None and k == 0 else (table,)
             if mixture is not None and mixture.unknown:
                 state = engine.GapState(mixture.table, mixture.root, mixture.branches)
-            table, reached, states = method.gappy_series(system, tables, state, ys, k, n, out, mass)
+            kept: dict[int, GapState] | None = {} if keeps_gaps else None
+            table, reached, states = method.gappy_series(system, tables, state, ys, k, n, out, mass, kept)
+            for at, one in (kept or {}).items():
+                gaps[at] = _mixture_of(ys, one, at, order, m, mass[1])
             for stuck in np.flatnonzero(reached < n) if s > 1 else ():
                 part = {name: values[stuck : stuck + 1] for name, values in out.items()}
                 _filter_block(method, system, ys[stuck : stuck + 1], part, stand)
             end = int(reached[-1]) if s == 1 else n
             if end > k:
                 if end > 1:
-                    old_mixture = _mixture_of(ys, states[0], end - 2, order, mass[0])
+                    old_mixture = _mixture_of(ys, states[0], end - 2, order, m, mass[0])
                     before = Source(mixture if end == k + 1 and mixture is not None else old_mixture, tables)
-                mixture = _mixture_of(ys, states[1], end - 1, order, mass[1])
+                mixture = _mixture_of(ys, states[1], end - 1, order, m, mass[1])
             k = by_hand = end
             continue
         if tables is not None and known and (steady or k > 0):
@@ -331,7 +336,7 @@ def _filter_block(
                 priors.append((k, method.ahead(tables, mixture)))
             before = Source(mixture, tables)
             mixture, value = method.advance(tables, mixture, ys[0, k], min(k + 1, order) * q)
-        if mixture.unknown and "table" in out:
+        if mixture.unknown and keeps_gaps:
             gaps[k] = mixture
         table, sign = mixture.table[None], None if mixture.sign is None else mixture.sign[None]
         mass[1] = np.nan if mixture.mass is None else mixture.mass
@@ -387,12 +392,12 @@ def _mixture(
     return Mixture(table[-1].copy(), window, None if sign is None else sign[-1].copy(), p)
 
 
-def _mixture_of(ys: FloatArray, state: GapState, k: int, order: int, mass: FloatArray) -> Mixture:
+def _mixture_of(ys: FloatArray, state: GapState, k: int, order: int, m: int, mass: FloatArray) -> Mixture:
     """Return what is known of the last series after observation ``k``."""
     if state.root is None:
         return _mixture(ys, state.table[None], None, k, order, mass)
     window = ys[-1, max(0, k + 1 - order) : k + 1][::-1].reshape(-1).copy()
-    unknown = int(np.isnan(window).sum())
+    unknown = len(state.root[0]) - m
     return Mixture(state.table, window, None, None, unknown, state.root, state.branches)
 
 

@@ -8,26 +8,19 @@ later observations.  So only the probabilities of the nodes change:
 
 with the moments of X_n given the node as the filter left them, and no backward pass
 over X.  Where a part of the window was missing, X_n and r_n do depend on what came later
-through that part; `fuzzykf.switching.inference.gap_smoother` goes back through such steps.  That is
+through that part; `fuzzykf.engine.numpy.gap_backward` goes back through such steps.  That is
 exact for a single class, and for gaps of one observation in models of order one; else it is an approximation.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fuzzykf.engine import selected as engine
 from fuzzykf.fixed_lag import Nodes
-from fuzzykf.switching.inference.gap_smoother import (
-    branches_of,
-    pairs_ahead,
-    smooth_state,
-    step_back,
-    window_before,
-    window_known,
-)
 from fuzzykf.switching.inference.method import Smoothed, out_of_range
 from fuzzykf.switching.inference.mixture import Mixture
 from fuzzykf.switching.inference.series import Trajectory
@@ -38,9 +31,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from fuzzykf.arrays import FloatArray
+    from fuzzykf.arrays import FloatArray, IntArray
+    from fuzzykf.engine.selected import Moments, SmoothedGap
     from fuzzykf.switching.dynamics.pairs import PairTables, SwitchingSystem
-    from fuzzykf.switching.inference.gap_smoother import Moments
     from fuzzykf.switching.inference.method import Known
 
 __all__ = ["look_back", "mixtures_of", "smooth_back"]
@@ -106,36 +99,33 @@ def mixtures_of(system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray)
 def _back_to(backward: _Backward, first: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Smooth the observations from ``first`` on; rows before it are not touched."""
     system, trajectory, ys = backward.system, backward.trajectory, backward.ys
-    n, m, table = len(ys), system.dim_x, trajectory.fields["table"]
+    m, table = system.dim_x, trajectory.fields["table"]
     gamma = engine.probabilities(table, trajectory.fields.get("sign"))
     means, covariances = (np.array(a) for a in engine.node_moments(table, m))
+    gaps, missing = trajectory.gaps, np.asarray(np.isnan(ys).any(axis=1))
     seen = np.flatnonzero(~np.isnan(ys).all(axis=1))
-    last = max(int(seen[-1]), first) if seen.size else first  # nothing is learned after the last observation
-    window = backward.window(last) if n else None  # smoothed moments of the window, per branch
-    shares = backward.shares(last) if n else None  # and their smoothed probabilities
-    stop = last  # the steps from k = stop on are done
+    stop = max(int(seen[-1]), first) if seen.size else first  # nothing is learned after the last observation
+    # of the branches after the step, if something is unknown then: probabilities, and moments of the window
+    p, told = backward.branches(stop) if stop in gaps else (None, None)
     while stop > first:
         k = stop - 1
         start = backward.plain_since(k)
         if start < stop:
             gamma[start:stop] = backward.smooth(start, stop, gamma[stop])
-            window, shares, stop = None, None, start
+            stop = start
             continue
         stop = k
-        if k not in trajectory.gaps and not np.isnan(ys[k + 1]).any():
-            gamma[k] = backward.weights(k) @ gamma[k + 1]
-            window = shares = None
+        if k in gaps:
+            found = backward.into_gap(k, gamma[k + 1] if p is None else p, told)
+            p, told = found.p, found.told
+            gamma[k], means[k], covariances[k] = found.mu, found.x, found.P
             continue
-        if window is None or shares is None:
-            window, shares = backward.window(k + 1), gamma[k + 1]
-        state, following = backward.mixture(k), backward.mixture(k + 1)
-        shares, window = step_back(system.pair_tables(k), state, following, ys[k + 1], window, shares)
-        gap = trajectory.gaps.get(k)
-        if gap is None:
-            gamma[k] = shares
+        if missing[k + 1]:
+            assert p is not None
+            gamma[k] = backward.into_known(k, p)
         else:
-            moments = smooth_state(gap, window, m)
-            gamma[k], means[k], covariances[k] = engine.merge_branches(shares, *moments, gamma.shape[1])
+            gamma[k] = backward.weights(k) @ gamma[k + 1]
+        p = told = None
     if not all(np.isfinite(part).all() for part in (gamma, means, covariances)):
         raise out_of_range(ys[np.nanargmax(np.abs(ys).max(axis=1, where=~np.isnan(ys), initial=0.0))], 1e100)
     if system.chain.is_signed:
@@ -193,30 +183,40 @@ class _Backward:
     def __init__(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> None:
         self.system, self.trajectory, self.ys = system, trajectory, ys
         self._windows = _windows_of(ys, system.order)
+        self._found: dict[int, FloatArray] = {}  # of the slots of steps that end a gap, once they are known
         steps = np.arange(max(0, len(ys) - 1))
-        plain = np.isnan(ys[1:]).sum(axis=1) == 0
-        plain[[k for k in trajectory.gaps if k < plain.size]] = False
+        whole = np.isnan(ys[1:]).sum(axis=1) == 0
+        whole[[k for k in trajectory.gaps if k < whole.size]] = False
+        steady = np.ones(whole.shape, dtype=bool)
         # with tables that differ in what is known alone
         kernels: Any = getattr(system, "kernels", None)
         through = kernels is not None and kernels(0, 0) is None
         if (system.steady_from is None and not through) or system.chain.is_signed:
-            plain[:] = False
+            steady[:] = False
         else:
-            plain[: system.order - 1 if through else system.steady_from] = False  # windows are shorter there
+            steady[: system.order - 1 if through else system.steady_from] = False  # windows are shorter there
+        self._plain = whole & steady
         #: where the stretch of plain steps up to k begins; k + 1 if k itself is not plain
-        self._since = np.maximum.accumulate(np.where(plain, 0, steps + 1)) if plain.size else steps
-        self._ends = np.append(np.flatnonzero(~plain), plain.size)
+        self._since = np.maximum.accumulate(np.where(self._plain, 0, steps + 1)) if steps.size else steps
+        #: where stretches of the most likely path end that are for the engine: gaps and all, but for inputs
+        self._ends = np.append(np.flatnonzero(~(self._plain if through else steady)), steps.size)
 
     def plain_since(self, k: int) -> int:
         """Where the stretch of plain steps up to ``k`` begins; k + 1 if k itself is not plain."""
         return int(self._since[k])
 
+    @cached_property
+    def _all_rows(self) -> FloatArray:
+        """Rows (1, w, y') of all steps."""
+        return np.concatenate([np.ones((len(self.ys) - 1, 1)), self._windows[:-1], self.ys[1:]], axis=1)
+
     def _rows(self, start: int, stop: int) -> FloatArray:
-        """Rows (1, w, y') of the plain steps start, ..., stop - 1."""
-        windows = getattr(self.system, "windows", None)  # with inputs and features
-        seen = (self._windows[start:stop],) if windows is None else windows(start + 1, stop + 1)
-        ones, ys = np.ones((stop - start, 1)), self.ys[start + 1 : stop + 1]
-        return np.concatenate([ones, *seen, ys], axis=1)
+        """Rows (1, w, y') of the steps start, ..., stop - 1."""
+        windows = getattr(self.system, "windows", None)
+        if windows is None:
+            return self._all_rows[start:stop]
+        seen = windows(start + 1, stop + 1)  # with inputs and features
+        return np.concatenate([np.ones((stop - start, 1)), *seen, self.ys[start + 1 : stop + 1]], axis=1)
 
     def smooth(self, start: int, stop: int, after: FloatArray) -> FloatArray:
         """Smoothed probabilities at the plain steps start, ..., stop - 1, given those at ``stop``."""
@@ -233,45 +233,73 @@ class _Backward:
         sign = fields["sign"][k] if "sign" in fields else None
         return Mixture(fields["table"][k], self._windows[k, :width], sign)
 
-    def window(self, k: int) -> Moments:
-        """Return the filtered moments of the window at k, given each branch."""
-        return window_known(self.mixture(k), self.system.dim_x)
+    def branches(self, k: int) -> tuple[FloatArray, Moments]:
+        """Return what the filter knew of the branches in a gap: probabilities, and moments of the window."""
+        gap = self.trajectory.gaps[k]
+        table, sign, root = gap.branches or (gap.table, gap.sign, gap.root)
+        return engine.probabilities(table, sign), engine.window_known(table, root, gap.window)
 
-    def shares(self, k: int) -> FloatArray:
-        """Return the filtered probabilities of the branches at k."""
-        table, sign, _ = branches_of(self.mixture(k))
-        return engine.probabilities(table, sign)
+    def into_gap(self, k: int, p: FloatArray, told: Moments | None) -> SmoothedGap:
+        """Go back into the gap at k, given what is known of the branches, or nodes, after it."""
+        tables, gap, y = self.system.pair_tables(k), self.trajectory.gaps[k], self.ys[k + 1]
+        at, window = _gap_tables(tables, gap.window)
+        size = gap.window.size
+        found = engine.back_into_gap(
+            at.gaps, gap.table, gap.sign, window, gap.root, y, p, told, gap.branches, size
+        )
+        if found.log_pairs is not None:
+            self._found[k] = found.log_pairs
+        return found
+
+    def into_known(self, k: int, p: FloatArray) -> FloatArray:
+        """Return smoothed probabilities (M1,) of the nodes before a gap, from those of its branches."""
+        tables = self.system.pair_tables(k)
+        joint = p.reshape(-1, tables.transition.shape[1])
+        slots = tables.in_slots.slots
+        return joint.sum(axis=1) if slots is None else slots.sums(joint, len(tables.transition))
 
     def _log_pairs(self, k: int) -> FloatArray:
-        """Log |P_ij| + log N(y_{k+1}; ...), (M, M), given y_1..k if a part is missing; up to a constant."""
+        """Log |P_ij| + log p(y_{k+1} | i, j, y_1..k) slot by slot, (depth, M2); up to a constant."""
+        if k in self._found:
+            return self._found[k]
+        tables, following = self.system.pair_tables(k), self.trajectory.gaps.get(k + 1)
+        step = tables.in_slots
+        if following is not None and following.branches is not None:  # it knows, up to a common term
+            log_w: FloatArray = following.branches.table[0].reshape(step.transition.shape)
+            log_pairs: FloatArray = log_w - self.trajectory.fields["table"][k, 0][step.nodes]
+            return log_pairs
+        mixture = self.mixture(k)
+        at, window = _gap_tables(tables, mixture.window)
+        known = mixture.table, mixture.sign, window, mixture.root
+        found: FloatArray = engine.gap_log_pairs(at.gaps, *known, self.ys[k + 1], mixture.branches)
+        return found
+
+    def _log_all_pairs(self, k: int) -> FloatArray:
+        """Log |P_ij| + log N(y_{k+1}; ...) of all pairs, (M, M); up to a constant."""
         tables = self.system.pair_tables(k)
         if k not in self.trajectory.gaps and not np.isnan(self.ys[k + 1]).any():
-            width = min(k + 1, self.system.order) * self.system.dim_z
-            window = window_before(tables, self._windows[k, :width], self.ys[k + 1])
+            known = self._windows[k, : min(k + 1, self.system.order) * self.system.dim_z]
+            window = _window_of(tables, known, self.ys[k + 1])
             u = np.concatenate([np.ones(1), window, self.ys[k + 1]])
             return engine.log_pairs(tables.kernel, u[None]).reshape(tables.transition.shape)
-        mixture, following, step = self.mixture(k), self.trajectory.gaps.get(k + 1), tables.in_slots
-        if following is not None and following.branches is not None:  # it knows, up to a common term
-            return self._of_slots(tables, following.branches.table[0], mixture)
-        _, after = pairs_ahead(tables, mixture, self.ys[k + 1])
-        branches = (-1, *step.transition.shape)
-        sign = None if after.sign is None else after.sign.reshape(branches)
-        log_w, _, _ = engine.collapse_weights(after.log_w.reshape(branches), sign)
-        return self._of_slots(tables, log_w + after.reference, mixture)
+        log_pairs, slots = self._log_pairs(k), tables.in_slots.slots
+        if slots is not None:
+            log_pairs = slots.spread(log_pairs, len(tables.transition), engine.LOG_ZERO)
+        return log_pairs
 
-    @staticmethod
-    def _of_slots(tables: PairTables, log_w: FloatArray, mixture: Mixture) -> FloatArray:
-        """Bring log-weights of the slots to all pairs (M, M), less what was known of the nodes before."""
-        step = tables.in_slots
-        log_pairs: FloatArray = log_w.reshape(step.transition.shape) - mixture.table[0][step.nodes]
-        if step.slots is None:
-            return log_pairs
-        return step.slots.spread(log_pairs, len(tables.transition), engine.LOG_ZERO)
+    def _given(self, start: int, stop: int) -> tuple[IntArray, FloatArray, IntArray] | None:
+        """Return the steps start, ..., stop - 1 with gaps, what `_log_pairs` says, and the nodes of slots."""
+        gaps = np.flatnonzero(~self._plain[start:stop])
+        if not gaps.size:
+            return None
+        transition, _, slots, _ = self.system.pair_tables(start).in_slots
+        source = np.indices(transition.shape)[0] if slots is None else slots.source
+        return gaps, np.array([self._log_pairs(start + int(t)) for t in gaps]), source
 
     def weights(self, k: int) -> FloatArray:
         """o_ij of the step k, shape (M, M)."""
         fields = self.trajectory.fields
-        log_w = self._log_pairs(k) + fields["table"][k, 0, :, None]
+        log_w = self._log_all_pairs(k) + fields["table"][k, 0, :, None]
         sign = np.ones_like(log_w)
         if "sign" in fields:
             sign = fields["sign"][k, :, None] * np.sign(self.system.pair_tables(k).transition)
@@ -289,11 +317,11 @@ class _Backward:
         while k < n - 1:
             stop = int(self._ends[np.searchsorted(self._ends, k)])
             if stop > k:
-                kernel = self.system.pair_tables(k).kernel
-                score, pointers[k:stop] = engine.best_path(kernel, score, self._rows(k, stop))
+                kernel, rows = self.system.pair_tables(k).kernel, self._rows(k, stop)
+                score, pointers[k:stop] = engine.best_path(kernel, score, rows, self._given(k, stop))
                 k = stop
                 continue
-            total = score[:, None] + self._log_pairs(k)
+            total = score[:, None] + self._log_all_pairs(k)
             pointers[k] = total.argmax(axis=0)
             score = total.max(axis=0)
             score = score - score.max()
@@ -303,3 +331,17 @@ class _Backward:
         for k in range(n - 2, -1, -1):
             path[k] = pointers[k, path[k + 1]]
         return path
+
+
+def _window_of(tables: Any, known: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the window of a step to y, with inputs and features where there are some."""
+    window: FloatArray = tables.window(known, y) if tables.is_driven else known
+    return window
+
+
+def _gap_tables(tables: Any, known: FloatArray) -> tuple[PairTables, FloatArray]:
+    """Return tables and window of a step in which something is missing."""
+    if not tables.is_driven:
+        return tables, known
+    assert tables.next_law is not None  # whoever looks back knows what stood for what is missing
+    return tables.in_gap(*tables.next_law), tables.without_features(known)

@@ -87,3 +87,32 @@ def test_what_does_not_fit_is_refused() -> None:
     signed = packed.pack(arguments[0] - 0.4, *arguments[1:])
     with pytest.raises(ValueError, match="negative weights"):
         compiled.best_path(signed, after, U)
+
+
+def test_steps_of_a_path_may_be_given() -> None:
+    # what a step says by itself, given slot by slot, is what follows from its row
+    arguments, log_p, U, _ = system(7, 1, 1, seed=2)
+    kernel = tables.pack(*arguments)
+    expected, nodes = backward.best_path(kernel, log_p[0], U)
+    at, source = np.array([0, 5, 6, 599]), np.indices((7, 7))[0]
+    pairs = switching.log_pairs(kernel, U[at]).reshape(-1, 7, 7)
+    gone = U.copy()
+    gone[at] = np.nan
+    order = np.random.default_rng(0).permutation(7)  # slots in whatever order
+    for engine, pack in ((compiled, packed.pack), (backward, tables.pack)):
+        given = at, pairs[:, order], source[order]
+        score, pointers = engine.best_path(pack(*arguments), log_p[0], gone, given)
+        np.testing.assert_array_equal(pointers, nodes)
+        np.testing.assert_allclose(score, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("at", "source"),
+    [([3, 2], np.zeros((1, 3), dtype=int)), ([600], np.zeros((1, 3), dtype=int)), ([1], np.full((1, 3), 3))],
+)
+def test_given_steps_that_do_not_fit_are_refused(at, source) -> None:
+    arguments, log_p, U, _ = system(3, 1, 1)
+    with pytest.raises(ValueError, match="given: got"):
+        compiled.best_path(
+            packed.pack(*arguments), log_p[0], U, (np.array(at), np.zeros((len(at), 1, 3)), source)
+        )

@@ -223,9 +223,10 @@ FK_TARGET static void FK_NAME(fk_gap_prior)(const fk_gaps *k, const double *rows
                                             const double *window, double *x, double *P, double *scratch) {
   int nu = 0;
   for (int t = 0; t < k->w; t++) nu += window[t] != window[t];
-  if (k->is_sparse) FK_NAME(fk_prior_gap_sized)(k, 1, k->m, k->q, k->w, nu, rows, n, log_p, window, x, P, scratch);
-  else if (k->m == 1 && k->q == 1 && k->w == 1) FK_NAME(fk_prior_gap_sized)(k, 0, 1, 1, 1, 1, rows, n, log_p, window, x, P, scratch);
-  else FK_NAME(fk_prior_gap_sized)(k, 0, k->m, k->q, k->w, nu, rows, n, log_p, window, x, P, scratch);
+#define FK_PRIOR(is_sparse, m, q, w, nu) FK_NAME(fk_prior_gap_sized)(k, is_sparse, m, q, w, nu, rows, n, log_p, window, x, P, scratch)
+  if (FK_OWN_SIZE(k->m == 1 && k->q == 1 && k->w == 1 && !k->is_sparse)) FK_PRIOR(0, 1, 1, 1, 1);
+  else FK_PRIOR(k->is_sparse, k->m, k->q, k->w, nu);
+#undef FK_PRIOR
 }
 
 /* Move a branch through a pair of nodes and condition it on what is there of y.  `entry` gets the log-weight but
@@ -326,6 +327,13 @@ FK_INLINE_HERE void FK_NAME(fk_move)(const fk_gaps *k, const int is_sparse, cons
 #undef FK_OF
 }
 
+/* The same for systems of any size, once: each call of its own would be as long. */
+FK_TARGET __attribute__((noinline)) static void FK_NAME(fk_move_any)(const fk_gaps *k, const fk_holes *h, const double *rows,
+                                                                     int bb, int s, int b, const double *window,
+                                                                     const double *y, FK_V *entry, FK_V *A, FK_V *mean) {
+  FK_NAME(fk_move)(k, k->is_sparse, k->m, k->q, k->w, h->nu, h->seen, h->kept, h, rows, bb, s, b, window, y, entry, A, mean);
+}
+
 /* Mean and covariance of X of n components, whose weights are the second numbers of entries of `size` vectors, from
  * the likeliest on.  X is at `x` among the numbers of the mean, e in all; with roots or, if e is m, covariances. */
 FK_INLINE_HERE void FK_NAME(fk_mix)(const int m, const int e, const int has_roots, int n, const FK_V *entry, FK_V column,
@@ -366,11 +374,14 @@ FK_INLINE_HERE FK_V FK_NAME(fk_logs)(FK_V a) {
   return out;
 }
 
-/* See fk_gap_step. */
-FK_INLINE_HERE int FK_NAME(fk_gap_sized)(const fk_gaps *k, const int is_sparse, const int m, const int q, const int w,
+/* See fk_gap_step.  `is_own`: whether this is code of its own for the size. */
+FK_INLINE_HERE int FK_NAME(fk_gap_sized)(const fk_gaps *k, const int is_own, const int is_sparse, const int m, const int q, const int w,
                                          const int nu, const int seen, const int kept, const fk_holes *h,
                                          const double *rows, int n, const double *window, const double *y, double *table,
                                          double *branches, double *log_likelihood, double *scratch) {
+#define FK_MOVE(bb, entry)                                                                                            \
+  if (is_own) FK_NAME(fk_move)(k, is_sparse, m, q, w, nu, seen, kept, h, rows, bb, s, b, window, y, entry, A, mean);  \
+  else FK_NAME(fk_move_any)(k, h, rows, bb, s, b, window, y, entry, A, mean)
   const int open = q - seen + kept, e = open + m, size = 2 + e + e * e, to = fk_padded(k->M2), depth = k->depth;
   FK_V *entry = (FK_V *)scratch, *slot = entry + (size_t)(n > 1 || !open ? n * (open ? 1 : depth) : 0) * size;
   FK_V *A = slot + (size_t)(open ? depth : 0) * size, *mean = A + (q + w + m) * (w + q + 2 * m), *work = mean + q + w + m;
@@ -386,7 +397,7 @@ FK_INLINE_HERE int FK_NAME(fk_gap_sized)(const fk_gaps *k, const int is_sparse, 
       for (int bb = 0; bb < n; bb++)
         for (int s = 0; s < depth; s++) {
           FK_V *one = entry + (size_t)(bb * depth + s) * size;
-          FK_NAME(fk_move)(k, is_sparse, m, q, w, nu, seen, kept, h, rows, bb, s, b, window, y, one, A, mean);
+          FK_MOVE(bb, one);
           top = FK_NAME(fk_max)(top, one[0]);
         }
       for (int i = 0; i < pairs; i++) {
@@ -398,13 +409,13 @@ FK_INLINE_HERE int FK_NAME(fk_gap_sized)(const fk_gaps *k, const int is_sparse, 
       for (int s = 0; s < depth; s++) {
         FK_V *one = slot + (size_t)s * size;
         if (n == 1) {
-          FK_NAME(fk_move)(k, is_sparse, m, q, w, nu, seen, kept, h, rows, 0, s, b, window, y, one, A, mean);
+          FK_MOVE(0, one);
           if (seen) one[0] += FK_NAME(fk_logs)(one[1]);
         } else { /* one way leads to a slot */
           FK_V best = lowest, sum = zero;
           for (int bb = 0; bb < n; bb++) {
             FK_V *of = entry + (size_t)bb * size;
-            FK_NAME(fk_move)(k, is_sparse, m, q, w, nu, seen, kept, h, rows, bb, s, b, window, y, of, A, mean);
+            FK_MOVE(bb, of);
             best = FK_NAME(fk_max)(best, of[0]);
           }
           for (int bb = 0; bb < n; bb++) {
@@ -451,6 +462,7 @@ FK_INLINE_HERE int FK_NAME(fk_gap_sized)(const fk_gaps *k, const int is_sparse, 
     for (int j = k->M2; j < to; j++) table[(size_t)r * to + j] = 0.0;
   *log_likelihood = seen ? log_total - constant : 0.0;
   return 1;
+#undef FK_MOVE
 }
 
 /* Move a state of n branches to the next observation.
@@ -472,22 +484,19 @@ FK_TARGET static int FK_NAME(fk_gap_step)(const fk_gaps *k, const double *rows, 
     FK_NAME(fk_merge_nodes)(k->M1, n, e, rows, merged, scratch);
     rows = merged, n = 1;
   }
-#define FK_SIZED(m, q, w, nu, seen, kept)                                                                 \
-  FK_NAME(fk_gap_sized)(k, is_sparse, m, q, w, nu, seen, kept, h, rows, n, window, y, table, branches, log_likelihood, scratch)
-#define FK_SIZES                                                                                          \
-  switch (k->m == 1 && k->q == 1 && k->w == 1 && !h->kept ? 10 * h->nu + h->seen : -1) {                               \
-  case 0: return FK_SIZED(1, 1, 1, 0, 0, 0);                                                              \
-  case 10: return FK_SIZED(1, 1, 1, 1, 0, 0);                                                             \
-  case 11: return FK_SIZED(1, 1, 1, 1, 1, 0);                                                             \
-  default: return FK_SIZED(k->m, k->q, k->w, h->nu, h->seen, h->kept);                                     \
+#define FK_ANY(is_own, is_sparse, m, q, w, nu, seen, kept)                                                             \
+  FK_NAME(fk_gap_sized)(k, is_own, is_sparse, m, q, w, nu, seen, kept, h, rows, n, window, y, table, branches, log_likelihood, scratch)
+#define FK_SCALAR(is_sparse, nu, seen) FK_ANY(1, is_sparse, 1, 1, 1, nu, seen, 0)
+#define FK_IN_PAIRS(nu, seen)                                                                                         \
+  return k->is_sparse ? FK_SCALAR(1, nu, seen) : FK_SCALAR(0, nu, seen)
+  switch (FK_OWN_SIZE(k->m == 1 && k->q == 1 && k->w == 1 && !h->kept ? 1 + 10 * h->nu + h->seen : 0)) {
+  case 1: FK_IN_PAIRS(0, 0);
+  case 11: FK_IN_PAIRS(1, 0);
+  case 12: FK_IN_PAIRS(1, 1);
+  default: return FK_ANY(0, k->is_sparse, k->m, k->q, k->w, h->nu, h->seen, h->kept);
   }
-  if (k->is_sparse) {
-    const int is_sparse = 1;
-    FK_SIZES
-  }
-  const int is_sparse = 0;
-  FK_SIZES
-#undef FK_SIZES
-#undef FK_SIZED
+#undef FK_IN_PAIRS
+#undef FK_SCALAR
+#undef FK_ANY
 }
 #undef FK_BRANCH

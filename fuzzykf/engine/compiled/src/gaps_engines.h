@@ -6,17 +6,20 @@
 
 #define FK_NAME(name) name##_portable
 #define FK_TARGET
+#define FK_IS_SIZED 1
 #define FK_WIDTH 2
 #include "gaps_bodies.h"
 
 #ifdef FK_X86
 #define FK_NAME(name) name##_v3
 #define FK_TARGET __attribute__((target("avx2,fma")))
+#define FK_IS_SIZED 1
 #define FK_WIDTH 4
 #include "gaps_bodies.h"
 
 #define FK_NAME(name) name##_v4
 #define FK_TARGET __attribute__((target("avx512f,avx512dq,avx512vl,avx2,fma")))
+#define FK_IS_SIZED 1
 #define FK_WIDTH 8
 #include "gaps_bodies.h"
 #endif

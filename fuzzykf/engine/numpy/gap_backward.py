@@ -1,4 +1,4 @@
-"""Steps of the smoother where a part of the window of latest observations was missing.
+"""NumPy kernel of the smoother where a part of the window of latest observations was missing.
 
 There the future tells of r_n and X_n through the missing part u of the window.  Given the next
 node j, what it tells of the next window is a function L_j(u'), the ratio of the
@@ -24,19 +24,28 @@ all nodes together.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from fuzzykf.engine import selected as engine
+from fuzzykf.engine.numpy.gaps import (
+    apart,
+    collapse_weights,
+    condition_pairs,
+    merge_branches,
+    pair_mixture,
+    window_moments,
+    window_root,
+)
+from fuzzykf.engine.numpy.outliers import QUIET
 from fuzzykf.gaussian import covariance_root, lower_factor, mixture_moments, mixture_root, solve_lower, square
 
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
-    from fuzzykf.switching.dynamics.pairs import PairTables
-    from fuzzykf.switching.inference.mixture import Mixture
+    from fuzzykf.engine.numpy.gaps import Branches, GapTables, PairMixture, SlotPairs
+    from fuzzykf.engine.numpy.slots import Slots
 
-__all__ = ["Moments", "branches_of", "pairs_ahead", "smooth_state", "step_back", "window_known"]
+__all__ = ["Moments", "SmoothedGap", "back_into_gap", "by_row", "gap_log_pairs", "window_known"]
 
 #: Where the future leaves at most this share of the variance of u', it is taken for an observation of it.
 _TELLING = 0.5
@@ -49,101 +58,123 @@ class Moments(NamedTuple):
     root: FloatArray
 
 
-def branches_of(mixture: Mixture) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
-    """Return table, signs and root of the branches of a mixture; those of its nodes where each is one."""
-    return mixture.branches or (mixture.table, mixture.sign, mixture.root)
+class SmoothedGap(NamedTuple):
+    """What the whole series says of an observation in whose window a part is missing."""
+
+    p: FloatArray  # (b,): smoothed probabilities of the branches
+    told: Moments  # of the window, given each branch
+    mu: FloatArray  # (M,): smoothed probabilities of the nodes
+    x: FloatArray  # (M, m): means of X given each node
+    P: FloatArray  # (M, m, m)
+    log_pairs: FloatArray | None  # (depth, M2): log |P_ij| p(y | i, j, all before), if y ends the gap
 
 
-def window_known(mixture: Mixture, m: int) -> Moments:
-    """Return what a filter knew of the window, per branch."""
-    table, _, root = branches_of(mixture)
-    return _window(mixture, table, root, m)
+def window_known(table: FloatArray, root: FloatArray | None, window: FloatArray) -> Moments:
+    """Return what a filter knew of the window, per node or branch, whose table and root these are."""
+    mean, covariance = window_moments(table, window)
+    m = mean.shape[1] - window.size
+    if not np.isnan(window).any():
+        return Moments(mean[:, m:], np.zeros((*mean[:, m:].shape, 1)))
+    return Moments(mean[:, m:], window_root(covariance, root, window)[:, m:])
 
 
-def window_before(tables: Any, known: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the window of a step, with inputs and features where there are some."""
-    window: FloatArray = tables.window(known, y) if tables.is_driven else known
-    return window
-
-
-def gap_tables(tables: Any, known: FloatArray) -> tuple[PairTables, FloatArray]:
-    """Return tables and window of a step in which something is missing."""
-    if not tables.is_driven:
-        return tables, known
-    assert tables.next_law is not None  # whoever looks back knows what stood for what is missing
-    return tables.in_gap(*tables.next_law), tables.without_features(known)
-
-
-def pairs_ahead(
-    tables: PairTables, mixture: Mixture, y: FloatArray
-) -> tuple[engine.PairMixture, engine.PairMixture]:
-    """Move all branches of a mixture through every slot of a step, before and after what is there of y."""
-    table, sign, root = branches_of(mixture)
-    tables, window = gap_tables(tables, mixture.window)
-    step = engine.apart(tables.in_slots, tables.noise_root, mixture.table.shape[1], mixture.branches)
-    before = engine.pair_mixture(*step, table, sign, window, root)
-    return before, engine.condition_pairs(before, y, tables.pairs.dim_x)
-
-
-def step_back(
-    tables: PairTables,
-    mixture: Mixture,
-    following: Mixture,
+@QUIET
+def back_into_gap(
+    gaps: GapTables,
+    table: FloatArray,
+    sign: FloatArray | None,
+    window: FloatArray,
+    root: FloatArray | None,
     y: FloatArray,
-    window: Moments,
-    gamma: FloatArray,
-) -> tuple[FloatArray, Moments]:
-    """Step back into an observation in whose window, or in the next, a part is missing.
+    p: FloatArray,
+    told: Moments | None = None,
+    branches: Branches | None = None,
+    size: int | None = None,
+) -> SmoothedGap:
+    """Go back into an observation in whose window a part is missing.
 
     Parameters
     ----------
-    tables : PairTables
-        Of the step from here to the next observation ``y``, NaN where missing.
-    mixture, following : Mixture
-        What the filter knew here, and after ``y``.
-    window : Moments
-        Smoothed ones of the next window, given each next branch, leading shape (k,).
-    gamma : ndarray, shape (k,)
-        Smoothed probabilities of the next branches.
-
-    Returns
-    -------
-    gamma : ndarray, shape (b,)
-    window : Moments
-        Smoothed moments of the window here, given each branch.
+    gaps : GapTables
+        Of the step from here to the next observation ``y``.
+    table, sign, window, root
+        What the filter knew here, as in `pair_mixture`.
+    y : ndarray, shape (q,)
+        NaN where missing.
+    p : ndarray, shape (k,)
+        Smoothed probabilities of the next branches, or of the nodes (M2,) if nothing is unknown then.
+    told : Moments, optional
+        Smoothed ones of the next window, given each next branch; None if nothing is unknown of it.
+    branches : Branches, optional
+        The components of the nodes here.
+    size : int, optional
+        How many numbers of ``window`` are observations: all, but for inputs and features.
     """
-    m, q = tables.pairs.dim_x, y.size
-    shown = slice(m, m + following.window.size)  # the next window, which begins with y
-    if not following.unknown:
-        before, after = pairs_ahead(tables, mixture, y)
-        joint = engine.collapse_weights(after.log_w, after.sign)[2] * gamma  # p(i, j | y_1..N)
-        seen = after.mean[..., shown]
-        told = Moments(seen, np.zeros((*seen.shape, 1)))
-        return _regress_rows(tables, before, joint, told, q, mixture.window.size)
-    M2 = following.table.shape[1]
-    joint = gamma.reshape(-1, M2)
-    if not mixture.unknown:
-        return _by_row(tables, joint)[0].sum(axis=1), window_known(mixture, m)
-    at, known = gap_tables(tables, mixture.window)
-    state = mixture.table, mixture.sign, known, mixture.root
-    before = engine.pair_mixture(at.in_slots, at.noise_root, *state)
-    told = Moments(*(part.reshape(-1, M2, *part.shape[1:]) for part in window))
-    return _told_apart(mixture, *_regress_rows(tables, before, joint, told, q, mixture.window.size), m)
+    size = window.size if size is None else size
+    step, noise, M1 = gaps.step, gaps.noise, table.shape[1]
+    m, q = step.pairs[0].shape[-1], y.size
+    parts = (table, sign, root) if branches is None else branches
+    log_pairs = None
+    if told is None:
+        moved = pair_mixture(*apart(step, noise, M1, branches), parts[0], parts[1], window, parts[2])
+        after = condition_pairs(moved, y, m)
+        joint = collapse_weights(after.log_w, after.sign)[2] * p  # p(i, j | y_1..N)
+        given = Moments(after.mean[..., m : m + q], np.zeros((*after.mean.shape[:-1], q, 1)))
+        found = _regress_rows(step, M1, moved, joint, given, q, size)
+        log_pairs = _log_pairs(step, after, table[0])
+    else:
+        moved = pair_mixture(step, noise, table, sign, window, root)
+        joint = p.reshape(step.transition.shape)
+        given = Moments(*(part.reshape(*joint.shape, *part.shape[1:]) for part in told))
+        total, carried = _regress_rows(step, M1, moved, joint, given, q, size)
+        found = total, carried
+        if branches is not None:
+            law = window_known(branches.table, branches.root, window[:size])
+            law = Moments(*(part.reshape(-1, M1, *part.shape[1:]) for part in law))
+            filtered = window_known(table, root, window[:size])
+            found = _told_apart(branches, law, filtered, total, carried)
+    x, P = _smooth_state(parts[0], parts[2], window[:size], found[1], m)
+    return SmoothedGap(*found, *merge_branches(found[0], x, P, M1), log_pairs)
+
+
+def gap_log_pairs(
+    gaps: GapTables,
+    table: FloatArray,
+    sign: FloatArray | None,
+    window: FloatArray,
+    root: FloatArray | None,
+    y: FloatArray,
+    branches: Branches | None = None,
+) -> FloatArray:
+    """Log |P_ij| + log p(what is there of y | i, j, all before), (depth, M2); parameters as above."""
+    parts = (table, sign, root) if branches is None else branches
+    step, noise = apart(gaps.step, gaps.noise, table.shape[1], branches)
+    m = step.pairs[0].shape[-1]
+    after = condition_pairs(pair_mixture(step, noise, parts[0], parts[1], window, parts[2]), y, m)
+    return _log_pairs(gaps.step, after, table[0])
+
+
+def _log_pairs(step: SlotPairs, after: PairMixture, log_p: FloatArray) -> FloatArray:
+    shape = (-1, *step.transition.shape)
+    sign = None if after.sign is None else after.sign.reshape(shape)
+    log_w = collapse_weights(after.log_w.reshape(shape), sign)[0] + after.reference
+    found: FloatArray = log_w - log_p[step.nodes]
+    return found
 
 
 def _regress_rows(
-    tables: PairTables, before: engine.PairMixture, joint: FloatArray, told: Moments, q: int, size: int
+    step: SlotPairs, M1: int, before: PairMixture, joint: FloatArray, told: Moments, q: int, size: int
 ) -> tuple[FloatArray, Moments]:
     """Sum up over the nodes j that follow, given the smoothed moments of the next window in each pair.
 
     The window here are ``size`` numbers; what inputs and features add to it in the step is known.
     """
-    m, w = tables.pairs.dim_x, told.mean.shape[-1]
+    m, w = step.pairs[0].shape[-1], told.mean.shape[-1]
     root, here = _root_of(before), slice(m + q, m + q + size)
     J, left = _regress(root[..., m : m + w, :], root[..., here, :])
     mean = before.mean[..., here] + _times(J, told.mean - before.mean[..., m : m + w])
     root = np.concatenate([J @ told.root, left], axis=-1)
-    joint, mean, root = _by_row(tables, joint, mean, root)
+    joint, mean, root = by_row(step.slots, M1, joint, mean, root)
     total = joint.sum(axis=1)
     # what is impossible by now keeps any finite moments
     share = np.where(total[:, None] != 0.0, joint, 1.0)
@@ -154,9 +185,8 @@ def _regress_rows(
     return total, Moments(mean, covariance_root(covariance))
 
 
-def _by_row(tables: PairTables, joint: FloatArray, *parts: FloatArray) -> list[FloatArray]:
+def by_row(slots: Slots | None, M1: int, joint: FloatArray, *parts: FloatArray) -> list[FloatArray]:
     """Bring what is known of pairs (n depth, M2) from the slots of columns to rows of the n M1 branches."""
-    slots, M1 = tables.in_slots.slots, len(tables.transition)
     if slots is None:
         return [joint, *parts]
     at, there = slots.rows(M1)
@@ -166,35 +196,25 @@ def _by_row(tables: PairTables, joint: FloatArray, *parts: FloatArray) -> list[F
     return [joint, *(part.reshape(-1, *part.shape[2:])[at] for part in parts)]
 
 
-def _told_apart(mixture: Mixture, gamma: FloatArray, window: Moments, m: int) -> tuple[FloatArray, Moments]:
-    """Tell the branches of a mixture what is known of its nodes (M,)."""
-    if mixture.branches is None:
-        return gamma, window
-    table, sign, _ = mixture.branches
-    law = Moments(*(part.reshape(-1, gamma.size, *part.shape[1:]) for part in window_known(mixture, m)))
-    filtered = _window(mixture, mixture.table, mixture.root, m)
+def _told_apart(
+    branches: Branches, law: Moments, filtered: Moments, gamma: FloatArray, window: Moments
+) -> tuple[FloatArray, Moments]:
+    """Tell branches, with these laws of the window (n, M), what is known of their nodes (M,)."""
     log_evidence, updated = _weigh(law, filtered, window)
-    signs = None if sign is None else sign.reshape(-1, gamma.size)
-    shares = engine.collapse_weights(table[0].reshape(-1, gamma.size) + log_evidence, signs)[2]
+    signs = None if branches.sign is None else branches.sign.reshape(-1, gamma.size)
+    shares = collapse_weights(branches.table[0].reshape(-1, gamma.size) + log_evidence, signs)[2]
     return (shares * gamma).ravel(), Moments(*(part.reshape(-1, *part.shape[2:]) for part in updated))
 
 
-def smooth_state(mixture: Mixture, window: Moments, m: int) -> tuple[FloatArray, FloatArray]:
+def _smooth_state(
+    table: FloatArray, root: FloatArray | None, window: FloatArray, told: Moments, m: int
+) -> tuple[FloatArray, FloatArray]:
     """Moments of X per branch, given the smoothed moments of the window, from the regression of X on it."""
-    table, _, root = branches_of(mixture)
-    mean, P = engine.window_moments(table, mixture.window)
-    root = engine.window_root(P, root, mixture.window)
+    mean, P = window_moments(table, window)
+    root = window_root(P, root, window)
     B, left = _regress(root[:, m:], root[:, :m])
-    x = mean[:, :m] + _times(B, window.mean - mean[:, m:])
-    return x, square(np.concatenate([B @ window.root, left], axis=-1))
-
-
-def _window(mixture: Mixture, table: FloatArray, root: FloatArray | None, m: int) -> Moments:
-    """Moments of the window of a mixture in its nodes or branches, whose table and root these are."""
-    mean, covariance = engine.window_moments(table, mixture.window)
-    if not mixture.unknown:
-        return Moments(mean[:, m:], np.zeros((*mean[:, m:].shape, 1)))
-    return Moments(mean[:, m:], engine.window_root(covariance, root, mixture.window)[:, m:])
+    x = mean[:, :m] + _times(B, told.mean - mean[:, m:])
+    return x, square(np.concatenate([B @ told.root, left], axis=-1))
 
 
 def _weigh(law: Moments, filtered: Moments, smoothed: Moments) -> tuple[FloatArray, Moments]:
@@ -285,7 +305,7 @@ def _regular(L: FloatArray) -> FloatArray:
     return L + np.where(np.diagonal(L, axis1=-2, axis2=-1) == 0.0, 1.0, 0.0)[..., None] * np.eye(d)
 
 
-def _root_of(pairs: engine.PairMixture) -> FloatArray:
+def _root_of(pairs: PairMixture) -> FloatArray:
     return covariance_root(pairs.covariance) if pairs.root is None else pairs.root
 
 
