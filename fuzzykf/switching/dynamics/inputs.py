@@ -7,8 +7,8 @@ The regressions of `RegressionForm` get further regressors, which are known when
 
 see `fuzzykf.switching.dynamics.features.WindowFeatures`.  So the tables of a step stay what they are, with a
 longer window w = (observations before, u', own(y, u'), own(y', u')): coefficients of means of blocks become
-those of the observations in them.  Inputs may
-act on the switch: with s_j the shares of the regimes in node j,
+those of the observations in them.  Inputs may act
+on the switch: with s_j the shares of the regimes in node j,
 
     P_ij(n) prop. to P_ij exp(s_j' tilt (u_n - centre)).
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray, ManyNumbers, ManySeriesLike
     from fuzzykf.base import FilterResult
-    from fuzzykf.switching.dynamics.inputs import InputSystem
+    from fuzzykf.switching.dynamics.inputs import DrivenSystem, InputSystem
 
 __all__ = ["DrivenFilter"]
 
@@ -38,8 +38,8 @@ class DrivenFilter(SavedFilter):
     """A filter whose model may have inputs, or features of the window of observations.
 
     A model without either is told nothing, and costs nothing more.  With inputs every step but that to the
-    first observation has to be told them.  In a gap features take what the filter expected of the missing
-    observation.
+    first observation has to be told them.  Lags and products are exact in gaps and forecasts; hinges there
+    take the moments of a normal law.
     """
 
     @property
@@ -98,7 +98,7 @@ class DrivenFilter(SavedFilter):
         stand = self._stand() if resume else None
         told = told_inputs("us", us, len(ys), system, stand is None)
         if self._is_plain():
-            trajectory, onwards = self._run(system, ys, told, FOUND, keep_nodes, stand)
+            trajectory, onwards, _ = self._run(system, ys, told, FOUND, keep_nodes, stand)
             if len(ys) or not resume:
                 self._adopt(trajectory, ys, stand)
                 self._onwards = onwards
@@ -114,8 +114,8 @@ class DrivenFilter(SavedFilter):
 
     def _run(
         self, system: InputSystem, ys: FloatArray, us: FloatArray, names: Any, states: bool, stand: Any
-    ) -> tuple[Any, Onwards]:
-        """Filter a series by the method; return what it found, and what goes on from there."""
+    ) -> tuple[Any, Onwards, DrivenSystem]:
+        """Filter a series by the method; return what it found, what goes on from there, and the system."""
         past, whole = (None, ys) if stand is None else (self._onwards.past, ys)
         if stand is not None and stand.skips:  # the observation that was skipped stands before the others
             whole = np.concatenate([np.full((1, self.dim_z), np.nan), ys])
@@ -126,9 +126,10 @@ class DrivenFilter(SavedFilter):
         trajectory = self._method.run(run, ys, names, states=states, stand=stand)
         n_past = system.features.n_past
         if not len(whole):
-            return trajectory, NOWHERE if stand is None else self._onwards
+            return trajectory, NOWHERE if stand is None else self._onwards, run
         lead = starting_past(full[0], n_past) if past is None else past[::-1]
-        return trajectory, Onwards(np.concatenate([lead, full])[: -n_past - 1 : -1].copy(), None, spreads[-1])
+        lately = np.concatenate([lead, full])[: -n_past - 1 : -1].copy()
+        return trajectory, Onwards(lately, None, spreads[-1]), run
 
     def smooth(self, zs: ManyNumbers, us: Any = None, *, keep_nodes: bool = False) -> FilterResult:
         """Estimate every state of a series from all of it; see `SwitchingFilter.smooth`.
@@ -175,8 +176,7 @@ class DrivenFilter(SavedFilter):
             walked = None
             if not self._is_plain():
                 walked, ys = self._by_verbs(ys, _moves(system, told))
-            run, *_ = along(self._method, system, ys, told)
-            trajectory, onwards = self._run(system, ys, told, FOUND, True, None)
+            trajectory, onwards, run = self._run(system, ys, told, FOUND, True, None)
             if walked is not None:
                 check_explained(type(self).__name__, walked, trajectory)
             smoothed = smooth_trajectory(self._method, run, trajectory, ys, lag)
@@ -234,8 +234,7 @@ class DrivenFilter(SavedFilter):
     def forecast(self, steps: int, us: Any = None) -> FilterResult:
         """Predict states and observations ahead; the filter stays where it is.
 
-        With features of the window means are those of the most likely course: features take what is
-        expected.
+        Lags and products of the window are exact; hinges take the moments of a normal law.
 
         Parameters
         ----------

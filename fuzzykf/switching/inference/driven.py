@@ -118,7 +118,7 @@ def filter_stretch(
     stop: int,
     out: dict[str, FloatArray],
 ) -> tuple[FloatArray, FloatArray]:
-    """Filter complete observations start, ..., stop - 1 of one series (1, n, q) whose tables are constant.
+    """Filter complete observations start, ..., stop - 1 of one series (1, n, q); only kernels differ.
 
     Parameters
     ----------
