@@ -65,6 +65,7 @@ cdef extern from "src/series.h" nogil:
             double *, double *
         ) noexcept nogil
         void (*posterior)(int, int, const double *, const double *, double *, double *) noexcept nogil
+        int (*in_range)(int, int, const double *) noexcept nogil
         int (*forward_backward)(
             int, int, const fk_arrows *, const double *, const double *, const double *, double *, double *, double *, double *
         ) noexcept nogil
@@ -97,7 +98,6 @@ cdef extern from "src/series.h" nogil:
     void fk_load_mass(fk_state *, const double *, int) noexcept
     void fk_store_mass(double *, const fk_state *, int) noexcept
     const double *fk_probabilities(const fk_engine *, const fk_state *, int, double *) noexcept
-    int fk_in_range(const fk_state *, int, int) noexcept
     void fk_advance(const fk_engine *, const fk_kernel *, fk_state *, fk_state *, const double *, double *) noexcept
     void fk_fill_ahead(int, int, int, const double *, double *, double *) noexcept
     size_t fk_chunk_tables(const fk_kernel *) noexcept

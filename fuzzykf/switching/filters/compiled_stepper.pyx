@@ -15,7 +15,7 @@ from fuzzykf.engine.compiled.nodes cimport (
 )
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.engine.compiled.tables cimport (
-    FK_FARTHEST, Kernel, Workspace, fk_advance, fk_engine, fk_in_range, fk_kernel, fk_log_likelihood, fk_padded,
+    FK_FARTHEST, Kernel, Workspace, fk_advance, fk_engine, fk_kernel, fk_log_likelihood, fk_padded,
     fk_probabilities, fk_state, fk_table_size, fk_to_logs, load, start, store, versions,
 )
 
@@ -243,7 +243,7 @@ cdef class Stepper:
             nodes_versions + level, &self.span.k, self.every_pair, self.now, self.spare, y, self.span.scratch
         ):
             return False
-        if not self.spare.total > FK_FARTHEST or not fk_in_range(self.spare, self.M, self.m):
+        if not self.spare.total > FK_FARTHEST or not engine().in_range(self.M, self.m, self.spare.table):
             return False
         memcpy(self.u + 1, y, self.q * sizeof(double))
         return True
@@ -264,7 +264,7 @@ cdef class Stepper:
             memmove(window + q, window, (k.w - q) * sizeof(double))
             memcpy(window, y, q * sizeof(double))
         fk_advance(engine(), k, self.now, self.spare, u, self.work.scratch)
-        if self.spare.total != self.spare.total or not fk_in_range(self.spare, k.M2, k.m):
+        if self.spare.total != self.spare.total or not engine().in_range(k.M2, k.m, self.spare.table):
             memcpy(window, u + 1, k.w * sizeof(double))
             memcpy(u, self.kept, (1 + k.w + q) * sizeof(double))
             return False
@@ -306,7 +306,7 @@ cdef class Stepper:
         memcpy(window, y, q * sizeof(double))
         for t in range(w):
             e += isnan(window[t])
-        if not (moved and fk_in_range(self.spare, M, m) and fit(self.rows[2], n_to, e, M)):
+        if not (moved and engine().in_range(M, m, self.spare.table) and fit(self.rows[2], n_to, e, M)):
             memcpy(window, u + 1, w * sizeof(double))
             memcpy(u, self.kept, (1 + w + q) * sizeof(double))
             return False

@@ -242,6 +242,10 @@ EXACT = Exact()
 
 def _check_range(last: FloatArray, out: dict[str, FloatArray], ys: FloatArray, start: int, stop: int) -> None:
     """Refuse what has left the range of numbers: the last states of series, or their moments."""
+    moments = [last[:, 1:], *(out[name][:, start:stop] for name in ("x", "P") if name in out)]
+    small = all(np.abs(values).max(initial=0.0) <= engine.LARGEST_MEAN for values in moments)
+    if small and not np.isnan(last[:, 0]).any():
+        return  # so it is nearly always, and that is all that a short series pays
     fits = engine.is_in_range(last)
     for name, limit in {"x": engine.LARGEST_MEAN, "P": np.finfo(np.float64).max}.items():
         if name in out:

@@ -468,7 +468,10 @@ def class_weights_of(chain: SwitchChain, mu: FloatArray, mean: FloatArray | None
     """
     if _source_of_weights(chain) == "switch_mean":
         mean = np.asarray(mu @ chain.keys) if mean is None else mean
-        return np.stack([1.0 - mean, mean], axis=-1)
+        shares = np.empty((*mean.shape, 2))
+        np.subtract(1.0, mean, out=shares[..., 0])
+        shares[..., 1] = mean
+        return shares
     shares = np.zeros((*mu.shape[:-1], chain.class_weights.shape[1]))
     for k, weights in enumerate(chain.class_weights):
         shares += mu[..., k, None] * weights

@@ -28,7 +28,7 @@
 #define FK_VERSION(suffix)                                                                                \
   {fk_step_##suffix,      fk_step_scalar_##suffix, fk_run_scalar_##suffix, fk_summarise_scalar_##suffix,    \
    fk_exp_row_##suffix,   fk_log_pairs_##suffix,   fk_smooth_back_##suffix, fk_best_path_##suffix,          \
-   fk_prior_##suffix,     fk_posterior_##suffix,   fk_forward_backward_##suffix}
+   fk_prior_##suffix,     fk_posterior_##suffix,   fk_in_range_##suffix,   fk_forward_backward_##suffix}
 
 static const fk_engine fk_engines[] = {
     FK_VERSION(portable),

@@ -104,3 +104,44 @@ FK_INLINE_HERE FK_V FK_NAME(fk_held)(const int is_sparse, const double *row, con
   return (FK_V){row[from[0]], row[from[1]]};
 #endif
 }
+
+/* Whether a condition holds in all lanes. */
+FK_INLINE_HERE int FK_NAME(fk_every)(FK_B mask) {
+#if FK_WIDTH == 8
+  return _mm512_movepi64_mask((__m512i)mask) == 0xff;
+#elif FK_WIDTH == 4
+  return _mm256_movemask_pd((__m256d)mask) == 0xf;
+#else
+  return mask[0] && mask[1];
+#endif
+}
+
+/* The number of the first of the largest of M probabilities, padded with zeros. */
+FK_INLINE_HERE int FK_NAME(fk_largest)(int M, const double *p) {
+#if FK_WIDTH > 2
+  FK_V most = FK_READ(p, 0);
+  for (int b = 1; b < FK_AS_VECTORS(M); b++) most = FK_NAME(fk_max)(most, FK_READ(p, b));
+#if FK_WIDTH == 8
+  most = FK_NAME(fk_max)(most, (FK_V)_mm512_shuffle_f64x2((__m512d)most, (__m512d)most, 0x4e));
+  most = FK_NAME(fk_max)(most, (FK_V)_mm512_shuffle_f64x2((__m512d)most, (__m512d)most, 0xb1));
+  most = FK_NAME(fk_max)(most, (FK_V)_mm512_permute_pd((__m512d)most, 0x55));
+#else
+  most = FK_NAME(fk_max)(most, (FK_V)_mm256_permute2f128_pd((__m256d)most, (__m256d)most, 1));
+  most = FK_NAME(fk_max)(most, (FK_V)_mm256_permute_pd((__m256d)most, 5));
+#endif
+  for (int b = 0; b < FK_AS_VECTORS(M); b++) {
+    const FK_B is_top = (FK_B)(FK_READ(p, b) == most);
+#if FK_WIDTH == 8
+    const unsigned at = _mm512_movepi64_mask((__m512i)is_top);
+#else
+    const unsigned at = (unsigned)_mm256_movemask_pd((__m256d)is_top);
+#endif
+    if (at) return b * FK_WIDTH + __builtin_ctz(at);
+  }
+  return 0; /* of what are no numbers */
+#else
+  int top = 0;
+  for (int i = 1; i < M; i++) top = p[i] > p[top] ? i : top;
+  return top;
+#endif
+}

@@ -110,20 +110,15 @@ FK_TARGET static int FK_NAME(fk_run_scalar)(const fk_kernel *k, const double *y,
   return FK_NAME(fk_run_scalar_laid_out)(k, 0, y, n, tables, totals, scratch);
 }
 
-/* Mean and variance of X' before y' is seen, in O(M): the means a_ij of the pairs are linear in
- * v = (1, w, x_i), so their average over j is, too, and their variance over j is |R_i v|^2. */
-FK_TARGET static void FK_NAME(fk_prior_scalar)(const fk_summary *s, int M, const double *p, const double *table,
-                                               double w, double *x, double *P) {
+/* Mean and variance of X' before y' is seen, in O(M), `top` being the likeliest node: the means a_ij of the pairs
+ * are linear in v = (1, w, x_i), so their average over j is, too, and their variance over j is |R_i v|^2. */
+FK_INLINE_HERE void FK_NAME(fk_prior_from)(const fk_summary *s, int M, int top, const double *p, const double *table,
+                                           double w, double *x, double *P) {
   const int blocks = FK_AS_VECTORS(M), ld = fk_padded(M);
   const double *rows = s->ahead;
 #define FK_AHEAD(r) FK_READ(rows + (size_t)(r)*ld, b)
-  const int top = fk_largest(M, p);
-  FK_V sum = FK_NAME(fk_all)(0.0), first = sum;
-  for (int b = 0; b < blocks; b++)
-    if (top / FK_WIDTH == b) {
-      const FK_V all = FK_AHEAD(0) + FK_AHEAD(1) * w + FK_AHEAD(2) * FK_READ(table + ld, b);
-      first = FK_NAME(fk_all)(all[top % FK_WIDTH]);
-    }
+  const double first = rows[top] + rows[ld + top] * w + rows[2 * ld + top] * table[ld + top];
+  FK_V sum = FK_NAME(fk_all)(0.0);
   for (int b = 0; b < blocks; b++)
     sum += FK_READ(p, b) * (FK_AHEAD(0) + FK_AHEAD(1) * w + FK_AHEAD(2) * FK_READ(table + ld, b) - first);
   const double off = FK_NAME(fk_sum)(sum);
@@ -136,8 +131,13 @@ FK_TARGET static void FK_NAME(fk_prior_scalar)(const fk_summary *s, int M, const
     sum += FK_READ(p, b) * (d * d + (one * one + (two * two + (three * three + within))));
   }
 #undef FK_AHEAD
-  *x = first[0] + off;
+  *x = first + off;
   *P = FK_NAME(fk_sum)(sum);
+}
+
+FK_TARGET static void FK_NAME(fk_prior_scalar)(const fk_summary *s, int M, const double *p, const double *table,
+                                               double w, double *x, double *P) {
+  FK_NAME(fk_prior_from)(s, M, FK_NAME(fk_largest)(M, p), p, table, w, x, P);
 }
 
 /* Write what is known after n observations, number `first` and those after it; tables[0] stands for
@@ -147,9 +147,11 @@ FK_TARGET static void FK_NAME(fk_summarise_scalar)(const fk_summary *s, int M, c
                                                    const fk_output *out) {
   const int ld = fk_padded(M), blocks = FK_AS_VECTORS(M);
   const size_t size = 3 * (size_t)ld;
+  int before, top = FK_NAME(fk_largest)(M, tables);
   for (int t = 0; t < n; t++) {
     const double *table = tables + (t + 1) * size;
     const size_t k = first + t;
+    before = top, top = FK_NAME(fk_largest)(M, table);
     if (out->log_likelihood) out->log_likelihood[k] = log(totals[t]);
     if (out->mu) memcpy(out->mu + k * M, table, M * sizeof(double));
     if (out->modes) out->modes[k] = fk_most_likely(s, table); /* MPM */
@@ -159,7 +161,7 @@ FK_TARGET static void FK_NAME(fk_summarise_scalar)(const fk_summary *s, int M, c
       out->means[k] = FK_NAME(fk_sum)(sum);
     }
     if (out->x || out->P) {
-      const double first = table[ld + fk_largest(M, table)];
+      const double first = table[ld + top];
       FK_V sum = FK_NAME(fk_all)(0.0);
       for (int b = 0; b < blocks; b++) sum += FK_READ(table, b) * (FK_READ(table + ld, b) - first);
       const double off = FK_NAME(fk_sum)(sum);
@@ -173,7 +175,7 @@ FK_TARGET static void FK_NAME(fk_summarise_scalar)(const fk_summary *s, int M, c
     }
     if (out->x_prior || out->P_prior) {
       double x, P;
-      FK_NAME(fk_prior_scalar)(s, M, table - size, table - size, y[t], &x, &P);
+      FK_NAME(fk_prior_from)(s, M, before, table - size, table - size, y[t], &x, &P);
       if (out->x_prior) out->x_prior[k] = x;
       if (out->P_prior) out->P_prior[k] = P;
     }

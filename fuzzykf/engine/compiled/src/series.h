@@ -45,17 +45,6 @@ FK_STATIC void fk_store_mass(double *mass, const fk_state *s, int M) {
   for (int i = 0; i < M; i++) mass[i] = s->linear ? s->table[i] : NAN;
 }
 
-/* Whether the moments of a mixture of such nodes are numbers, whose squares are there, too. */
-FK_INLINE int fk_in_range(const fk_state *s, int M, int m) {
-  const int ld = fk_padded(M);
-  int fits = 1;
-  for (int r = 1; r < 1 + m + m * m; r++) {
-    const double limit = r <= m ? FK_LARGEST_MEAN : FK_LARGEST_COVARIANCE;
-    for (int i = 0; i < M; i++) fits &= fabs(s->table[r * ld + i]) <= limit;
-  }
-  return fits;
-}
-
 /* Move a state to the next observation.  The old one keeps its meaning, though perhaps in
  * logarithms afterwards. */
 FK_STATIC void fk_advance(const fk_engine *e, const fk_kernel *k, fk_state *from, fk_state *to, const double *u,

@@ -330,13 +330,6 @@ FK_STATIC void fk_fill_ahead(int i, int n, int ld, const double *transition, dou
   for (int r = 0; r < 6; r++) ahead[(size_t)(3 + r) * ld + i] = upper[r];
 }
 
-/* The number of the largest of M numbers. */
-FK_INLINE int fk_largest(int M, const double *p) {
-  int top = 0;
-  for (int i = 1; i < M; i++) top = p[i] > p[top] ? i : top;
-  return top;
-}
-
 /* The estimate of `fk_most_likely` where no nodes share a value and at most one edge is there: almost always. */
 FK_INLINE int fk_most_likely_node(const fk_summary *s, const double *mu) {
   const int *order = s->order, soft = s->M - s->n_atoms;
@@ -356,10 +349,8 @@ FK_INLINE int fk_most_likely_node(const fk_summary *s, const double *mu) {
   return soft == 0 || atoms > 0.5 ? hard : inner;
 }
 
-/* MPM, the estimate of the switch by the rule of the 2020 paper, section VI-B, in the likeliest stratum, on a
- * tie the earlier one; no branch depends on mu. */
-FK_STATIC double fk_most_likely(const fk_summary *s, const double *mu) {
-  if (s->is_plain) return s->nodes[fk_most_likely_node(s, mu)];
+/* The same in the likeliest stratum, on a tie the earlier one; no branch depends on mu. */
+FK_STATIC double fk_most_likely_value(const fk_summary *s, const double *mu) {
   const int *order = s->order, soft = s->M - s->n_atoms;
   double stratum = 0.0, most = -INFINITY, level = 0.0, best = -INFINITY;
   int value = 0, winner = 0;
@@ -381,6 +372,12 @@ FK_STATIC double fk_most_likely(const fk_summary *s, const double *mu) {
   return s->nodes[winner];
 }
 
+/* MPM, the estimate of the switch by the rule of the 2020 paper, section VI-B.  Inlined where it is called, as code
+ * for other registers than those of its caller would wait for what is left in these. */
+FK_INLINE double fk_most_likely(const fk_summary *s, const double *mu) {
+  return s->is_plain ? s->nodes[fk_most_likely_node(s, mu)] : fk_most_likely_value(s, mu);
+}
+
 /* The arithmetic for one kind of processor; engines.h has them all. */
 typedef struct {
   double (*step)(const fk_kernel *, const double *, const double *, const double *, double *, double *, double *);
@@ -395,6 +392,7 @@ typedef struct {
   void (*prior)(const fk_kernel *, const fk_summary *, const double *, const double *, const double *, double *,
                 double *, double *);
   void (*posterior)(int, int, const double *, const double *, double *, double *);
+  int (*in_range)(int, int, const double *);
   int (*forward_backward)(int, int, const fk_arrows *, const double *, const double *, const double *, double *, double *,
                            double *, double *);
 } fk_engine;

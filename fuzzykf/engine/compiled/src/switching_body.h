@@ -156,6 +156,20 @@ FK_TARGET static double FK_NAME(fk_exp_row)(const double *log_p, int M, double *
   return smallest;
 }
 
+/* Whether the moments of a mixture of such nodes are numbers, whose squares are there, too. */
+FK_TARGET static int FK_NAME(fk_in_range)(int M, int m, const double *table) {
+  const int ld = fk_padded(M), rows = 1 + m + m * m;
+  FK_B fits = ~(FK_B){0};
+  for (int r = 1; r < rows; r++) {
+    const double limit = r <= m ? FK_LARGEST_MEAN : FK_LARGEST_COVARIANCE;
+    for (int b = 0; b < FK_AS_VECTORS(M); b++) {
+      const FK_V v = FK_READ(table + (size_t)r * ld, b);
+      fits &= (FK_B)(v <= limit) & (FK_B)(v >= -limit);
+    }
+  }
+  return FK_NAME(fk_every)(fits);
+}
+
 /* Mean (m) and covariance (m, m) of X' before Y' is seen. */
 FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_sized)(
     const fk_kernel *k, const fk_summary *s, const int is_sparse, const int m, const int w, const double *p, const double *table,
@@ -167,7 +181,7 @@ FK_TARGET static inline __attribute__((always_inline)) void FK_NAME(fk_prior_siz
   FK_V *rest = (FK_V *)scratch, *V = m <= 4 ? few_V : rest, *S = m <= 4 ? few_S : rest + m * m;
   double *first = m <= 4 ? few_first : (double *)(rest + m * m + m);
   FK_V *mean = rest + m * m + 2 * m, *now = mean; /* of the pairs: slots m */
-  const int top = fk_largest(M1, p), side = s->widest[2 * top], way = s->widest[2 * top + 1];
+  const int top = FK_NAME(fk_largest)(M1, p), side = s->widest[2 * top], way = s->widest[2 * top + 1];
   const int deepest = is_sparse ? fk_deepest(k) : M1;
   FK_UNROLL for (int r = 0; r < m; r++) S[r] = FK_NAME(fk_all)(0.0);
   FK_UNROLL for (int r = 0; r < m * m; r++) V[r] = FK_NAME(fk_all)(0.0);
@@ -256,7 +270,7 @@ FK_TARGET static void FK_NAME(fk_prior)(const fk_kernel *k, const fk_summary *s,
 /* Mean and covariance of X, the mixture of M nodes with probabilities p (eqs. 21, 22). */
 FK_TARGET static void FK_NAME(fk_posterior)(int M, int m, const double *p, const double *table, double *x,
                                             double *P) {
-  const int ld = fk_padded(M), blocks = FK_AS_VECTORS(M), top = fk_largest(M, p);
+  const int ld = fk_padded(M), blocks = FK_AS_VECTORS(M), top = FK_NAME(fk_largest)(M, p);
   for (int r = 0; r < m; r++) {
     const double *means = table + (size_t)(1 + r) * ld, first = means[top];
     FK_V S = FK_NAME(fk_all)(0.0);
