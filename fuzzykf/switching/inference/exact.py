@@ -243,13 +243,14 @@ EXACT = Exact()
 def _check_range(last: FloatArray, out: dict[str, FloatArray], ys: FloatArray, start: int, stop: int) -> None:
     """Refuse what has left the range of numbers: the last states of series, or their moments."""
     moments = [last[:, 1:], *(out[name][:, start:stop] for name in ("x", "P") if name in out)]
-    small = all(np.abs(values).max(initial=0.0) <= engine.LARGEST_MEAN for values in moments)
+    limit = engine.LARGEST_MEAN
+    small = all(v.max(initial=0.0) <= limit and v.min(initial=0.0) >= -limit for v in moments)
     if small and not np.isnan(last[:, 0]).any():
-        return  # so it is nearly always, and that is all that a short series pays
+        return  # so it is nearly always, and takes no memory
     fits = engine.is_in_range(last)
-    for name, limit in {"x": engine.LARGEST_MEAN, "P": np.finfo(np.float64).max}.items():
+    for name, most in {"x": engine.LARGEST_MEAN, "P": np.finfo(np.float64).max}.items():
         if name in out:
-            fits &= (np.abs(out[name][:, start:stop]) <= limit).reshape(len(fits), -1).all(axis=1)
+            fits &= (np.abs(out[name][:, start:stop]) <= most).reshape(len(fits), -1).all(axis=1)
     if not fits.all():
         seen = ys[int(fits.argmin()), start:stop]
         size = np.abs(np.where(np.isnan(seen), 0.0, seen))

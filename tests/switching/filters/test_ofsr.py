@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
-from fuzzykf import CGOFMSModel, FadeLaw, FuzzyMarkovLaw, GraphLaw, OFSRFilter
+from fuzzykf import CGOFMSModel, FadeLaw, FuzzyMarkovLaw, GraphLaw, OFSRFilter, engine
 from fuzzykf.errors import ParameterError
 from fuzzykf.switching.laws.cells import CellLaw
 
@@ -93,3 +95,19 @@ def test_a_graph_of_two_classes_is_filtered_as_its_law(fuzzy_model, tmp_path):
         for name in ("x", "P", "switch_mean", "log_likelihood"):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9, err_msg=name)
         np.testing.assert_allclose(found.switch, expected.switch, atol=1e-15)
+
+
+@pytest.mark.skipif(engine.info().name == "numpy", reason="NumPy keeps the states of a step of all series")
+def test_many_series_take_little_memory_beyond_input_and_output(fuzzy_model):
+    # 10,000 series of 1,000 are 80 MB: a copy of them, or of a field, would be felt
+    f = OFSRFilter(fuzzy_model, 5)
+    ys = np.random.default_rng(1).normal(1.5, 1.5, (400, 1000, 1))
+    f.filter_many(ys[:2])
+    tracemalloc.start()
+    try:
+        result = f.filter_many(ys)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    kept = sum(values.nbytes for values in (result.x, result.P, result.log_likelihood))
+    assert peak - kept < 0.5 * ys.nbytes
