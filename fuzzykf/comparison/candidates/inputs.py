@@ -13,6 +13,7 @@ from fuzzykf.comparison.candidates.filter_trained import training_told
 from fuzzykf.comparison.density import NormalMixture
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.switching import FilterPool, WindowFeatures
+from fuzzykf.switching.learning.window import LAGS
 from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
@@ -32,14 +33,11 @@ __all__ = [
     "learn_pool_of_maps",
 ]
 
-#: Distributed lags: three observations one by one, and the means of 3, 6 and 12 hours, or steps, before them.
-_LAGS: dict[str, Any] = {"order": 3, "blocks": (3, 6, 12)}
-
 #: The maps of the members of a pool.
 MAPS: Mapping[str, WindowFeatures] = {
-    "lags": WindowFeatures(**_LAGS),
-    "lags and hinges": WindowFeatures(**_LAGS, hinges=3),
-    "lags, hinges and products": WindowFeatures(**_LAGS, hinges=3, products=True),
+    "lags": WindowFeatures(**LAGS),
+    "lags and hinges": WindowFeatures(**LAGS, hinges=3),
+    "lags, hinges and products": WindowFeatures(**LAGS, hinges=3, products=True),
 }
 
 #: Fewer rows to learn on for each observation that a map looks back at, and it does not look back: a window
@@ -201,7 +199,7 @@ def _maps_for(n: int) -> dict[str, WindowFeatures]:
         if n >= ROWS_PER_LAG * one.n_past:
             found[name] = one
             continue
-        left = [part for part in ("hinges", "products") if part in name]
+        left = [part for part, has in {"hinges": one.n_hinges, "products": one.products}.items() if has]
         found[listed(left) or "the latest observation"] = WindowFeatures(
             hinges=one.n_hinges, products=one.products
         )

@@ -461,8 +461,8 @@ class SwitchingFilter(Stepper, Filter):
 
         The filter stays as it is.
 
-        Complete series of one length go side by side, many times faster than one after the other; a
-        series with gaps, or padded at its end with NaN, goes alone.
+        Series of one length go side by side, many times faster than one after the other; with the compiled
+        engine those with gaps do so, too.  Where a subclass has changed a verb, each series goes alone.
 
         Parameters
         ----------

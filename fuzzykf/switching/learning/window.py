@@ -13,7 +13,10 @@ if TYPE_CHECKING:
 
     from fuzzykf.results import FitResult
 
-__all__ = ["AUTO", "as_features", "chosen"]
+__all__ = ["AUTO", "LAGS", "as_features", "chosen"]
+
+#: Distributed lags: three observations one by one, and the means of 3, 6 and 12 steps before them.
+LAGS: dict[str, Any] = {"order": 3, "blocks": (3, 6, 12)}
 
 #: Asks for the map whose filter scores best on states kept back.
 AUTO = "auto"
@@ -25,7 +28,7 @@ ROUNDING = 1e-9
 
 def maps(order: int) -> tuple[WindowFeatures, ...]:
     """Return the maps between which `AUTO` chooses: nothing, lags, hinges, both, and all with products."""
-    lags: dict[str, Any] = {"order": max(order, 3), "blocks": (3, 6, 12)}
+    lags = LAGS | {"order": max(order, LAGS["order"])}
     return (
         WindowFeatures(order=order),
         WindowFeatures(**lags),
