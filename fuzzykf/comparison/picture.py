@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from typing import Any
 
     from matplotlib.axes import Axes
@@ -24,7 +24,9 @@ __all__ = ["plot_comparison"]
 def plot_comparison(
     comparison: Comparison, *, state_label: str = "state", unit: str = "", steps: int = 336
 ) -> Figure:
-    """Draw a comparison: the whole restored part, an excerpt with its band, and the switch.
+    """Draw the two methods of least error: the whole restored part, an excerpt, and the switch.
+
+    The excerpt has the band of 90 % of the best.  The switch is that of the two best methods that have one.
 
     Parameters
     ----------
@@ -61,16 +63,17 @@ def plot_comparison(
 
     figure = figure_class()(figsize=(9.0, 8.0), layout="constrained")
     whole, state, switch = figure.subplots(3, 1, height_ratios=[2, 3, 2])
-    main, rival = _main_and_rival(comparison)
+    by_name = {one.name: one for one in comparison.restorations}
+    ranked = [by_name[one.name] for one in comparison.ranked]
     label = textwrap.fill(f"{state_label} ({unit})" if unit else state_label, 24)
 
-    _draw_state(whole, time, truth, main, rival, band=False)
+    _draw_state(whole, time, truth, ranked, band=False)
     if n > steps:
         whole.axvspan(time[excerpt][0], time[excerpt][-1], color="0.88", zorder=0, label="shown below")
     whole.set(ylabel=label, title="The part that no method has seen")
-    _draw_state(state, time[excerpt], truth[excerpt], main, rival, band=True, part=excerpt)
+    _draw_state(state, time[excerpt], truth[excerpt], ranked, band=True, part=excerpt)
     state.set(ylabel=label)
-    _draw_switch(switch, comparison, time, excerpt)
+    _draw_switch(switch, comparison, ranked, time, excerpt)
     state.sharex(switch)
     state.tick_params(labelbottom=False)
     switch.set(ylabel="switch", ylim=(-0.05, 1.05), xlabel="row" if task.time is None else "time")
@@ -85,25 +88,18 @@ def plot_comparison(
     return figure
 
 
-def _main_and_rival(comparison: Comparison) -> tuple[Restoration, Restoration]:
-    """Return the first method (the fuzzy filter), and the best of the others."""
-    by_name = {one.name: one for one in comparison.restorations}
-    main = comparison.restorations[0]
-    return main, next(by_name[s.name] for s in comparison.ranked if s.name != main.name)
-
-
 def _draw_state(
     axes: Axes,
     time: Any,
     truth: Any,
-    main: Restoration,
-    rival: Restoration,
+    ranked: Sequence[Restoration],
     *,
     band: bool,
     part: slice = slice(None),
 ) -> None:
     from fuzzykf.plotting.style import BLUE, ORANGE, TRUTH
 
+    main, rival = ranked[:2]
     if band:
         lower, upper = (end[part] for end in main.interval(0.9))
         axes.fill_between(time, lower, upper, color=BLUE, alpha=0.2, linewidth=0, label=f"{main.title}, 90 %")
@@ -112,7 +108,9 @@ def _draw_state(
     axes.plot(time, main.mean[part], color=BLUE, linewidth=1.5, label=main.title)
 
 
-def _draw_switch(axes: Axes, comparison: Comparison, time: Any, excerpt: slice) -> None:
+def _draw_switch(
+    axes: Axes, comparison: Comparison, ranked: Sequence[Restoration], time: Any, excerpt: slice
+) -> None:
     from fuzzykf.plotting.style import BLUE, ORANGE, TRUTH
 
     task = comparison.task
@@ -126,8 +124,8 @@ def _draw_switch(axes: Axes, comparison: Comparison, time: Any, excerpt: slice) 
             label="rule of the learning part\n(not seen here)",
         )
     styles = [(BLUE, "-", 1.5), (ORANGE, (0, (1.5, 1)), 1.1)]
-    with_switch = [r for r in comparison.restorations if r.switch is not None]
-    for (color, style, width), restoration in zip(cycle(styles), with_switch, strict=False):
+    with_switch = [r for r in ranked if r.switch is not None]
+    for (color, style, width), restoration in zip(styles, with_switch, strict=False):
         axes.plot(
             time[excerpt],
             restoration.switch[excerpt],  # type: ignore[index]

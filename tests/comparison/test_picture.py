@@ -54,15 +54,34 @@ def test_the_excerpt_shows_truth_estimate_rival_and_band() -> None:
     truth = found.task.state[N_TRAIN:]
     np.testing.assert_array_equal(lines(whole)["measured"].get_ydata(), truth)
     np.testing.assert_array_equal(lines(state)["measured"].get_ydata(), truth[excerpt])
-    np.testing.assert_array_equal(lines(state)["OFSRFilter"].get_ydata(), truth[excerpt] + 0.3)
-    # The rival is the best of the others, which here is the simplest.
+    # the two of least error, and the band of the best
     np.testing.assert_array_equal(lines(state)["linear regression"].get_ydata(), truth[excerpt] + 0.1)
+    np.testing.assert_array_equal(lines(state)["CGOMSMFilter"].get_ydata(), truth[excerpt] + 0.2)
+    assert "OFSRFilter" not in lines(state)
     (band,) = state.collections
     upper = band.get_paths()[0].vertices[:, 1].max()
-    assert upper == pytest.approx(truth[excerpt].max() + 0.3 + 1.6448536 * 0.5)
-    np.testing.assert_array_equal(lines(switch)["OFSRFilter,\nposterior mean"].get_ydata(), np.full(200, 0.2))
+    assert upper == pytest.approx(truth[excerpt].max() + 0.1 + 1.6448536 * 0.5)
+    for name, value in {"CGOMSMFilter": 0.8, "OFSRFilter": 0.2}.items():
+        shown = lines(switch)[f"{name},\nposterior mean"]
+        np.testing.assert_array_equal(shown.get_ydata(), np.full(200, value))
     assert state.get_ylabel() == "demand (GW)"
     assert (switch.get_ylabel(), switch.get_xlabel()) == ("switch", "time")
+
+
+def test_the_switches_drawn_are_those_of_the_two_best_that_have_one() -> None:
+    found = comparison("h")
+    third = Restoration(
+        name="a third",
+        mean=found.truth + 0.4,
+        std=np.full(N_TEST, 0.5),
+        microseconds=1,
+        switch=np.ones(N_TEST),
+    )
+    more = score(found.task, (third, *found.restorations), np.random.default_rng(0), n_resamples=100)
+    *_, switch = plot_comparison(more).axes
+    styles = {(line.get_color(), line.get_linestyle()) for line in switch.get_lines()}
+    assert len(styles) == len(switch.get_lines()) == 3  # with the rule of the learning part
+    assert not any("third" in label for label in lines(switch))
 
 
 def test_lines_differ_in_dashes_as_well_as_in_colour() -> None:
