@@ -8,7 +8,7 @@ from libc.string cimport memcpy, memmove, memset
 
 from fuzzykf.engine.compiled.arrays cimport Buffer, at, doubles
 from fuzzykf.engine.compiled.gaps cimport (
-    GapRoom, GapTables, fk_gap_rows, fk_gaps_engine, fk_open_complete, gaps_versions, shown_state,
+    GapRoom, GapTables, fk_gap_rows, fk_gaps_engine, fk_open_complete, gaps_versions, open_state, shown_state,
 )
 from fuzzykf.engine.compiled.nodes cimport (
     NodeKernel, NodeSpan, fk_nodes_advance, nodes_versions,
@@ -66,7 +66,7 @@ cdef bint fit(const double *rows, int n, int e, int M) noexcept:
 cdef class Stepper:
     """The state of a switching filter, and `step`; see `fuzzykf.switching.filters.stepper.Stepper`.
 
-    Once `_arm` has handed over a complete state and the tables of all steps to come, observations
+    Once `_arm` has handed over a state and the tables of all steps to come, observations
     go through the compiled step alone, complete or not, as long as the verbs are those that they were
     then.  The attributes are made when they are read.
     """
@@ -104,7 +104,12 @@ cdef class Stepper:
         if isinstance(packed, NodeKernel):
             self._arm_nodes(packed, known.table, every_pair)
         elif isinstance(packed, Kernel):
-            self._arm_pairs(packed, known.table, known.window, known.mass)
+            if known.unknown and (known.root is None or not isinstance(tables.gaps, GapTables)):
+                return False
+            table = known.state_table((<Kernel> packed).k.m) if known.unknown else known.table
+            self._arm_pairs(packed, table, known.window, known.mass)
+            if known.unknown:
+                self._arm_gap(tables.gaps, known)
         else:  # a system too large to be compiled
             return False
         self.tables, self.ahead = tables, False
@@ -150,6 +155,15 @@ cdef class Stepper:
         self.now, self.old, self.spare, self.p = &self.work.one, &self.work.two, &self.work.three, self.work.p
         self.M, self.m, self.q, self.w = kernel.k.M2, kernel.k.m, kernel.k.q, kernel.k.w
         self.kernel = kernel
+        return 0
+
+    cdef int _arm_gap(self, gaps, known) except -1:
+        """Put what is known in a gap beside the state of X alone."""
+        branches = known.branches
+        self._make_room(gaps, 1 if branches is None else np.shape(branches.table)[1] // self.M)
+        self.branches[0] = open_state(
+            self.rows[0], known.table, known.root, branches, known.window, self.M, self.m
+        )
         return 0
 
     cdef bint _has_own_verbs(self) except -1:
@@ -208,7 +222,7 @@ cdef class Stepper:
         elif complete and self.branches[0] <= 0:
             moved = self._advance_pairs(y)
         elif self.gaps is None and not self._open_gaps():
-            return self._step_any(z)
+            return self._step_by_verbs(z)
         else:
             moved = self._advance_gap(y)
         if not moved:
@@ -275,10 +289,15 @@ cdef class Stepper:
         gaps = self.tables.gaps
         if not isinstance(gaps, GapTables):
             return False
-        self.room = GapRoom(gaps, 1)
+        self._make_room(gaps, 1)
+        return True
+
+    cdef int _make_room(self, GapTables gaps, int n) except -1:
+        """Make room for states of n branches a node, and of as many as come after them."""
+        self.room = GapRoom(gaps, n)
         self.rows[0], self.rows[1], self.rows[2] = self.room.rows[0], self.room.rows[1], self.room.rows[2]
         self.gaps = gaps
-        return True
+        return 0
 
     cdef bint _advance_gap(self, const double *y) noexcept:
         """Take an observation of which, or of the window before it, something is missing, likewise."""

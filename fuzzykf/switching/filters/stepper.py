@@ -26,8 +26,8 @@ if TYPE_CHECKING or not STREAMS:
         """Owner of the state of a switching filter.
 
         A subclass implements ``_step_any``, which takes any observation, and may call `_arm` to
-        let a compiled stepper take over from a complete state while tables are constant: it
-        then has a ``step`` that goes through the compiled core alone, in gaps as well.
+        let a compiled stepper take over while tables are constant: it then has a ``step`` that goes
+        through the compiled core alone, in gaps as well.
         """
 
         _n: int  # observations taken, missing ones included

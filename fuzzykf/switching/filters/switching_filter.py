@@ -199,8 +199,8 @@ class SwitchingFilter(Stepper, Filter):
         """Do a step with any observation; `step` comes here unless it can be compiled."""
         z = z if isinstance(z, float | np.ndarray) else match_row(z, labels_of(self))
         y = as_observation(z, self.dim_z)  # what is refused leaves the filter as it was
-        if y is not None and u is None and self._hand_over() and not np.isnan(y).any():
-            estimate: FloatArray = self.step(y)
+        if u is None and self._hand_over():
+            estimate: FloatArray = self.step(np.full(self.dim_z, np.nan) if y is None else y)
             return estimate
         return self._step_by_verbs(z, u)
 
@@ -261,9 +261,9 @@ class SwitchingFilter(Stepper, Filter):
         step = _step_any
 
     def _hand_over(self) -> bool:
-        """Let the engine take the steps to come, if their tables are constant and the state complete."""
+        """Let the engine take the steps to come, if their tables are constant."""
         known, steady_from = self._mixture, self._system.steady_from
-        if not STREAMS or known is None or known.unknown or not self._method.streams:
+        if not STREAMS or known is None or not self._method.streams:
             return False
         if steady_from is None or self._n <= steady_from or self._predicted or self._system.chain.is_signed:
             return False

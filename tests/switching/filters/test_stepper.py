@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import sys
 
 import numpy as np
 import pytest
@@ -158,6 +159,43 @@ def test_steps_in_gaps_are_those_of_the_verbs(make, model) -> None:
             if k > 0:
                 are_alike(copied if k % 4 == 0 else read, verbs)
     are_alike(unread, verbs)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 2)])
+@pytest.mark.parametrize("way", ["from the start", "copied", "pickled", "loaded", "left by filter"])
+def test_the_engine_takes_over_in_a_gap(size, way, tmp_path) -> None:
+    f = OFSRFilter(vector_model(*size))
+    y = f.model.simulate(14, np.random.default_rng(1)).y
+    y[3:7] = np.nan
+    begun = 5
+    if way == "from the start":
+        y[:5], begun = np.nan, 0
+    for z in y[:begun]:
+        f.step(z)
+    g = f.copy()
+    if way == "pickled":
+        g = pickle.loads(pickle.dumps(f))
+    elif way == "loaded":
+        f.save(tmp_path / "f.json")
+        g = OFSRFilter.load(tmp_path / "f.json")
+    elif way == "left by filter":
+        g = OFSRFilter(f.model)
+        g.filter(y[:begun])
+    calls = []  # of functions in Python
+    for k, z in enumerate(y[begun:]):
+        calls.clear()
+        sys.setprofile(lambda _, event, __: calls.append(event) if event == "call" else None)
+        try:
+            x = g.step(z)
+        finally:
+            sys.setprofile(None)
+        f.predict()
+        f.update(z)
+        np.testing.assert_allclose(x, f.x, rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(g.P, f.P, rtol=1e-11, atol=1e-13)
+        assert g.log_likelihood == pytest.approx(f.log_likelihood, rel=1e-11, abs=1e-13)
+        if k > 1:  # the first two hand over
+            assert not calls
 
 
 def test_a_predict_in_a_gap_goes_on_from_what_the_engine_knows(fuzzy_model) -> None:
