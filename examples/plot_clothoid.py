@@ -2,32 +2,40 @@
 A vehicle that eases into bends
 ===============================
 
-Roads do not jump from straight to bent: between the two lies a clothoid, along which the curvature grows
-evenly. A tracker with two modes, straight on and in a bend, believes in one or the other for as long as the
-clothoid lasts. A fuzzy switch has all that lies between. How noisy the receiver and the motion are, how long
-bends last and how gently they begin is learned here from the measured positions of a single drive; other
-drives are then filtered with it.
+Roads do not jump from straight to bent: between the two lies a clothoid, along which
+the curvature grows evenly. A tracker with two modes, straight and bent, believes in one
+or the other while the clothoid lasts. A fuzzy switch covers everything in between. This
+example learns the noise of receiver and motion, and how long bends last and how gently
+they begin, from the measured positions of a single drive. It then filters other drives
+with what it has learned.
 """
 
 # %%
 # The model
 # ---------
-# The state is position and velocity in metres and metres a second, (east, v east, north, v north), a
-# step is a second. In a bend the velocity turns by 9 degrees a second, at 15 m/s with a radius of 95 m.
-# What is in between turns by less: the transition is a *function* of the class weights, since a mixture
-# of two rotations is none.
+# The state is position and velocity in metres and metres per second, (east, v east,
+# north, v north), and a step is one second. In a bend the velocity turns by 9 degrees
+# per second; at 15 m/s the radius is 95 m. In between it turns by less: the transition
+# is a *function* of the class weights, since a mixture of two rotations is not a
+# rotation.
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fuzzykf import FadeLaw, KalmanFilter, KnownSwitchFilter, SwitchingKalmanFilter, SwitchingStateSpace
+from fuzzykf import (
+    FadeLaw,
+    KalmanFilter,
+    KnownSwitchFilter,
+    SwitchingKalmanFilter,
+    SwitchingStateSpace,
+)
 from fuzzykf.plotting import BLUE, ORANGE, TRUTH
 
 RATE, SPEED, STEPS, RUNS = np.deg2rad(9.0), 15.0, 200, 20
 
 
 def turning(rate):
-    """Make the transition of a second at a constant rate of turn, in radians a second."""
+    """Make the transition of one second at a constant turn rate, in radians/second."""
     cosine, sine = np.cos(rate), np.sin(rate)
     along, across = np.sinc(rate / np.pi), 0.5 * rate * np.sinc(0.5 * rate / np.pi) ** 2
     return np.array(
@@ -41,7 +49,7 @@ def turning(rate):
 
 
 def drives(law):
-    """Make the model of all drives: its switch moves by the law, its noises are a guess."""
+    """Make the model of all drives: the law of its switch, and a guess of the noise."""
     return SwitchingStateSpace(
         law,
         F=lambda weights: turning(RATE * weights[1]),
@@ -53,20 +61,26 @@ def drives(law):
     )
 
 
-PUSH = np.kron(np.eye(2), np.outer([0.5, 1.0], [0.5, 1.0]))  # of an acceleration of 1 m/s^2
+PUSH = np.kron(
+    np.eye(2), np.outer([0.5, 1.0], [0.5, 1.0])
+)  # of an acceleration of 1 m/s^2
 
 # %%
 # The drives
 # ----------
-# They do not come from the law: straights and bends last for a random time each, the clothoids between
-# them 20 seconds. The receiver errs by 2 m, the accelerations are of 0.2 m/s^2.
+# The drives do not follow the law: straights and bends last for a random time each, the
+# clothoids between them for 20 seconds. The receiver errs by 2 m, the accelerations are
+# of 0.2 m/s^2.
 
 
 def drive(steps, length, rng):
-    """Draw states (steps, 4), measured positions (steps, 2), and how bent the road is (steps,)."""
+    """Draw states (steps, 4), measured positions (steps, 2), and the bend (steps,)."""
     up, pieces, k = np.arange(1, length + 1) / length, [], 0
     while sum(map(len, pieces)) < steps:
-        pieces += [np.full(5 + rng.geometric(1.0 / 40.0), float(k)), up if k == 0 else 1.0 - up]
+        pieces += [
+            np.full(5 + rng.geometric(1.0 / 40.0), float(k)),
+            up if k == 0 else 1.0 - up,
+        ]
         k = 1 - k
     bent = np.concatenate(pieces)[:steps]
     x = np.zeros((steps, 4))
@@ -80,8 +94,8 @@ def drive(steps, length, rng):
 # %%
 # Learning from one drive
 # -----------------------
-# ``free`` says what is to be learned: the law, the size of the accelerations, the noise of both
-# coordinates. The rest stays as it is.
+# ``free`` says what to learn: the law, the size of the accelerations, and the noise of
+# both coordinates. Everything else is fixed.
 
 rng = np.random.default_rng(1)
 _, lesson, _ = drive(1500, 20, rng)
@@ -90,17 +104,21 @@ fuzzy_fit = drives(FadeLaw.between(60, 10)).fit(lesson, free=free)
 hard_fit = drives(np.array([[0.98, 0.02], [0.02, 0.98]])).fit(lesson, free=free)
 print(fuzzy_fit.summary())
 
-# %%
-# The true clothoids last 20 seconds, the true variances are 0.04 and 4, and a straight or a bend lasts
-# 45 seconds. ``hard_fit`` had to explain the clothoids by jumps, and leaves a class more often.
+# %% The true clothoids last 20 seconds, the true variances are 0.04 and 4, and a
+# straight or a bend lasts 45 seconds. ``hard_fit`` must explain the clothoids by jumps,
+# and therefore leaves a class more often.
 #
 # Other drives
 # ------------
-# The rivals: a single Kalman filter whose noises are learned from the same drive, the hard switch, and
-# as the bound the filter that is told how bent the road is.
+# The rivals are a single Kalman filter whose noise is learned from the same drive, and
+# the hard switch. The bound is the filter that is told how bent the road is.
 
 start = KalmanFilter(
-    4, 2, x=[0.0, SPEED, 0.0, 0.0], P=np.diag([100.0, 4.0, 100.0, 4.0]), R=np.diag([9.0, 9.0])
+    4,
+    2,
+    x=[0.0, SPEED, 0.0, 0.0],
+    P=np.diag([100.0, 4.0, 100.0, 4.0]),
+    R=np.diag([9.0, 9.0]),
 )
 start.F, start.H, start.Q = turning(0.0), np.eye(4)[[0, 2]], PUSH
 single = start.fit(lesson, free={"Q": ("scale", PUSH), "R": "diagonal"}).model
@@ -115,7 +133,11 @@ known = KnownSwitchFilter(fuzzy_fit.model)
 
 def estimates(y, bent):
     """Estimate the states (steps, 4) of a drive by all filters, by name."""
-    found = {"no filter": np.stack([y[:, 0], np.gradient(y[:, 0]), y[:, 1], np.gradient(y[:, 1])], axis=1)}
+    found = {
+        "no filter": np.stack(
+            [y[:, 0], np.gradient(y[:, 0]), y[:, 1], np.gradient(y[:, 1])], axis=1
+        )
+    }
     for name, f in FILTERS.items():
         f.reset()
         found[name] = f.filter(y).x.reshape(len(y), 4)
@@ -134,16 +156,17 @@ for length, runs in tests.items():
 print(f"{'mean squared error of':22s}{'position, m^2':>30s}{'velocity, m^2/s^2':>32s}")
 print(f"{'clothoids of':22s}" + 2 * f"{'20 s':>18s}{'at once':>14s}")
 for name in estimates(*tests[1][0][1:]):
-    cells = [np.array(errors[length, name])[:, what] for what in (0, 1) for length in (20, 1)]
+    cells = [
+        np.array(errors[length, name])[:, what] for what in (0, 1) for length in (20, 1)
+    ]
     texts = [f"{e.mean():.2f} +- {e.std(ddof=1) / np.sqrt(RUNS):.2f}" for e in cells]
     print(f"{name:22s}{texts[0]:>18s}{texts[1]:>14s}{texts[2]:>18s}{texts[3]:>14s}")
 
-# %%
-# On clothoids the fuzzy switch has half of the error in velocity of the hard one, and comes closest to
-# the filter that is told the bend. Where bends come at once the law that it has learned is wrong, and
-# the hard switch is the better one: learn from a drive of the kind that is to be filtered. A single
-# Kalman filter takes bends for accelerations, and its velocities are worse than differences of the raw
-# positions.
+# %% On clothoids the fuzzy switch has half the velocity error of the hard one, and
+# comes closest to the filter that is told the bend. If bends begin abruptly, the
+# learned law is wrong and the hard switch is better: learn from drives like those that
+# you want to filter. A single Kalman filter takes bends for accelerations, and its
+# velocities are worse than differences of the raw positions.
 #
 # The drive in the middle, by the error of the hard switch:
 
@@ -158,7 +181,12 @@ figure, (road, curve, speed) = plt.subplots(
 )
 road.plot(y[:, 0], y[:, 1], ".", color="0.6", markersize=3, label="measured")
 road.plot(x[:, 0], x[:, 2], color=TRUTH, linewidth=1, label="true")
-road.plot(*found["fuzzy, learned"][:, [0, 2]].T, color=BLUE, linewidth=1.2, label="fuzzy, learned")
+road.plot(
+    *found["fuzzy, learned"][:, [0, 2]].T,
+    color=BLUE,
+    linewidth=1.2,
+    label="fuzzy, learned",
+)
 road.set(title="The road", xlabel="east, m", ylabel="north, m", aspect="equal")
 curve.fill_between(range(STEPS), 9.0 * bent, color="0.85", label="true")
 curve.plot(9.0 * fuzzy.class_weights[:, 1], color=BLUE, label="fuzzy, learned")
@@ -177,7 +205,9 @@ for name, color, line in (
         linewidth=1.2,
         label=f"{name}, root mean square {np.sqrt((off[5:] ** 2).mean()):.2f}",
     )
-speed.set(title="The error of the velocity", xlabel="second", ylabel="m/s", ylim=(0, None))
+speed.set(
+    title="The error of the velocity", xlabel="second", ylabel="m/s", ylim=(0, None)
+)
 for panel in (road, curve, speed):
     panel.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     panel.grid(color="0.92")

@@ -2,11 +2,12 @@
 A manoeuvring target, filtered exactly
 ======================================
 
-A target moves in the plane, straight on or in coordinated turns to either side, and changes between
-the three at random. Given the regimes this is a linear system; without them it has no exact filter of
-bounded cost, and the interacting multiple model estimator (IMM) is the usual approximation. Here the
-system is *converted* instead: to a nearby model that has an exact filter, with a window of 1, 3 or 5
-observations. Who wins, and what for?
+A target moves in the plane, straight on or in coordinated turns to either side, and
+changes between the three at random. Given the regimes this is a linear system; without
+them it has no exact filter of bounded cost, and the interacting multiple model
+estimator (IMM) is the usual approximation. Here the system is *converted* instead: to a
+nearby model that has an exact filter, with a window of 1, 3 or 5 observations. Which is
+better, and for what?
 """
 
 # %%
@@ -31,7 +32,7 @@ POSITION, VELOCITY = [0, 2], [1, 3]
 
 
 def motion(turn_rate):
-    """Make the transition matrix of one second of a coordinated turn; 0 radians per second is straight on."""
+    """Make the transition matrix of one second of a coordinated turn."""
     if turn_rate == 0.0:
         along, across, sine, cosine = 1.0, 0.0, 0.0, 1.0
     else:
@@ -48,7 +49,7 @@ def motion(turn_rate):
 
 
 def target(velocities_seen, turn_rate=TURN_RATE):
-    """Make the matrices of the switching state-space model X' = A X + C U, Y' = B X' + D V."""
+    """Make the matrices of X' = A X + C U, Y' = B X' + D V, for each regime."""
     push = np.kron(np.eye(2), [[0.5], [1.0]])
     seen = np.eye(4) if velocities_seen else np.eye(4)[POSITION]
     noise = np.diag([5.0, 2.0, 5.0, 2.0] if velocities_seen else [5.0, 5.0])
@@ -65,10 +66,11 @@ def target(velocities_seen, turn_rate=TURN_RATE):
 # %%
 # The filters
 # -----------
-# The second moments of the state grow for ever, so the tables vary with time. ``closeness`` tells what
-# a conversion costs before any data are seen: how much larger the mean squared error is than that of a
-# Kalman filter, both told the regimes. A model that is far off is warned of when it is made; that is
-# silenced here, because the far ones are wanted.
+# The second moments of the state grow without bound, so the tables vary with time.
+# ``closeness`` says what a conversion costs before any data are seen: the mean squared
+# error divided by that of a Kalman filter, when both are told the regimes. Models that
+# are far off give a warning when they are made. It is silenced here, because we want to
+# compare them too.
 
 
 def convert(matrices, order):
@@ -89,7 +91,7 @@ def kalman_filter(matrices, regime):
 
 
 def with_imm(matrices, y):
-    """Filter with IMM: means and regime probabilities. The first observation needs no prediction."""
+    """Filter with IMM, without a prediction of the first observation."""
     bank = [kalman_filter(matrices, regime) for regime in range(3)]
     imm = IMMEstimator(bank, np.full(3, 1.0 / 3.0), matrices["transition"])
     means, probabilities = [], []
@@ -103,7 +105,7 @@ def with_imm(matrices, y):
 
 
 def with_known_regimes(matrices, y, r):
-    """Filter with the Kalman filter that is told the regimes, the bound for all: means."""
+    """Filter with the Kalman filter that is told the regimes, a bound for all."""
     f = kalman_filter(matrices, int(r[0]))
     means = []
     for n, z in enumerate(y):
@@ -118,27 +120,39 @@ def with_known_regimes(matrices, y, r):
 # %%
 # A hundred runs
 # --------------
-# Every filter sees the same observations, so ratios to IMM come with standard errors of paired
-# differences.
+# All filters see the same observations, so that ratios to IMM have standard errors of
+# paired differences.
 
 
 def scores(truth, means, probabilities):
-    """Compute the mean squared errors of position and velocity, and the share of wrong regimes."""
+    """Compute squared errors of position and velocity, and the wrong regimes."""
     square = (means - truth.x) ** 2
-    wrong = np.nan if probabilities is None else np.mean(np.argmax(probabilities, axis=1) != truth.r)
-    return square[:, POSITION].sum(axis=1).mean(), square[:, VELOCITY].sum(axis=1).mean(), wrong
+    wrong = (
+        np.nan
+        if probabilities is None
+        else np.mean(np.argmax(probabilities, axis=1) != truth.r)
+    )
+    return (
+        square[:, POSITION].sum(axis=1).mean(),
+        square[:, VELOCITY].sum(axis=1).mean(),
+        wrong,
+    )
 
 
 def study(velocities_seen, runs, seed):
-    """Score all filters in all runs; also the closeness of the models, and the last run."""
+    """Score all filters in all runs; return also closeness and the last run."""
     matrices = target(velocities_seen)
     models = {order: convert(matrices, order) for order in ORDERS}
-    closeness = {order: models[order].closeness([1.0, 0.0, 1.0, 0.0]) for order in ORDERS}
+    closeness = {
+        order: models[order].closeness([1.0, 0.0, 1.0, 0.0]) for order in ORDERS
+    }
     table = {}
     rng = np.random.default_rng(seed)
     for _ in range(runs):
         truth = CGLSSM(**matrices).simulate(STEPS, rng)
-        results = {"regimes known": (with_known_regimes(matrices, truth.y, truth.r), None)}
+        results = {
+            "regimes known": (with_known_regimes(matrices, truth.y, truth.r), None)
+        }
         results["IMM"] = with_imm(matrices, truth.y)
         for order in ORDERS:
             result = CGOMSMFilter(models[order]).filter(truth.y)
@@ -147,7 +161,11 @@ def study(velocities_seen, runs, seed):
         results[f"smoothed, order {ORDERS[-1]}"] = result.x, result.mu
         for name, (means, probabilities) in results.items():
             table.setdefault(name, []).append(scores(truth, means, probabilities))
-    return {name: np.array(rows) for name, rows in table.items()}, closeness, (truth, results)
+    return (
+        {name: np.array(rows) for name, rows in table.items()},
+        closeness,
+        (truth, results),
+    )
 
 
 def ratio(a, b):
@@ -159,7 +177,10 @@ def ratio(a, b):
 def report(title, table, closeness):
     """Print mean squared errors with standard errors, in m^2 and (m/s)^2."""
     print(title)
-    print(f"{'':19s}{'position':>14s}{'to IMM':>17s}{'velocity':>14s}{'to IMM':>17s}{'wrong regimes':>15s}")
+    print(
+        f"{'':19s}{'position':>14s}{'to IMM':>17s}"
+        f"{'velocity':>14s}{'to IMM':>17s}{'wrong regimes':>15s}"
+    )
     for name, rows in table.items():
         cells = []
         for k in (0, 1):
@@ -168,8 +189,15 @@ def report(title, table, closeness):
             value, error = ratio(rows[:, k], table["IMM"][:, k])
             cells.append(f"{value:.3f} +- {error:.3f}")
         wrong = "" if np.isnan(rows[0, 2]) else f"{100 * rows[:, 2].mean():.1f} %"
-        print(f"{name:19s}{cells[0]:>14s}{cells[1]:>17s}{cells[2]:>14s}{cells[3]:>17s}{wrong:>15s}")
-    print("closeness, position:", ", ".join(f"order {k} {v:.3f}" for k, v in closeness.items()), end="\n\n")
+        print(
+            f"{name:19s}{cells[0]:>14s}{cells[1]:>17s}"
+            f"{cells[2]:>14s}{cells[3]:>17s}{wrong:>15s}"
+        )
+    print(
+        "closeness, position:",
+        ", ".join(f"order {k} {v:.3f}" for k, v in closeness.items()),
+        end="\n\n",
+    )
 
 
 both, both_closeness, example = study(True, RUNS, seed=1)
@@ -177,20 +205,21 @@ report("positions and velocities observed (q = 4)", both, both_closeness)
 positions, positions_closeness, _ = study(False, RUNS, seed=2)
 report("positions observed (q = 2)", positions, positions_closeness)
 
-# %%
-# IMM is a little better on position here, as it approximates the posterior of the right model, and the
-# exact filters compute that of a nearby one. With velocities observed, order 5 is next to it; with
-# positions alone the window would have to be longer still, as ``closeness`` said beforehand. A window of
-# one observation, as in the paper of 2013, is no rival on targets like these.
+# %% IMM is a little better on position here: it approximates the posterior of the right
+# model, while the exact filters compute that of a nearby one. With velocities observed,
+# order 5 is close to IMM. With positions alone, the window would need to be longer
+# still, as ``closeness`` predicts. A window of one observation, as in the paper of
+# 2013, cannot compete on such targets.
 #
 # What the exact filter gives in exchange
 # ---------------------------------------
-# *A smoother*, exact as well: given the regime, later observations say nothing more about the state in
-# this model, so all they correct is the regime. That more than halves the share of wrong regimes, and
-# the velocity gains most. (In the table it has seen the whole run, IMM has not.)
+# *An exact smoother.* Given the regime, later observations say nothing more about the
+# state in this model, so they only correct the regime. This more than halves the share
+# of wrong regimes, and improves the velocity most. (In the table the smoother has seen
+# the whole run, IMM has not.)
 #
-# *A likelihood* without approximation, and so learning by maximum likelihood and comparison of
-# models. The turn rate, say, is found from observed positions alone, regimes and all else hidden:
+# *An exact likelihood*, for learning and for comparing models. For example, the turn
+# rate is found from the observed positions alone, with everything else hidden:
 
 rates = np.arange(6.0, 12.5, 1.0)
 rng = np.random.default_rng(3)
@@ -198,25 +227,47 @@ tracks = [CGLSSM(**target(False)).simulate(STEPS, rng).y for _ in range(10)]
 log_likelihood = np.zeros(len(rates))
 for k, rate in enumerate(rates):
     model = convert(target(False, np.deg2rad(rate)), order=5)
-    log_likelihood[k] = sum(CGOMSMFilter(model).filter(y).log_likelihood.sum() for y in tracks)
+    log_likelihood[k] = sum(
+        CGOMSMFilter(model).filter(y).log_likelihood.sum() for y in tracks
+    )
     print(f"{rate:4.0f} degrees per second: log-likelihood {log_likelihood[k]:.1f}")
 
 # %%
 # The pictures
 # ------------
-# A run with velocities observed, the probability that the target is turning in it, the errors of all
-# runs relative to the filter that knows the regimes, and the likelihood of the turn rate.
+# The panels show a run with velocities observed, the probability that the target is
+# turning, the errors of all runs relative to the filter that knows the regimes, and the
+# likelihood of the turn rate.
 
 BLACK, BLUE, ORANGE, GREEN = "black", "#0072B2", "#D55E00", "#009E73"
 figure, axes = plt.subplots(2, 2, figsize=(11, 9), layout="constrained")
 (track, turning), (errors, likelihood) = axes
 
 truth, results = example
-track.plot(truth.y[:, 0], truth.y[:, 2], ".", color="0.6", markersize=4, label="measured")
+track.plot(
+    truth.y[:, 0], truth.y[:, 2], ".", color="0.6", markersize=4, label="measured"
+)
 track.plot(*truth.x[:, POSITION].T, color=BLACK, linewidth=1, label="true")
-track.plot(*results["IMM"][0][:, POSITION].T, color=ORANGE, linewidth=1.5, linestyle="--", label="IMM")
-track.plot(*results["exact, order 5"][0][:, POSITION].T, color=BLUE, linewidth=1.5, label="exact, order 5")
-track.set(title="A run (q = 4)", xlabel="$p_x$ (m)", ylabel="$p_y$ (m)", aspect="equal", adjustable="datalim")
+track.plot(
+    *results["IMM"][0][:, POSITION].T,
+    color=ORANGE,
+    linewidth=1.5,
+    linestyle="--",
+    label="IMM",
+)
+track.plot(
+    *results["exact, order 5"][0][:, POSITION].T,
+    color=BLUE,
+    linewidth=1.5,
+    label="exact, order 5",
+)
+track.set(
+    title="A run (q = 4)",
+    xlabel="$p_x$ (m)",
+    ylabel="$p_y$ (m)",
+    aspect="equal",
+    adjustable="datalim",
+)
 track.legend(frameon=False)
 
 turning.fill_between(range(STEPS), truth.r > 0, step="mid", color="0.88", label="true")
@@ -225,16 +276,34 @@ for name, colour, line in (
     ("exact, order 5", BLUE, "-"),
     ("smoothed, order 5", GREEN, "-"),
 ):
-    turning.plot(1.0 - results[name][1][:, 0], color=colour, linewidth=1.5, linestyle=line, label=name)
-turning.set(title="Probability of a turn in that run", xlabel="step", ylim=(0, 1.25), yticks=[0, 0.5, 1])
+    turning.plot(
+        1.0 - results[name][1][:, 0],
+        color=colour,
+        linewidth=1.5,
+        linestyle=line,
+        label=name,
+    )
+turning.set(
+    title="Probability of a turn in that run",
+    xlabel="step",
+    ylim=(0, 1.25),
+    yticks=[0, 0.5, 1],
+)
 turning.legend(frameon=False, ncols=2, loc="upper right")
 turning.margins(x=0)
 
 names = list(both)[1:]
-for table, shift, colour, label in ((both, -0.12, BLUE, "q = 4"), (positions, 0.12, ORANGE, "q = 2")):
-    values = np.array([ratio(table[name][:, 0], table["regimes known"][:, 0]) for name in names])
+for table, shift, colour, label in (
+    (both, -0.12, BLUE, "q = 4"),
+    (positions, 0.12, ORANGE, "q = 2"),
+):
+    values = np.array(
+        [ratio(table[name][:, 0], table["regimes known"][:, 0]) for name in names]
+    )
     places = np.arange(len(names)) + shift
-    errors.errorbar(values[:, 0], places, xerr=2 * values[:, 1], fmt="o", color=colour, label=label)
+    errors.errorbar(
+        values[:, 0], places, xerr=2 * values[:, 1], fmt="o", color=colour, label=label
+    )
 errors.axvline(1.0, color="0.6", linewidth=1)
 errors.set(
     title="Position error, relative to regimes known",

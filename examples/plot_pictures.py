@@ -9,9 +9,9 @@ given, or into new ones, and returns them.
 # %%
 # A law
 # -----
-# The joint density of two consecutive values of the switch. Bars at the corners are masses: to stay
-# at 0 or at 1, or to jump. The bars between are the density of what slides; here it may move by 0.2
-# in a step at most.
+# The joint density of two consecutive values of the switch. The bars at the corners are
+# probabilities: of staying at 0 or 1, or of jumping. The bars in between are the
+# density of a switch that slides; here it moves by at most 0.2 in a step.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -25,15 +25,19 @@ plt.show()
 # %%
 # A model
 # -------
-# Where state and observation are for each value of the switch, with two standard deviations. A model
-# whose switch can only jump has regimes instead.
+# Mean of state and observation for each value of the switch, with two standard
+# deviations. A model whose switch can only jump has regimes instead.
 
 z0, z1 = np.array([[0.3, 0.2], [0.2, 0.4]]), np.array([[0.6, 0.3], [0.3, 0.3]])
 cross = 0.25 * (z0 + z1)
 covariances = [[np.block([[a, cross], [cross, b]]) for b in (z0, z1)] for a in (z0, z1)]
-model = CGOFMSModel(law, means=[[0.0, 0.0], [4.0, 6.0]], covariances=covariances, dim_x=1)
+model = CGOFMSModel(
+    law, means=[[0.0, 0.0], [4.0, 6.0]], covariances=covariances, dim_x=1
+)
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained", sharey=True)
+figure, (left, right) = plt.subplots(
+    1, 2, figsize=(9, 3.2), layout="constrained", sharey=True
+)
 options = {"labels": ("level", "pressure"), "units": ("m", "kPa")}
 model.plot(left, **options).set_title("fuzzy switch")
 model.harden().plot(right, **options).set_title("hard switch")
@@ -43,12 +47,17 @@ plt.show()
 # %%
 # A result
 # --------
-# The estimate with its band, and the mean of the switch in the strip at the foot: white is 0, black
-# is 1. Truth is drawn if it is given.
+# The estimate with its band, and the mean of the switch in the strip at the bottom:
+# white is 0, black is 1. The truth is drawn if it is given.
 
 truth = model.simulate(120, np.random.default_rng(6))
-figure, (top, bottom) = plt.subplots(2, 1, figsize=(9, 6), layout="constrained", sharex=True)
-filters = ((top, OFSRFilter(model), "fuzzy"), (bottom, CGOMSMFilter(model.harden()), "hard"))
+figure, (top, bottom) = plt.subplots(
+    2, 1, figsize=(9, 6), layout="constrained", sharex=True
+)
+filters = (
+    (top, OFSRFilter(model), "fuzzy"),
+    (bottom, CGOMSMFilter(model.harden()), "hard"),
+)
 for axes, filter_, name in filters:
     result = filter_.filter(truth.y)
     result.plot(axes, truth=truth.x, level=0.9, label="level", unit="m")

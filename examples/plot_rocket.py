@@ -17,14 +17,22 @@ import warnings
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fuzzykf import CauchyMembership, ExtendedKalmanFilter, FuzzyRelationEstimator, SingletonMembership
+from fuzzykf import (
+    CauchyMembership,
+    ExtendedKalmanFilter,
+    FuzzyRelationEstimator,
+    SingletonMembership,
+)
 from fuzzykf.errors import SupportWarning
 from fuzzykf.plotting import BLUE, ORANGE, TRUTH
 
 PRINTED = False
 
 STEP, STEPS, EVERY = 2.0, 100, 10  # s, steps, a measurement every so many of them
-SCALE_W, SCALE_V = 15.0, 1000.0  # scales of the noises of velocity (m/s) and altimeter (m)
+SCALE_W, SCALE_V = (
+    15.0,
+    1000.0,
+)  # scales of the noises of velocity (m/s) and altimeter (m)
 MASS, FUEL, EXHAUST = 20100.0, 100.0, 4000.0  # kg, kg/s, m/s
 GRAVITY, RADIUS, DRAG = 9.8, 6.37e6, 0.5 * 1.21 * 0.3  # m/s^2, m, kg/m
 
@@ -41,12 +49,13 @@ def climb(x, k):
         pull, drag = GRAVITY * RADIUS / (RADIUS + h), DRAG * v**2
     else:
         pull, drag = GRAVITY * (RADIUS / (RADIUS + h)) ** 2, DRAG * v * np.abs(v)
-    return np.stack([h + STEP * v, v + STEP * (EXHAUST * FUEL / mass - pull - drag / mass)], axis=-1)
+    return np.stack(
+        [h + STEP * v, v + STEP * (EXHAUST * FUEL / mass - pull - drag / mass)], axis=-1
+    )
 
 
-# %%
-# A launch.  The noise of the velocity is cut at its scale, as the membership below says;
-# the altimeter errs without bounds.
+# %% A launch. The noise of the velocity is truncated at its scale, like its membership
+# below; the noise of the altimeter is unbounded.
 
 
 def launch(rng):
@@ -59,8 +68,7 @@ def launch(rng):
     return states, states[:, 0] + SCALE_V * rng.standard_cauchy(STEPS)
 
 
-# %%
-# Both estimators know the same: where the rocket stood, and the noises.
+# %% Both estimators know the same: where the rocket started, and the noise.
 
 
 def estimators():
@@ -113,7 +121,9 @@ def follow(altimeter):
 rng = np.random.default_rng(0)
 launches = [launch(rng) for _ in range(12)]
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore", SupportWarning)  # an outlier may lie beyond the live region
+    warnings.simplefilter(
+        "ignore", SupportWarning
+    )  # an outlier may lie beyond the live region
     followed = [follow(altimeter) for _, altimeter in launches]
 errors = {
     name: np.array(
@@ -126,15 +136,16 @@ errors = {
 }
 for name, error in errors.items():
     low, middle, high = np.percentile(error[:, 0], [25, 50, 75])
-    print(f"{name:6s} error of the altitude: median {middle:.0f} m, quartiles {low:.0f} and {high:.0f} m")
+    print(
+        f"{name:6s} error of the altitude: median {middle:.0f} m, "
+        f"quartiles {low:.0f} and {high:.0f} m"
+    )
 wins = int((errors["fuzzy"][:, 0] < errors["EKF"][:, 0]).sum())
 print(f"The fuzzy estimator errs less in {wins} of {len(launches)} launches.")
 
-# %%
-# The launch in the middle: as many have a larger error of the extended Kalman filter as
-# have a smaller one.  An outlier of the altimeter pulls that filter along.  The membership
-# of the altimeter keeps the fuzzy estimator from believing it: states that the dynamics
-# cannot reach have no possibility, whatever the altimeter says.
+# %% The picture shows the median launch by the error of the extended Kalman filter. An
+# outlier of the altimeter pulls that filter along. The fuzzy estimator does not follow
+# it: states that the dynamics cannot reach are impossible, whatever the altimeter says.
 
 middle = int(np.argsort(errors["EKF"][:, 0])[len(launches) // 2])
 (states, altimeter), (estimates, memberships) = launches[middle], followed[middle]
@@ -142,13 +153,18 @@ time = STEP * (np.arange(STEPS) + 1)
 measured = (np.arange(STEPS) + 1) % EVERY == 0
 figure, axes = plt.subplots(3, 1, figsize=(8.0, 7.0), sharex=True, layout="constrained")
 axes[0].plot(time, 1e-3 * states[:, 0], color=TRUTH, label="true")
-axes[0].plot(time[measured], 1e-3 * altimeter[measured], "x", color="0.4", label="altimeter")
+axes[0].plot(
+    time[measured], 1e-3 * altimeter[measured], "x", color="0.4", label="altimeter"
+)
 axes[0].set_ylabel("altitude (km)")
 for axis, component, scale, label in (
     (axes[1], 0, 1e-3, "error of the altitude (km)"),
     (axes[2], 1, 1.0, "error of the velocity (m/s)"),
 ):
-    off = {name: scale * (estimate - states)[:, component] for name, estimate in estimates.items()}
+    off = {
+        name: scale * (estimate - states)[:, component]
+        for name, estimate in estimates.items()
+    }
     axis.axhline(0.0, color=TRUTH, linewidth=0.8)
     axis.plot(time, off["EKF"], "--", color=ORANGE, label="extended Kalman filter")
     axis.plot(time, off["fuzzy"], color=BLUE, label="fuzzy estimator")
@@ -158,16 +174,21 @@ for axis in axes:
 axes[0].legend()
 axes[1].legend()
 axes[2].set_xlabel("time (s)")
+plt.show()
 
-# %%
-# The membership moves with the rocket: the estimator keeps the live region only.
+# %% The membership moves with the rocket: the estimator keeps only the region that is
+# possible.
 
 figure, axes = plt.subplots(1, len(SHOWN), figsize=(9.0, 3.2), layout="constrained")
 for axis, k in zip(axes, SHOWN, strict=True):
     grid = memberships[k]
     altitude, velocity = grid.axes
-    image = axis.pcolormesh(1e-3 * altitude, velocity, grid.values.T, cmap="viridis", vmin=0.0, vmax=1.0)
-    axis.plot(1e-3 * states[k, 0], states[k, 1], "x", color="white", markeredgewidth=2.0)
+    image = axis.pcolormesh(
+        1e-3 * altitude, velocity, grid.values.T, cmap="viridis", vmin=0.0, vmax=1.0
+    )
+    axis.plot(
+        1e-3 * states[k, 0], states[k, 1], "x", color="white", markeredgewidth=2.0
+    )
     axis.set(title=f"{time[k]:.0f} s (cross: true)", xlabel="altitude (km)")
 axes[0].set_ylabel("velocity (m/s)")
 figure.colorbar(image, ax=axes, label="membership")
