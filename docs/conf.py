@@ -73,6 +73,7 @@ html_static_path = ["_static"]
 html_css_files = ["wrap.css"]
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
+copybutton_line_continuation_character = "\\"
 
 
 def escape_bars(app, what, name, obj, options, lines):

@@ -72,7 +72,7 @@ rows = (
     ("IMM, two regimes", *imm(2), ORANGE, "-."),
 )
 figure, (upper, lower) = plt.subplots(
-    2, 1, figsize=(9, 5), sharex=True, layout="constrained", height_ratios=(3, 1)
+    2, 1, figsize=(6, 4.6), sharex=True, layout="constrained", height_ratios=(3, 1)
 )
 upper.plot(y, ".", color="0.6", markersize=4, label="reading of the sensor")
 upper.plot(x, color=TRUTH, linewidth=2.2, label="truth")
@@ -92,8 +92,13 @@ upper.set(
     title="A sensor whose gain fades to a half, and back",
 )
 lower.set(ylabel="shadow", xlabel="step", ylim=(-0.04, 1.04), yticks=[0, 0.5, 1])
-upper.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+figure.legend(
+    *upper.get_legend_handles_labels(),
+    loc="outside lower center",
+    ncols=2,
+    frameon=False,
+)
 for panel in (upper, lower):
     panel.grid(color="0.92")
     panel.margins(x=0)
-figure.savefig(HERE / "fading_gain.png", dpi=110)
+figure.savefig(HERE / "fading_gain.png", dpi=160)
