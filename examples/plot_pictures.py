@@ -10,8 +10,8 @@ given, or into new ones, and returns them.
 # A law
 # -----
 # The joint density of two consecutive values of the switch. The bars at the corners are
-# probabilities: of staying at 0 or 1, or of jumping. The bars in between are the
-# density of a switch that slides; here it moves by at most 0.2 in a step.
+# probabilities: of staying at 0 or 1, or of jumping. The bars in between are a density;
+# here the switch moves by at most 0.2 in a step if it does not jump.
 
 import matplotlib.pyplot as plt
 import numpy as np
