@@ -11,7 +11,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
 from fuzzykf.kalman.series import as_listed
-from fuzzykf.observations import check_aligned, index_of
+from fuzzykf.observations import check_aligned, index_of, per_step
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -23,6 +23,7 @@ __all__ = [
     "Controls",
     "check_rows",
     "control_matrix",
+    "control_rows",
     "control_width",
     "linear_controls",
     "read_controls",
@@ -165,6 +166,26 @@ def takes_columns(filters: Iterable[Any]) -> bool:
 def _takes_columns(f: Any) -> bool:
     B: Any = getattr(f, "B", None)
     return getattr(f, "fx", None) is None and np.ndim(f.x) == np.ndim(B) == 2
+
+
+def control_rows(us: Any, n: int, filters: Iterable[Any]) -> Any:
+    """Return the controls of n steps of one series as `predict` takes them, or None if there are none.
+
+    A row of a table is flat, and becomes a column where the state is one and moves by F x + B u.
+
+    Raises
+    ------
+    ShapeError
+        If there are fewer than n.
+    """
+    if us is None:
+        return None
+    rows: Any = per_step("us", us, n)
+    if not takes_columns(filters):
+        return rows
+    if isinstance(rows, np.ndarray) and rows.dtype != object:
+        return rows[..., None] if rows.ndim == 2 else rows
+    return [np.reshape(as_numbers("us", u), (-1, 1)) if len(_shape(u)) == 1 else u for u in rows]
 
 
 def read_controls(us: Any, many: ManySeries, width: int) -> Controls:

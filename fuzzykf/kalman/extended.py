@@ -11,7 +11,7 @@ from fuzzykf.engine.selected import predict_stack, seen_components
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_count, as_flag, brief
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square, as_state, as_vector, control_term
-from fuzzykf.kalman.controls import check_rows, control_width, read_controls, takes_columns
+from fuzzykf.kalman.controls import check_rows, control_rows, control_width, read_controls, takes_columns
 from fuzzykf.kalman.forecast import MOST_STEPS, expected_nonlinear, forecast
 from fuzzykf.kalman.gaussian_filter import GaussianFilter
 from fuzzykf.kalman.linearization import (
@@ -315,7 +315,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
-        us : sequence of n controls, optional
+        us : sequence of n controls, or array_like of shape (n, dim_u), optional
             Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
         fx_args, hx_args : sequence of n dict, optional
             Keyword arguments of each prediction and of each update.
@@ -347,10 +347,13 @@ class ExtendedKalmanFilter(GaussianFilter):
         series = as_observations(zs, self.dim_z)
         n = len(series)
         before, after = named_per_step("fx_args", fx_args, n), named_per_step("hx_args", hx_args, n)
-        moves = [dict(**control, **before[k]) for k, control in enumerate(given_per_step(n, us=us))]
+        moves = [dict(**control, **before[k]) for k, control in enumerate(self._controls(us, n))]
         with whole_verb(self):
             looks = after
             return collect(self, series, field_shapes(self.dim_x), moves, looks, moved=moved)
+
+    def _controls(self, us: Any, n: int) -> list[dict[str, Any]]:
+        return given_per_step(n, us=control_rows(us, n, [self]))
 
     def smooth(
         self,
@@ -423,7 +426,7 @@ class ExtendedKalmanFilter(GaussianFilter):
 
         def moves(n: int) -> list[dict[str, Any]]:
             before = named_per_step("fx_args", fx_args, n)
-            return [dict(**u, **before[k]) for k, u in enumerate(given_per_step(n, us=us))]
+            return [dict(**u, **before[k]) for k, u in enumerate(self._controls(us, n))]
 
         def expected(f: Any, k: int) -> Any:
             return expected_nonlinear(f, after[k])

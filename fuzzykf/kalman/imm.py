@@ -23,7 +23,7 @@ from fuzzykf.fixed_lag import as_lag
 from fuzzykf.gaussian import as_array, as_choice, as_flag, as_numbers, brief
 from fuzzykf.kalman import bank, bank_series
 from fuzzykf.kalman.arguments import SingularInnovationError, check_in_range
-from fuzzykf.kalman.controls import control_width, read_controls, takes_columns
+from fuzzykf.kalman.controls import control_rows, control_width, read_controls, takes_columns
 from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.forecast import expected_mixture, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD
@@ -355,7 +355,7 @@ class IMMEstimator(BankStepper, Filter):
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
-        us : sequence of n controls, optional
+        us : sequence of n controls, or array_like of shape (n, dim_u), optional
             Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
         resume : bool
             Go on from where the bank stands.  That is mu and the estimates of its filters, from which
@@ -385,7 +385,7 @@ class IMMEstimator(BankStepper, Filter):
             stored = self._filter_at_once(series)
             if stored is not None:
                 return stored
-        moves = given_per_step(len(series), us=us)
+        moves = given_per_step(len(series), us=control_rows(us, len(series), self.filters))
         with whole_verb(self, *self.filters):
             return collect(self, series, field_shapes(self.dim_x, self.N), moves, members=self.filters)
 
@@ -543,7 +543,7 @@ class IMMEstimator(BankStepper, Filter):
         ----------
         steps : int
             Number of predictions from the current estimates on.
-        us : sequence of controls, optional
+        us : sequence of controls, or array_like of shape (steps, dim_u), optional
             One for each step; if it has an index of pandas, that of the rows ahead, where these are known.
 
         Returns
@@ -563,7 +563,10 @@ class IMMEstimator(BankStepper, Filter):
             weights.append(np.exp(f._log_cbar))
             return expected_mixture(f.filters, weights[-1])
 
-        found = forecast(self, steps, {"us": us}, lambda n: given_per_step(n, us=us), expected)
+        def moves(n: int) -> list[dict[str, Any]]:
+            return given_per_step(n, us=control_rows(us, n, self.filters))
+
+        found = forecast(self, steps, {"us": us}, moves, expected)
         mu, modes = np.array(weights), np.arange(self.N, dtype=np.float64)
         return replace(found, mu=mu, nodes=modes, switch=modes[mu.argmax(axis=1)])
 

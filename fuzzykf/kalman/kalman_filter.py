@@ -459,7 +459,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
-        us : sequence of n controls, optional
+        us : sequence of n controls, or array_like of shape (n, dim_u), optional
             Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
         Rs, Hs : sequence of n, optional
             Matrices of the single observations, (n, ...) or a list; None in a list means the attribute, and a
@@ -593,7 +593,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         steps : int
             Number of predictions from the current x and P on: a prediction that was made since the
             latest observation is not counted.
-        us : sequence of controls, optional
+        us : sequence of controls, or array_like of shape (steps, dim_u), optional
             One for each step; if it has an index of pandas, that of the rows ahead, where these are known.
         dt : float or sequence of floats, optional
             The time that passes in each step, as in `filter`.

@@ -11,7 +11,8 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_array, as_numbers, brief, check_covariance
 from fuzzykf.kalman.arguments import TIMED, as_covariance, as_matrix, as_square, given_matrix
-from fuzzykf.kalman.series import begin, per_step
+from fuzzykf.kalman.controls import control_rows
+from fuzzykf.kalman.series import begin
 from fuzzykf.observations import as_observations, check_aligned, is_uneven, one_per_step
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ def read_steps(
         for name, function in functions.items():
             rows[name] = _over_spans(name, function, spans, which, rows.get(name), f.dim_x)
     uneven = is_uneven({"Fs": Fs, "Qs": Qs, "dt": dt})
-    return StepArguments(n, None if us is None else per_step("us", us, n), rows, uneven)
+    return StepArguments(n, control_rows(us, n, [f]), rows, uneven)
 
 
 def _read_rows(

@@ -290,6 +290,21 @@ def test_controls_of_several_components(who, form, flat) -> None:
         np.testing.assert_allclose(found.x[k], alone.x, rtol=1e-12)
 
 
+@pytest.mark.parametrize("verb", ["filter", "smooth", "forecast"])
+@pytest.mark.parametrize("who", PLANAR)
+def test_rows_of_a_table_are_controls_of_one_series(who, verb) -> None:
+    # a row is flat, and the verbs take columns where x is one
+    f, table = PLANAR[who](), TWO["a"].to_numpy()
+    call = {"forecast": lambda us: f.copy().forecast(4, us=us)}.get(
+        verb, lambda us: getattr(f.copy(), verb)([1.0, np.nan, 3.0, 4.0], us=us)
+    )
+    expected = call(table[..., None]).x
+    for us in (table, table.tolist(), pd.DataFrame(table), xr.DataArray(table), list(table)):
+        np.testing.assert_array_equal(call(us).x, expected)
+    some, zeros = ([table[0], none, *table[2:]] for none in (None, np.zeros(2)))
+    np.testing.assert_allclose(call(some).x, call(zeros).x, rtol=1e-12)
+
+
 def test_functions_are_given_controls_in_their_form() -> None:
     # fx, not B, says what a control is: a number of each row, or its components
     given = []
