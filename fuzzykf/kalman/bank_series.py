@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf import engine
 from fuzzykf.engine.selected import filter_bank, filter_bank_many
 from fuzzykf.errors import ParameterError
 from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError
 from fuzzykf.kalman.bank import fading, linear_model, member_states
 from fuzzykf.kalman.series import empty_fields, field_shapes
-from fuzzykf.many import as_stored
+from fuzzykf.many import as_stored, over_threads
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -66,12 +67,15 @@ def filter_many(
     every_pair: bool,
     names: Sequence[str],
     dtype: np.dtype[Any] = _DOUBLE,
+    threads: int = 1,
 ) -> dict[str, FloatArray]:
     """Return the fields named for many series (series, n, m), as numbers of this type.
 
     ``model`` is `whole_model` of the filters; ``weights`` are the logarithms of mu and M;
     ``every_pair`` filters once for each pair of modes (GPB2).
+    ``threads`` share the series in the compiled engine.
     """
+    threads = threads if engine.info().name == "compiled" else 1  # NumPy keeps its lock
     xs, Ps = member_states(filters)
     shapes, (s, n) = field_shapes(xs.shape[1], len(xs)), series.shape[:2]
     out = empty_fields(names, shapes, s, n, dtype=dtype)
@@ -81,9 +85,17 @@ def filter_many(
         rows = slice(begin, begin + each)
         part = {name: values[rows] for name, values in out.items()}
         doubles = part if dtype == _DOUBLE else empty_fields(names, shapes, len(series[rows]), n)
+        block = series[rows]
+
+        def several(
+            mine: slice, block: FloatArray = block, out: dict[str, FloatArray] = doubles
+        ) -> np.ndarray:
+            own = {name: values[mine] for name, values in out.items()}
+            with np.errstate(over="ignore", invalid="ignore"):  # each thread has its own
+                return filter_bank_many(xs, Ps, *weights, block[mine], model, every_pair, own)
+
         try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                lost = filter_bank_many(xs, Ps, *weights, series[rows], model, every_pair, doubles)
+            lost = np.concatenate(over_threads(several, len(block), threads))
         except np.linalg.LinAlgError as error:
             raise SingularInnovationError(SINGULAR) from error
         if lost.any():

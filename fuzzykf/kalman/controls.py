@@ -10,7 +10,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_numbers
-from fuzzykf.kalman.series import as_listed
+from fuzzykf.kalman.series import as_listed, given_per_step
 from fuzzykf.observations import check_aligned, index_of, per_step
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ __all__ = [
     "Controls",
     "check_rows",
     "control_matrix",
+    "control_moves",
     "control_rows",
     "control_width",
     "linear_controls",
@@ -166,6 +167,11 @@ def takes_columns(filters: Iterable[Any]) -> bool:
 def _takes_columns(f: Any) -> bool:
     B: Any = getattr(f, "B", None)
     return getattr(f, "fx", None) is None and np.ndim(f.x) == np.ndim(B) == 2
+
+
+def control_moves(us: Any, n: int, filters: Iterable[Any]) -> list[dict[str, Any]]:
+    """Return the keyword arguments of n predictions: ``u`` of each, as in `control_rows`, or none."""
+    return given_per_step(n, us=control_rows(us, n, filters))
 
 
 def control_rows(us: Any, n: int, filters: Iterable[Any]) -> Any:

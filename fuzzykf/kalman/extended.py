@@ -11,7 +11,7 @@ from fuzzykf.engine.selected import predict_stack, seen_components
 from fuzzykf.errors import ParameterError
 from fuzzykf.gaussian import as_count, as_flag, brief
 from fuzzykf.kalman.arguments import as_covariance, as_matrix, as_square, as_state, as_vector, control_term
-from fuzzykf.kalman.controls import check_rows, control_rows, control_width, read_controls, takes_columns
+from fuzzykf.kalman.controls import check_rows, control_moves, control_width, read_controls, takes_columns
 from fuzzykf.kalman.forecast import MOST_STEPS, expected_nonlinear, forecast
 from fuzzykf.kalman.gaussian_filter import GaussianFilter
 from fuzzykf.kalman.linearization import (
@@ -27,7 +27,6 @@ from fuzzykf.kalman.series import (
     begin,
     collect,
     field_shapes,
-    given_per_step,
     named_per_step,
     unchanged_on_error,
     whole_verb,
@@ -347,13 +346,10 @@ class ExtendedKalmanFilter(GaussianFilter):
         series = as_observations(zs, self.dim_z)
         n = len(series)
         before, after = named_per_step("fx_args", fx_args, n), named_per_step("hx_args", hx_args, n)
-        moves = [dict(**control, **before[k]) for k, control in enumerate(self._controls(us, n))]
+        moves = [dict(**control, **before[k]) for k, control in enumerate(control_moves(us, n, [self]))]
         with whole_verb(self):
             looks = after
             return collect(self, series, field_shapes(self.dim_x), moves, looks, moved=moved)
-
-    def _controls(self, us: Any, n: int) -> list[dict[str, Any]]:
-        return given_per_step(n, us=control_rows(us, n, [self]))
 
     def smooth(
         self,
@@ -426,7 +422,7 @@ class ExtendedKalmanFilter(GaussianFilter):
 
         def moves(n: int) -> list[dict[str, Any]]:
             before = named_per_step("fx_args", fx_args, n)
-            return [dict(**u, **before[k]) for k, u in enumerate(self._controls(us, n))]
+            return [dict(**u, **before[k]) for k, u in enumerate(control_moves(us, n, [self]))]
 
         def expected(f: Any, k: int) -> Any:
             return expected_nonlinear(f, after[k])

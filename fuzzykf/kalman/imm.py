@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from fuzzykf.base import (
+    MOST_THREADS,
     Filter,
     FilterResult,
     as_observation,
@@ -20,10 +21,10 @@ from fuzzykf.base import (
 from fuzzykf.engine.selected import log_mixing, merge_modes, mix_modes, weigh_modes
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.fixed_lag import as_lag
-from fuzzykf.gaussian import as_array, as_choice, as_flag, as_numbers, brief
+from fuzzykf.gaussian import as_array, as_choice, as_count, as_flag, as_numbers, brief
 from fuzzykf.kalman import bank, bank_series
 from fuzzykf.kalman.arguments import SingularInnovationError, check_in_range
-from fuzzykf.kalman.controls import control_rows, control_width, read_controls, takes_columns
+from fuzzykf.kalman.controls import control_moves, control_width, read_controls, takes_columns
 from fuzzykf.kalman.describe import describe
 from fuzzykf.kalman.forecast import expected_mixture, forecast
 from fuzzykf.kalman.gaussian_filter import LEAST_LOG_LIKELIHOOD
@@ -36,7 +37,6 @@ from fuzzykf.kalman.series import (
     begin,
     collect,
     field_shapes,
-    given_per_step,
     unchanged_on_error,
     whole_verb,
 )
@@ -385,7 +385,7 @@ class IMMEstimator(BankStepper, Filter):
             stored = self._filter_at_once(series)
             if stored is not None:
                 return stored
-        moves = given_per_step(len(series), us=control_rows(us, len(series), self.filters))
+        moves = control_moves(us, len(series), self.filters)
         with whole_verb(self, *self.filters):
             return collect(self, series, field_shapes(self.dim_x, self.N), moves, members=self.filters)
 
@@ -563,10 +563,7 @@ class IMMEstimator(BankStepper, Filter):
             weights.append(np.exp(f._log_cbar))
             return expected_mixture(f.filters, weights[-1])
 
-        def moves(n: int) -> list[dict[str, Any]]:
-            return given_per_step(n, us=control_rows(us, n, self.filters))
-
-        found = forecast(self, steps, {"us": us}, moves, expected)
+        found = forecast(self, steps, {"us": us}, lambda n: control_moves(us, n, self.filters), expected)
         mu, modes = np.array(weights), np.arange(self.N, dtype=np.float64)
         return replace(found, mu=mu, nodes=modes, switch=modes[mu.argmax(axis=1)])
 
@@ -577,6 +574,7 @@ class IMMEstimator(BankStepper, Filter):
         us: ManySeriesLike | PerStep = None,
         *,
         by: Hashable | None = None,
+        threads: int = 1,
         dtype: DTypeLike = np.float64,
         resume: bool = False,
     ) -> FilterResult:
@@ -599,6 +597,9 @@ class IMMEstimator(BankStepper, Filter):
         by : hashable, optional
             The column (or level of the index) of a frame that says which series a row belongs to, if its rows
             are those of all series.
+        threads : int
+            How many threads the compiled engine shares the series among; results are the same to the bit.
+            NumPy uses one, and so do the verbs.
         dtype : numpy.float64 or numpy.float32
             Type of the numbers that are stored.  The bank reckons in double precision all the same.
         resume : bool
@@ -619,12 +620,13 @@ class IMMEstimator(BankStepper, Filter):
         """
         as_flag("resume", resume)
         names, dtype = check_keep(keep, BANK_FIELDS), as_output_type(dtype)
+        threads = as_count("threads", threads, 1, MOST_THREADS)
         many = self._read_many(zs, by)
         controls = None if us is None else read_controls(us, many, control_width(self.filters))
 
         def several(series: FloatArray, rows: Any) -> dict[str, FloatArray]:
             if controls is None:
-                found = self._at_once(series, names, dtype)
+                found = self._at_once(series, names, dtype, threads)
                 return found or as_stored(stacked(self._filter_each(series), names), dtype)
             each = controls.of(rows, series.shape[:2], takes_columns(self.filters))
             return as_stored(stacked(self._filter_each(series, each), names), dtype)
@@ -632,15 +634,17 @@ class IMMEstimator(BankStepper, Filter):
         return many.filtered(several)
 
     def _at_once(
-        self, series: FloatArray, names: tuple[str, ...], dtype: np.dtype[Any]
+        self, series: FloatArray, names: tuple[str, ...], dtype: np.dtype[Any], threads: int
     ) -> dict[str, FloatArray] | None:
         """Filter many series at once; None if that has to be done one by one."""
         model = bank_series.whole_model(self.filters) if self._is_plain() else None
         if model is None or self._log_cbar is not None:
             return None
-        weights, every_pair = (self._log_weights(), self._log_transition()), self.method != "imm"
+        weights, pairs = (self._log_weights(), self._log_transition()), self.method != "imm"
         try:
-            found = bank_series.filter_many(self.filters, model, series, weights, every_pair, names, dtype)
+            found = bank_series.filter_many(
+                self.filters, model, series, weights, pairs, names, dtype, threads
+            )
         except SingularInnovationError:  # or what an observation beyond all numbers leaves looks like it
             return None
         if not all(np.isfinite(found[name][:, -1:]).all() for name in {"x", "P"} & found.keys()):

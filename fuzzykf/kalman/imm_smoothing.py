@@ -19,13 +19,12 @@ from fuzzykf.gaussian import as_choice
 from fuzzykf.hindsight import warn_of_hindsight
 from fuzzykf.kalman import bank
 from fuzzykf.kalman.arguments import SINGULAR, SingularInnovationError, as_matrix, as_square, check_in_range
-from fuzzykf.kalman.controls import control_rows
+from fuzzykf.kalman.controls import control_moves
 from fuzzykf.kalman.kalman_filter import KalmanFilter
 from fuzzykf.kalman.series import (
     as_result,
     empty_fields,
     field_shapes,
-    given_per_step,
     unchanged_on_error,
     whole_verb,
 )
@@ -209,8 +208,7 @@ def _forward(imm: Any, zs: Any, us: Any) -> tuple[dict[str, FloatArray], list[Kn
     check_aligned(zs=zs, us=us)
     series = as_observations(zs, imm.dim_z)
     if not (us is None and len(series) and imm._log_cbar is None and imm._is_plain()):
-        controls = control_rows(us, len(series), imm.filters)
-        return _by_verbs(imm, series, given_per_step(len(series), us=controls))
+        return _by_verbs(imm, series, control_moves(us, len(series), imm.filters))
     begin, space, log_M = _table_of(imm), _space_of(imm.filters), imm._log_transition()
     stored = imm._collect(series, None)
     out = {"table": np.empty((1, len(series), *begin.shape))}

@@ -203,6 +203,8 @@ def filter_many(
         if model is not None:
             stored = empty_fields(names, field_shapes(f.dim_x), *series.shape[:2], dtype=dtype)
             _side_by_side(model, series, shifts, stored, threads)
+            if dtype != np.float64:
+                _check_stored(model, series, shifts, stored, threads, dtype)
         else:
             called = range(len(many.values)) if many.names is None else many.names
             each = np.array(called, dtype=object)[rows]
@@ -237,6 +239,26 @@ def _side_by_side(
         raise SingularInnovationError(SINGULAR) from error
 
 
+def _check_stored(
+    model: LinearModel,
+    series: FloatArray,
+    terms: FloatArray | None,
+    stored: Mapping[str, FloatArray],
+    threads: int,
+    dtype: Any,
+) -> None:
+    """Refuse fields that the engine has stored as infinite where in double precision they are not."""
+    lost = np.zeros(len(series), dtype=np.bool_)
+    for values in stored.values():
+        lost |= np.isinf(values).any(axis=tuple(range(1, values.ndim)))
+    rows = np.flatnonzero(lost)
+    if len(rows):
+        doubles = empty_fields(stored, field_shapes(len(model.P)), len(rows), series.shape[1])
+        own = terms if terms is None or len(terms) == 1 else terms[rows]
+        _side_by_side(model, series[rows], own, doubles, threads)
+        as_stored(doubles, dtype)
+
+
 def _one_by_one(
     f: Any,
     series: FloatArray,
@@ -256,8 +278,8 @@ def _one_by_one(
         steps = read_steps(f, n, **told[k], spans_name=f"dt of series {called[k]!r}")
         shifts = None if terms is None else terms[0 if len(terms) == 1 else k]
         stored, _ = filter_one(model_of(f, steps), zs, shapes, shifts)
-        for name, values in out.items():
-            values[k] = stored[name]
+        for name, values in as_stored({name: stored[name] for name in out}, dtype).items():
+            out[name][k] = values
     return out
 
 

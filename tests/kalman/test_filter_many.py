@@ -5,7 +5,7 @@ import pytest
 
 from fuzzykf import engine
 from fuzzykf.engine import selected
-from fuzzykf.errors import NotPositiveDefiniteError, ParameterError
+from fuzzykf.errors import NotPositiveDefiniteError, NumericalRangeError, ParameterError
 from fuzzykf.kalman import ExtendedKalmanFilter, KalmanFilter
 
 FIELDS = ("x", "P", "x_prior", "P_prior", "log_likelihood")
@@ -122,6 +122,26 @@ def test_single_precision_is_kept_by_whatever_runs_the_series():
         assert found.x.dtype == found.P.dtype == np.float32
         np.testing.assert_array_equal(found.x[0], f.copy().filter([1.0, 2.0]).x.astype(np.float32))
         assert np.isnan(found.x[1, 1])
+
+
+def test_what_single_precision_cannot_hold_is_an_error():
+    # anywhere in a series, of whatever is kept, and only where double precision holds it
+    f = KalmanFilter(1, 1, H=[[1.0]], Q=lambda dt: dt)
+    complete, gappy, beyond = [[1.0] * 4, [1e60, 0.0, 0.0, 0.0]], [[1e60, None, 0.0, 0.0]], [[1e200, 0.0]]
+    for dt in (1.0, [[1.0] * 4] * 2):  # side by side, and one by one
+        for kept in ("x", "x_prior", "log_likelihood"):
+            with pytest.raises(NumericalRangeError, match=f"^{kept}: got numbers up to .*float32"):
+                f.filter_many(complete, [kept], dt=dt, dtype=np.float32)
+    assert f.filter_many(complete, ["P"], dt=1.0, dtype=np.float32).P.max() < 1.0
+    f.Q = 1.0
+    with pytest.raises(NumericalRangeError, match=r"^x: .*float32"):
+        f.filter_many(gappy, dtype=np.float32)
+    found = f.filter_many(beyond, ["log_likelihood"], dtype=np.float32)
+    assert (
+        found.log_likelihood[0, 0]
+        == f.filter_many(beyond, ["log_likelihood"]).log_likelihood[0, 0]
+        == -np.inf
+    )
 
 
 @pytest.mark.parametrize("kept", FIELDS)

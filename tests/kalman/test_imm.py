@@ -237,6 +237,19 @@ def test_single_precision_is_the_double_rounded(kind, monkeypatch):
         imm.filter_many(zs, dtype="int64")
 
 
+@pytest.mark.parametrize("method", ["imm", "gpb2"])
+def test_threads_share_series_to_the_bit(method):
+    imm, rng = make(method, m=2), np.random.default_rng(7)
+    zs = rng.normal(size=(7, 5, 2))
+    zs[rng.random(zs.shape) < 0.2] = np.nan
+    for dtype in (np.float64, np.float32):
+        alone, shared = (imm.filter_many(zs, ("x", "mu"), threads=k, dtype=dtype) for k in (1, 3))
+        np.testing.assert_array_equal(shared.x, alone.x)
+        np.testing.assert_array_equal(shared.mu, alone.mu)
+    with pytest.raises(ParameterError, match="threads: got 0"):
+        imm.filter_many(zs, threads=0)
+
+
 @pytest.mark.parametrize("kind", [KalmanFilter, OwnKalmanFilter])
 def test_what_single_precision_cannot_hold_is_an_error(kind):
     imm = make("imm", kind)
