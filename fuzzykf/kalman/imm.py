@@ -640,11 +640,9 @@ class IMMEstimator(BankStepper, Filter):
         model = bank_series.whole_model(self.filters) if self._is_plain() else None
         if model is None or self._log_cbar is not None:
             return None
-        weights, pairs = (self._log_weights(), self._log_transition()), self.method != "imm"
+        logs, pairs = (self._log_weights(), self._log_transition()), self.method != "imm"
         try:
-            found = bank_series.filter_many(
-                self.filters, model, series, weights, pairs, names, dtype, threads
-            )
+            found = bank_series.filter_many(self.filters, model, series, logs, pairs, names, dtype, threads)
         except SingularInnovationError:  # or what an observation beyond all numbers leaves looks like it
             return None
         if not all(np.isfinite(found[name][:, -1:]).all() for name in {"x", "P"} & found.keys()):
