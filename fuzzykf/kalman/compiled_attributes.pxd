@@ -33,6 +33,8 @@ cdef int read_state(dict d, Member *member) except -1
 cdef int read_motion(dict d, Member *member) except -1
 cdef int read_observation(dict d, Member *member) except -1
 cdef int read_z(object z, int m, double *values) except -1
+cdef int is_missing(object z, int m) except -1
+cdef int skip(dict d, Member *member, Entry *entries, int count) except -1
 cdef int prior_entries(Member *member, Entry *entries, bint state) noexcept
 cdef int posterior_entries(Member *member, Entry *entries) noexcept
 cdef int reserve(dict d, Entry *entries, int count) except -1

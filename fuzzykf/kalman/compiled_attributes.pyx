@@ -15,7 +15,7 @@ from cpython.list cimport PyList_CheckExact, PyList_GET_ITEM, PyList_GET_SIZE
 from cpython.long cimport PyLong_AsDouble, PyLong_AsLong, PyLong_CheckExact
 from cpython.object cimport PyObject
 from cpython.ref cimport Py_DECREF, Py_INCREF
-from libc.math cimport isfinite
+from libc.math cimport isfinite, isnan
 from libc.string cimport memcpy, memset
 
 from fuzzykf.engine.compiled.kalman cimport FK_KALMAN_LARGEST, fk_kalman, fk_kalman_inverse
@@ -246,6 +246,29 @@ cdef int read_z(object z, int m, double *values) except -1:
     return 1
 
 
+cdef int is_missing(object z, int m) except -1:
+    """Whether nothing of an observation is there; 0 as well where that is for the general way to tell."""
+    cdef double values[FK_KALMAN_LARGEST]
+    cdef cnp.ndarray a
+    cdef int i
+    if z is None:
+        return 1
+    if PyFloat_Check(z):
+        return m == 1 and isnan(PyFloat_AS_DOUBLE(z))
+    if not cnp.PyArray_CheckExact(z):
+        return 0
+    a = <cnp.ndarray> z
+    i = cnp.PyArray_NDIM(a)
+    if not (
+        (i == 1 or (i == 2 and cnp.PyArray_DIM(a, 1) == 1)) and cnp.PyArray_DIM(a, 0) == m and numbers(a, m, 1, values)
+    ):
+        return 0
+    for i in range(m):
+        if not isnan(values[i]):
+            return 0
+    return 1
+
+
 # ------------------------------------------------------------------------------ what is written
 
 
@@ -281,6 +304,39 @@ cdef int posterior_entries(Member *member, Entry *entries) noexcept:
     entry(entries + 7, "SI", member.SI, m, m)
     entry(entries + 8, "K", f.K, n, m)
     return 9
+
+
+cdef double NO_INNOVATION[FK_KALMAN_LARGEST]
+memset(NO_INNOVATION, 0, sizeof(NO_INNOVATION))
+
+
+cdef int skip_entries(Member *member, Entry *entries) noexcept:
+    """What an update without an observation writes."""
+    cdef fk_kalman *f = &member.f
+    cdef int n = f.n, column = 0 if member.flat else 1
+    entry(entries, "x", f.x_prior, n, column)
+    entry(entries + 1, "P", f.P_prior, n, n)
+    entry(entries + 2, "x_post", f.x_prior, n, column)
+    entry(entries + 3, "P_post", f.P_prior, n, n)
+    entry(entries + 4, "y", NO_INNOVATION, f.m, column)
+    return 5
+
+
+cdef int skip(dict d, Member *member, Entry *entries, int count) except -1:
+    """Write entries and those of an update without an observation, as `GaussianFilter._skip` does."""
+    cdef cnp.npy_intp shape[2]
+    cdef cnp.ndarray z
+    shape[0], shape[1] = member.f.m, 1
+    z = cnp.PyArray_SimpleNew(1 if member.flat else 2, shape, cnp.NPY_OBJECT)
+    z.fill(None)
+    count += skip_entries(member, entries + count)
+    reserve(d, entries, count)
+    commit(d, entries, count)
+    PyDict_SetItem(d, "z", z)
+    PyDict_SetItem(d, "_log_likelihood", 0.0)
+    PyDict_SetItem(d, "_likelihood", 1.0)
+    PyDict_SetItem(d, "_mahalanobis", 0.0)
+    return 0
 
 
 cdef void release(Entry *entries, int count) noexcept:

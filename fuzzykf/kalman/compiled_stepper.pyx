@@ -15,8 +15,8 @@ from fuzzykf.engine.compiled.imm cimport (
 from fuzzykf.engine.compiled.kalman cimport FK_KALMAN_LARGEST, fk_kalman, fk_kalman_engine, versions
 from fuzzykf.engine.compiled.processor cimport level
 from fuzzykf.kalman.compiled_attributes cimport (
-    ENTRIES, Entry, Member, commit, entry, forget, forget_likelihoods, has_own_verbs, is_begun, is_plain, overrides,
-    posterior_entries, prior_entries, read_motion, read_observation, read_state, read_z, release, reserve,
+    ENTRIES, Entry, Member, commit, entry, forget, forget_likelihoods, has_own_verbs, is_begun, is_missing, is_plain, overrides,
+    posterior_entries, prior_entries, read_motion, read_observation, read_state, read_z, release, reserve, skip,
 )
 
 from fuzzykf.kalman.pair_moments import PairMoments
@@ -71,9 +71,17 @@ class LinearStepper:
         cdef int count
         if not (
             is_begun(d) and is_plain(self, d, True) and read_state(d, &member)
-            and read_motion(d, &member) and read_observation(d, &member) and read_z(z, member.f.m, member.z)
+            and read_motion(d, &member) and read_observation(d, &member)
         ):
             return self._step_any(z)
+        if not read_z(z, member.f.m, member.z):
+            if not is_missing(z, member.f.m):
+                return self._step_any(z)
+            engine().predict(&member.f)
+            if not is_in_range(member.f.x_prior, member.f.P_prior, member.f.n):
+                return self._step_any(z)
+            skip(d, &member, entries, prior_entries(&member, entries, False))
+            return <object> PyDict_GetItemWithError(d, "x")
         engine().predict(&member.f)
         if not engine().update(&member.f, member.z) or not is_in_range(member.f.x, member.f.P, member.f.n):
             return self._step_any(z)
@@ -110,12 +118,16 @@ class LinearStepper:
         cdef int count
         cdef fk_kalman *f = &member.f
         if not (
-            is_begun(d) and is_plain(self, d, False) and read_state(d, &member)
-            and read_observation(d, &member) and read_z(z, f.m, member.z)
+            is_begun(d) and is_plain(self, d, False) and read_state(d, &member) and read_observation(d, &member)
         ):
             return False
         memcpy(f.x_prior, f.x, f.n * sizeof(double))
         memcpy(f.P_prior, f.P, f.n * f.n * sizeof(double))
+        if not read_z(z, f.m, member.z):
+            if not (is_missing(z, f.m) and is_in_range(f.x, f.P, f.n)):
+                return False
+            skip(d, &member, entries, 0)
+            return True
         if not engine().update(f, member.z) or not is_in_range(f.x, f.P, f.n):
             return False
         count = posterior_entries(&member, entries)

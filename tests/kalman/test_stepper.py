@@ -153,6 +153,37 @@ def test_missing_observations_and_components() -> None:
     assert_state(f, expected)
 
 
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (3, 2)])
+def test_steps_without_an_observation_are_done_at_once(n, m, flat) -> None:
+    none = [
+        None,
+        np.full(m, np.nan),
+        np.full((m, 1), np.nan),
+        *([np.nan, np.float64(np.nan)] if m == 1 else []),
+    ]
+    f, verbs = make(OnlyCompiled, n, m, flat), make(OnlyCompiled, n, m, flat)
+    for z in none:
+        assert f.step(z) is f.x
+        g = make(n=n, m=m, flat=flat)  # what the attributes become without the engine
+        g.__dict__.update(snapshot(verbs))
+        g._set_prior(*g.get_prediction())
+        g._skip(g.x, g.P, m)
+        verbs.predict()
+        assert verbs._update_at_once(z)
+        for one in (f, verbs):
+            for name in (*NAMES, "log_likelihood", "likelihood", "mahalanobis"):
+                np.testing.assert_allclose(*(np.array(getattr(k, name), float) for k in (one, g)), rtol=1e-13)
+            assert one.z.dtype == object
+            assert one.z.shape == one.y.shape == g.y.shape
+            assert one.x is not one.x_post
+    expected = expected_step(f, np.ones(m))
+    f.step(np.ones(m))
+    assert_state(f, expected)
+    with pytest.raises(AssertionError):
+        f.step(np.full(m + 1, np.nan))  # for the verbs to refuse
+
+
 # ------------------------------------------------------------------ what the user does to attributes
 
 
