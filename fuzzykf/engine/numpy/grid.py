@@ -161,7 +161,11 @@ def _bend(first: FloatArray, second: FloatArray, third: FloatArray, fourth: Floa
 
 
 def _interpolate_memberships(cost: FloatArray, position: FloatArray, scale: Scale) -> FloatArray:
-    """Interpolate linearly in the memberships of the 2^d nodes around each position."""
+    """Interpolate linearly in the memberships of the 2^d nodes around each position.
+
+    Infinite if none of them is possible: a finite cost of the impossible would be bent below its limit by
+    what refines sums.
+    """
     d = cost.ndim
     flat = cost.ravel()
     strides = np.array(cost.strides) // cost.itemsize
@@ -172,13 +176,16 @@ def _interpolate_memberships(cost: FloatArray, position: FloatArray, scale: Scal
     values = flat[node[:, None] + corners @ strides]
     weight = np.where(corners, fraction[:, None, :], 1.0 - fraction[:, None, :]).prod(axis=2)
     if scale != "log":
-        return from_membership((weight * to_membership(values, scale)).sum(axis=1), scale)
+        return _possible((weight * to_membership(values, scale)).sum(axis=1), scale)
     # Relative to the best corner, memberships too small for a float do not vanish.
     best = values.min(axis=1)
     shift = np.where(np.isfinite(best), best, 0.0)
-    return shift + from_membership(
-        (weight * to_membership(values - shift[:, None], scale)).sum(axis=1), scale
-    )
+    return shift + _possible((weight * to_membership(values - shift[:, None], scale)).sum(axis=1), scale)
+
+
+def _possible(membership: FloatArray, scale: Scale) -> FloatArray:
+    """Costs of memberships, infinite for 0 in every scale."""
+    return np.where(membership > 0.0, from_membership(membership, scale), np.inf)
 
 
 def pull_back(
@@ -274,7 +281,7 @@ def _between(low: FloatArray, high: FloatArray, fraction: FloatArray, scale: Sca
     shift = np.where(np.isfinite(best), best, 0.0) if scale == "log" else np.zeros(best.shape)
     weighted = (1.0 - fraction) * to_membership(low - shift, scale)
     weighted += fraction * to_membership(high - shift, scale)
-    return shift + from_membership(weighted, scale)
+    return shift + _possible(weighted, scale)
 
 
 def subgrid_minimum(cost: FloatArray) -> tuple[float, FloatArray]:
@@ -414,7 +421,7 @@ def _continue_ends(lines: FloatArray, limit: float) -> None:
     chosen = np.flatnonzero(finite.any(axis=1) & (last < n - 1) & (last >= 3))
     last = last[chosen]
     four = [lines[chosen, last - k] for k in range(4)]
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         slope = four[0] - four[1]
         bend = slope - (four[1] - four[2])
         change = np.abs(bend - (four[1] - 2.0 * four[2] + four[3]))
@@ -426,7 +433,8 @@ def _continue_ends(lines: FloatArray, limit: float) -> None:
     # Only an exact parabola is trusted to come down again.
     slope = np.where(change[kept] <= EXACT * (bend + 1.0), slope, np.maximum(slope, 0.0))
     steps = np.arange(n) - last[:, None]
-    tail = start[:, None] + slope[:, None] * steps + 0.5 * bend[:, None] * steps * (steps + 1.0)
+    with np.errstate(over="ignore"):
+        tail = start[:, None] + slope[:, None] * steps + 0.5 * bend[:, None] * steps * (steps + 1.0)
     lines[chosen] = np.where(steps > 0, np.maximum(tail, CUT * limit), lines[chosen])
 
 

@@ -788,3 +788,24 @@ def test_an_outlier_is_followed_or_refused_and_leaves_nothing_behind(kind, d, si
     assert size not in refused or refused == [size]
     if kind == "gaussian" and size != 1e4:  # where it begins depends on the cells
         assert refused == ([] if size < 1e4 else [size])
+
+
+@pytest.mark.parametrize("linear", [True, False])
+def test_what_is_impossible_stays_impossible_in_a_domain(linear) -> None:
+    # Of the costs of impossible nodes, which Lukasiewicz's norm leaves finite, none may come below 1 again.
+    model = {"F": 0.9, "H": 1.0} if linear else {"fx": lambda x: 0.9 * x, "hx": lambda x: x}
+    options = {
+        "state": ParabolicMembership(0.3, 4.0),
+        "process_noise": ParabolicMembership(0.0, 0.1848549),
+        "measurement_noise": TriangularMembership(-4.0, 0.0, 3.0),
+        "t_norm": "lukasiewicz",
+        "points": 201,
+    }
+    fixed = FuzzyRelationEstimator(1, 1, **model, **options, domain=[(-6.0, 6.0)])
+    moving = FuzzyRelationEstimator(1, 1, **model, **options)
+    zs = [None, None, -0.2, 0.4, 0.9, None]
+    found, expected = fixed.filter(zs), moving.filter(zs)
+    np.testing.assert_allclose(found.x, expected.x, atol=0.01)
+    np.testing.assert_allclose(found.P, expected.P, atol=0.01)
+    assert (fixed.lower >= moving.lower - 0.1).all()
+    assert (fixed.upper <= moving.upper + 0.1).all()

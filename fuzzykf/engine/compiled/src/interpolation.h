@@ -50,7 +50,8 @@ FK_INLINE fk_index fk_below(double position, fk_index n, double *part) {
   return node;
 }
 
-/* Cost at a position within the lattice, linear in the memberships of the nodes around it. */
+/* Cost at a position within the lattice, linear in the memberships of the nodes around it; infinite if none of
+ * them is possible: a finite cost of the impossible would be bent below its limit by what refines sums. */
 FK_STATIC double fk_between_memberships(const fk_lattice *g, const double *position) {
   const int corners = 1 << g->d;
   const double *node = g->cost;
@@ -71,8 +72,9 @@ FK_STATIC double fk_between_memberships(const fk_lattice *g, const double *posit
       else
         sum += weight * fk_to_membership(node[offset] - shift, g->scale);
     }
-    if (best == INFINITY && g->scale != FK_COMPLEMENT) return INFINITY;
+    if (best == INFINITY) return INFINITY;
   }
+  if (!(sum > 0.0)) return INFINITY;
   return fk_shift(best, g->scale) + fk_from_membership(sum, g->scale);
 }
 
