@@ -147,6 +147,12 @@ def observe_around(est: Any, n: int, level: float, x: FloatArray | None) -> Loca
             message = Message(lattices[k + 1].axes, cost)
             message = before_prediction(lattices[k], message, move, parts, universe)
             cost = norm.combine(seen[k], message.cost)
+        if not norm.membership(np.maximum(cost, 0.0)).any():
+            raise ParameterError(
+                f"points: got {list(cost.shape)} nodes over the states considered, too coarse for the "
+                f"measurement noise: none shows what x does in {last + 1} measurements; "
+                "expected more, or a narrower membership of the state"
+            )
         widths[last], components[last] = _cut(lattices[0].axes, cost, float(norm.cost(level)), x)
     values = norm.membership(np.maximum(cost, 0.0))
     membership = GridMembership(lattices[0].axes, values, normalise=True)
@@ -178,11 +184,13 @@ def _cut(
 ) -> tuple[FloatArray, int]:
     """Largest distances (d,) from x of the states of no more than a cost, and the number of their pieces.
 
-    Ends are sought between the nodes; next to a state that is impossible, outwards.
+    Ends are sought between the nodes; next to a state that is impossible, outwards.  What is next to x
+    counts as not told from it: a grid knows no less.
     """
     parts = PARTS[len(axes)]
     fine = tuple(np.linspace(a[0], a[-1], parts * (a.size - 1) + 1) if a.size > 1 else a for a in axes)
     axes, cost = fine, Message(axes, cost).on(fine).cost
+    limit = max(limit, _around(axes, cost, x))
     kept = cost <= limit
     distances = np.zeros(len(axes))
     for k, axis in enumerate(axes):
@@ -201,6 +209,16 @@ def _cut(
             end = axis[inner] + part * (axis[outer] - axis[inner])
             distances[k] = max(distances[k], abs(end - x[k]))
     return distances, int(pieces_of(kept, structure=np.ones((3,) * kept.ndim))[1])
+
+
+def _around(axes: tuple[FloatArray, ...], cost: FloatArray, x: FloatArray) -> float:
+    """Largest finite cost of the nodes around a state, two on either side."""
+    window = []
+    for axis, value in zip(axes, x, strict=True):
+        above = int(np.searchsorted(axis, value, "right"))
+        window.append(slice(max(above - 2, 0), above + 2))
+    here = cost[tuple(window)]
+    return float(here[np.isfinite(here)].max(initial=0.0))
 
 
 def _shown(values: FloatArray) -> str:

@@ -205,7 +205,7 @@ class TNorm:
             cost = from_membership(_floats("membership", membership), self.scale)
         if np.isnan(cost).any():
             raise ParameterError(f"membership: got {brief(membership)}, expected values in [0, 1]")
-        return cost
+        return cost + 0.0  # the logarithm of 1 is not to be -0
 
     def membership(self, cost: ArrayLike) -> FloatArray:
         """Memberships of costs: the (pseudo-)inverse of `cost`."""

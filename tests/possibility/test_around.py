@@ -136,6 +136,26 @@ def test_a_state_that_is_not_considered_is_refused() -> None:
         observability(squared(), 3, x=99.0)
 
 
+@pytest.mark.parametrize("x", [1.0, 1.0234])
+def test_at_level_one_a_state_is_not_told_from_those_in_its_cell(x) -> None:
+    found = observability(squared(0.3), 3, level=1.0, x=x)
+    assert found.components.tolist() == [2, 1, 1]
+    assert found.is_observable
+    assert 0.0 < found.widths[-1, 0] < 0.03  # less than half a cell
+    assert observability(squared(), 3, level=1.0, x=x).components[-1] == 2
+
+
+@pytest.mark.parametrize(
+    "error", [GaussianMembership(0.0, 1e-8), TriangularMembership(-1e-3, 0.0, 1e-3)], ids=["tails", "ends"]
+)
+def test_noise_that_no_node_shows_is_an_error_of_the_grid(error) -> None:
+    est = FuzzyRelationEstimator(
+        1, 1, fx=np.sin, H=1.0, state=IntervalMembership(-4.0, 4.0), measurement_noise=error, points=51
+    )
+    with pytest.raises(ParameterError, match=r"points: got \[51\] nodes .* too coarse"):
+        observability(est, 2, x=0.1234)
+
+
 def test_states_that_leave_the_domain_are_told() -> None:
     with pytest.warns(SupportWarning, match="observability: domain: states of membership up to"):
         observability(squared(1.0, domain=[(-14.0, 14.0)]), 3, x=1.0)
