@@ -23,7 +23,7 @@ from fuzzykf.overrides import attributes_of
 from fuzzykf.possibility import closed_form
 from fuzzykf.possibility.beliefs import GridBelief, QuadraticBelief
 from fuzzykf.possibility.constraint import is_crisp, narrowed
-from fuzzykf.possibility.grid.backward import Message, before_prediction, before_update, smoothed
+from fuzzykf.possibility.grid.backward import Message, before_prediction, before_update, kept, smoothed
 from fuzzykf.possibility.grid.noise import decompose
 from fuzzykf.possibility.intervals import boxes
 from fuzzykf.possibility.intervals.path import Broken, contract_path
@@ -48,6 +48,13 @@ __all__ = ["MEMORY", "smooth_series"]
 
 #: How much memory the lattices of a series take by default, in bytes, and how many there must be room for.
 MEMORY, LATTICES = 2.0**30, 16
+
+#: Reciprocals of smaller memberships are left out: costs so large are not known to better than by 1, and the
+#: way back takes their differences.
+LEAST = 1e-4
+
+#: A least cost of a smoothed state may be off by this, for the errors of a grid.
+OFF = 0.1
 
 
 class WayBack(Protocol):
@@ -265,6 +272,7 @@ class GridWayBack:
         self.on_empty = on_empty
         self.noted: set[str] = set()
         self.noise: Any = None  # as it was decomposed last
+        self.prior: Lattice | None = None  # the prediction on the axes of the latest update
 
     def last(self, node: Node) -> Message:
         """Return the message of no measurements."""
@@ -278,14 +286,28 @@ class GridWayBack:
         if node.verb == "predict":
             if self.noise is None or self.noise.membership is not node.noise:
                 self.noise = decompose(node.noise, source.lattice.t_norm)
-            return before_prediction(source.lattice, known, node.mapping, self.noise, source.universe)
+            predicted = self._on(known, node.belief.lattice)
+            if predicted is node.belief.lattice:  # after an update it has been done
+                known = kept(predicted, known, _most(source))
+            return before_prediction(
+                source.lattice, known, node.mapping, self.noise, source.universe, predicted
+            )
         if _adds_nothing(node):
+            self.prior = node.belief.lattice
             return known
         known = known.on(node.belief.lattice.axes)
-        message = before_update(node.belief.lattice, known, node.prior.lattice, node.possibility)
+        lattice, self.prior = node.belief.lattice, node.prior.lattice
+        message = before_update(lattice, known, self.prior, node.possibility, _most(source))
         if node.before.verb == "predict" or _adds_nothing(node.before):
             return message
         return message.on(source.lattice.axes)
+
+    def _on(self, known: Message, lattice: Lattice) -> Lattice | None:
+        """Return the prediction on the axes of a message."""
+        for one in (lattice, self.prior):
+            if one is not None and all(map(np.array_equal, one.axes, known.axes)):
+                return one
+        return None
 
     def estimate(self, node: Node, known: Message) -> tuple[Message, Estimate]:
         """Return centroid, spread and bounds."""
@@ -297,7 +319,8 @@ class GridWayBack:
             return self.estimate(node, self.last(node))
         lattice, normalised = found
         known = normalised if here is known else known
-        for note in [*lattice.notes(follows=belief.universe.domain is None), *_cut_off(lattice, belief)]:
+        notes = [*lattice.notes(follows=belief.universe.domain is None), *_cut_off(lattice, belief)]
+        for note in notes + _lost_digits(belief.lattice, here):
             self._warn(note)
         result = GridBelief(lattice, belief.universe)
         x, P = result.moments()
@@ -310,11 +333,36 @@ class GridWayBack:
             warnings.warn(f"smooth: {note}", SupportWarning, stacklevel=6)
 
 
+def _most(belief: GridBelief) -> float:
+    """Up to what cost a state counts on the way back, given all measurements."""
+    universe, t_norm = belief.universe, belief.lattice.t_norm
+    if t_norm.scale != "reciprocal":
+        return np.inf
+    least = float(t_norm.cost(LEAST))
+    return least if universe.domain is not None else min(least, universe.limit)
+
+
 def _adds_nothing(node: Node) -> bool:
     """Whether a node is a box on a lattice that ends with it, so that no message goes beyond."""
     if node.verb != "constrain" or not is_crisp(node.noise) or node.belief.universe.domain is not None:
         return False
     return node.possibility == 1.0 or bool(node.belief.lattice.t_norm.scale == "log")
+
+
+def _lost_digits(lattice: Lattice, message: Message) -> list[str]:
+    """Warn where the least cost is not 0: errors of large reciprocals pass for possible states."""
+    if lattice.t_norm.scale != "reciprocal":
+        return []
+    with np.errstate(invalid="ignore"):
+        least = float(np.nanmin(lattice.cost + message.cost))
+    if least > -OFF:
+        return []
+    return [
+        f"measurements that hardly agree, and memberships with steep tails: under the t-norm "
+        f"{lattice.t_norm.name!r} a grid of {lattice.cost.ndim} dimensions cannot tell what is unlikely from "
+        "what is impossible on the way back, and the smoothed states are wrong (choose t_norm='product', or "
+        "Cauchy memberships)"
+    ]
 
 
 def _cut_off(lattice: Lattice, belief: GridBelief) -> list[str]:

@@ -23,6 +23,7 @@ from fuzzykf.immutable import cached_property
 from fuzzykf.possibility.grid.belief import convolve_axis
 from fuzzykf.possibility.grid.lattice import Kernel, Lattice
 from fuzzykf.possibility.grid.noise import shear
+from fuzzykf.possibility.grid.residuum import before_scalar
 from fuzzykf.possibility.mapping import grid_points
 from fuzzykf.possibility.norms import MIN, PRODUCT
 
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from fuzzykf.possibility.mapping import Mapping
     from fuzzykf.possibility.memberships import Membership
 
-__all__ = ["Message", "before_prediction", "before_update", "smoothed"]
+__all__ = ["Message", "before_prediction", "before_update", "kept", "smoothed"]
 
 #: Kernels and interpolation take costs below zero for rounding errors: messages are lifted above it.
 LIFT = 1.0
@@ -119,7 +120,40 @@ def smoothed(lattice: Lattice, message: Message) -> tuple[Lattice, Message] | No
     return Lattice(lattice.axes, cost - excess, t_norm), Message(message.axes, message.cost - excess)
 
 
-def before_update(posterior: Lattice, message: Message, prior: Lattice, possibility: float) -> Message:
+def kept(lattice: Lattice, message: Message, limit: float) -> Message:
+    """Leave out of a message what is impossible, or costs more than a limit, given all measurements.
+
+    No state before is less costly than the cheapest that it leads to, as c_n(x) + c_W(x' - f(x)) >= c'(x'):
+    nothing below the limit is lost.  What is beyond it, a small difference of large costs, has no digits left
+    in a scale that is not that of logarithms, and its errors would pass for possible states.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        Of the filter.
+    message : Message
+        On the same axes.
+    limit : float
+        Above the least cost.
+
+    Returns
+    -------
+    Message
+    """
+    if not lattice.t_norm.additive:
+        return message
+    possible = _possible(lattice, lattice.cost + message.cost, limit)
+    return Message(message.axes, np.where(possible, message.cost, np.inf))
+
+
+def _possible(lattice: Lattice, total: FloatArray, limit: float) -> BoolArray:
+    """Which nodes are possible for the filter, and cost no more than a limit above the least of a total."""
+    return lattice.live(np.inf) & (total <= limit + float(total.min()))
+
+
+def before_update(
+    posterior: Lattice, message: Message, prior: Lattice, possibility: float, limit: float
+) -> Message:
     """Add to a message what the measurement of this instant says.
 
     Parameters
@@ -131,6 +165,8 @@ def before_update(posterior: Lattice, message: Message, prior: Lattice, possibil
         The prediction, on the same axes.
     possibility : float
         Of the measurement.
+    limit : float
+        See `kept`.
 
     Returns
     -------
@@ -143,13 +179,19 @@ def before_update(posterior: Lattice, message: Message, prior: Lattice, possibil
         # much, so that the maximum over a trajectory stays the same.
         seen = posterior.cost + float(t_norm.cost(possibility))
         return Message(message.axes, np.maximum(seen, message.cost))
+    total = posterior.cost + message.cost
     with np.errstate(invalid="ignore"):
-        cost = posterior.cost + message.cost - prior.cost
-    return Message(message.axes, np.where(posterior.live(np.inf), cost, np.inf))  # and so is the prior
+        cost = np.where(_possible(posterior, total, limit), total - prior.cost, np.inf)  # and so is the prior
+    return Message(message.axes, cost)
 
 
 def before_prediction(
-    source: Lattice, message: Message, move: Mapping, noise: Noise, universe: Universe
+    source: Lattice,
+    message: Message,
+    move: Mapping,
+    noise: Noise,
+    universe: Universe,
+    predicted: Lattice | None = None,
 ) -> Message:
     """Carry a message back over a prediction.
 
@@ -165,6 +207,8 @@ def before_prediction(
         Added to f(x).
     universe : Universe
         Its points are those of the convolution.
+    predicted : Lattice, optional
+        The prediction, on the axes of the message.
 
     Returns
     -------
@@ -172,6 +216,12 @@ def before_prediction(
         On the axes of ``source``.
     """
     d, kernels = len(source.axes), noise.kernels
+    if predicted is not None and _is_pairwise(predicted) and kernels is not None:
+        moved = move.then(np.eye(d), noise.peak) if noise.peak.any() else move
+        later = np.where(predicted.live(np.inf), message.cost + predicted.cost, np.inf)
+        with np.errstate(invalid="ignore"):
+            cost = before_scalar(source, later, predicted, moved, kernels[0]) - source.cost
+        return Message(source.axes, np.where(source.live(np.inf), cost, np.inf))
     additive = source.t_norm.additive
     least = float(message.cost.min())
     if not np.isfinite(least):
@@ -201,6 +251,11 @@ def before_prediction(
             cost = convolve_axis(cost, k, axes[k], target, reflected)
             axes[k] = target
     return Message(source.axes, images.look_up(tuple(axes), cost) - lift)
+
+
+def _is_pairwise(predicted: Lattice) -> bool:
+    """Whether costs are large, and their pairs few."""
+    return predicted.t_norm.scale == "reciprocal" and len(predicted.axes) == 1 and predicted.axes[0].size > 1
 
 
 class _Images:
