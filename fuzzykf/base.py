@@ -31,7 +31,7 @@ from fuzzykf.results import FIELDS, FilterResult, field_shapes
 from fuzzykf.sequel import sequel_of, warn_of_steps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 
     from fuzzykf.arrays import IntArray, ManyNumbers, ManySeriesLike, Numbers
     from fuzzykf.many import ManySeries
@@ -212,11 +212,12 @@ class Filter(ABC):
         resume: bool = False,
         told: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]] | None = None,
         uneven: bool = False,
+        fields: Collection[str] | None = None,
     ) -> FilterResult:
         """Filter a series, and call ``note`` after each step: what a way back has to know is kept there.
 
         ``told`` has the keyword arguments of each prediction and update; ``uneven`` says that they tell how
-        long the steps are.
+        long the steps are; ``fields`` are those to collect, by default all.
         """
         index = index_of(zs)
         if as_flag("resume", resume):
@@ -224,7 +225,8 @@ class Filter(ABC):
         series = as_observations(zs, self.dim_z)
         sizes = {"state": self.dim_x, "observation": self.dim_z, "node": np.size(getattr(self, "mu", ()))}
         sizes["class"] = np.size(getattr(self, "class_weights", ()))
-        shapes = {name: shape for name, shape in _shapes(**sizes).items() if _shows(self, name, shape)}
+        wanted = {name: shape for name, shape in _shapes(**sizes).items() if fields is None or name in fields}
+        shapes = {name: shape for name, shape in wanted.items() if _shows(self, name, shape)}
         collected = {name: np.empty((len(series), *shape)) for name, shape in shapes.items()}
         before = attributes_of(self)
         try:

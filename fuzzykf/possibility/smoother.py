@@ -46,6 +46,9 @@ if TYPE_CHECKING:
 
 __all__ = ["MEMORY", "smooth_series"]
 
+#: What a smoothed series has of the filter.
+OF_FILTER = ("possibility", "log_likelihood")
+
 #: How much memory the lattices of a series take by default, in bytes, and how many there must be room for.
 MEMORY, LATTICES = 2.0**30, 16
 
@@ -92,7 +95,9 @@ def smooth_series(est: Any, series: ToldSeries, memory: float) -> FilterResult:
             trail = Trail(est, copies=False, room=room, size=_bytes_of)
         else:
             trail = Trail(est, copies=est.is_closed_form)
-        forward = est._filter_noting(series.zs, trail.note, told=series.steps, uneven=series.uneven)
+        forward = est._filter_noting(
+            series.zs, trail.note, told=series.steps, uneven=series.uneven, fields=OF_FILTER
+        )
         trail.stop()
         x, P, lower, upper = _look_back(trail, est)
         lower, upper = narrowed(lower, upper, est._constraint)
@@ -373,8 +378,12 @@ def _cut_off(lattice: Lattice, belief: GridBelief) -> list[str]:
     most = float(t_norm.cost(np.sqrt(t_norm.membership(universe.limit))))
     for k in lattice.free:
         for end in (0, -1):
-            edge, before = lattice.cost.take(end, axis=k), belief.lattice.cost.take(end, axis=k)
-            if ((edge < most) & (before >= CUT * universe.limit)).any():
+            side = (slice(None),) * k + (end,)
+            edge = lattice.cost[side]
+            if (
+                edge.min() < most
+                and ((edge < most) & (belief.lattice.cost[side] >= CUT * universe.limit)).any()
+            ):
                 return [
                     "later measurements draw states to the edge of what the filter kept; what it left out "
                     "does not come back (choose a smaller floor)"
