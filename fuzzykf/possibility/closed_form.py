@@ -108,7 +108,8 @@ def condition(
     S = symmetrize(H @ P @ H.T + R)
     whiten, null = whitening(S)
     white = whiten @ y
-    surprise = float(white @ white)
+    with np.errstate(over="ignore"):
+        surprise = float(white @ white)
     rounding = CONTRADICTION * (np.abs(z) + np.abs(H) @ np.abs(x))
     rounding += 10.0 * np.sqrt(RANK_TOLERANCE * np.diag(S))
     if (np.abs(null @ y) > np.abs(null) @ rounding).any():

@@ -208,3 +208,9 @@ def test_a_contradiction_is_one_on_either_side(family, sign):
     assert np.isinf(off.surprise)
     on = closed_form.condition(x, P, np.array([0.6, -2.0 + 1e-16 * sign]), H, R, family)
     assert on.surprise == pytest.approx(0.01)
+
+
+def test_a_measurement_beyond_all_numbers_has_an_infinite_surprise(recwarn):
+    one = np.eye(1)
+    assert np.isinf(closed_form.condition(np.zeros(1), one, np.array([1e200]), one, one, "gaussian").surprise)
+    assert not recwarn.list
