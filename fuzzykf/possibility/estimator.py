@@ -561,8 +561,8 @@ class FuzzyRelationEstimator(Filter, Document):
         -----
         SupportWarning
             As from `filter`; if later measurements draw states to the edge of what the filter kept, which a
-            smaller ``floor`` would widen; in several dimensions under Hamacher's t-norm, if conflicts and steep
-            tails leave no digits of the differences that the way back takes.
+            smaller ``floor`` would widen; in several dimensions under Hamacher's t-norm, if conflicts and
+            steep tails leave no digits of the differences that the way back takes.
 
         Notes
         -----
