@@ -182,11 +182,16 @@ def control_rows(us: Any, n: int, filters: Iterable[Any]) -> Any:
     Raises
     ------
     ShapeError
-        If there are fewer than n.
+        If there are fewer than n, or a filter that moves by F x + B u has no ``B``.
     """
     if us is None:
         return None
+    filters = list(filters)
     rows: Any = per_step("us", us, n)
+    for f in filters:
+        has_own = getattr(type(f), "_overrides", lambda: True)()  # it knows what it does with them
+        if not has_own and getattr(f, "fx", None) is None and getattr(f, "B", 0.0) is None:
+            raise ShapeError(f"B: got None, expected a matrix ({f.dim_x}, dim_u) to go with us")
     if not takes_columns(filters):
         return rows
     if isinstance(rows, np.ndarray) and rows.dtype != object:

@@ -250,10 +250,23 @@ def as_map(name: str, value: Any, shape: tuple[int, int]) -> FloatArray:
 
 
 def control(u: Numbers, B: Numbers, dim: int) -> FloatArray:
-    """Return B u (dim,), or zero without one of them, as in filterpy."""
-    if u is None or B is None:
+    """Return B u (dim,), or zero without one of them.
+
+    Raises
+    ------
+    ParameterError, ShapeError
+        If there is a control that is not zero, and no matrix for it; bad shapes.
+    """
+    if u is None:
         return np.zeros(dim)
     vector = as_numbers("u", u).ravel()
+    if B is None:
+        if vector.any():
+            raise ParameterError(
+                f"B: got no matrix, so u would do nothing; expected one of shape ({dim}, {vector.size}), "
+                "by B=... or est.B = ..."
+            )
+        return np.zeros(dim)
     matrix = as_numbers("B", B)
     matrix = matrix * np.eye(dim) if matrix.ndim == 0 else matrix
     return as_array("B", matrix, (dim, vector.size)) @ as_array("u", vector, (None,))

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from fuzzykf import Filter
-from fuzzykf.errors import ParameterError
+from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter, batch_filter, rts_smoother
 
 DAYS = pd.date_range("2024-01-01", periods=4, freq="D")
@@ -434,3 +434,27 @@ def test_a_message_is_one_line(who, table) -> None:
         call(TABLES[table])
     assert "\n" not in str(error.value)
     assert len(str(error.value)) < 400
+
+
+def test_controls_without_a_matrix_are_refused():
+    # `predict(u)` alone leaves them out, as in filterpy
+    f = KalmanFilter(1, 1, F=[[1.0]], H=[[1.0]])
+    one = bank()
+    one.filters[1].B = None
+    for each in (f, one):
+        for verb in (each.filter, each.smooth):
+            with pytest.raises(
+                ShapeError, match=r"B: got None, expected a matrix \(1, dim_u\) to go with us"
+            ):
+                verb([1.0, 2.0], us=[1.0, 1.0])
+    f.predict(u=3.0)
+    assert f.x[0, 0] == 0.0
+
+    class Moved(KalmanFilter):
+        """Knows what to do with a control."""
+
+        def predict(self, u=None, B=None, F=None, Q=None):
+            super().predict(F=F, Q=Q)
+            self.x = self.x + u
+
+    assert Moved(1, 1, F=[[1.0]], H=[[0.0]]).filter([1.0, 2.0], us=[1.0, 1.0]).x[-1, 0] == 2.0

@@ -742,3 +742,12 @@ def test_assigning_what_has_no_meaning():
             setattr(est, name, 1.0)
     assert (est.Q, est.R, est.F, est.H) == (None, None, None, None)
     assert not hasattr(est, "log_likelihood")
+
+
+def test_a_control_without_a_matrix_is_refused():
+    est = FuzzyRelationEstimator(1, 1, H=1.0)
+    with pytest.raises(ParameterError, match=r"B: got no matrix, so u would do nothing"):
+        est.filter([1.0, 2.0], us=[0.0, 1.0])
+    est.predict(u=0.0)
+    est.predict(u=2.0, B=[[1.5]])
+    assert est.x[0, 0] == pytest.approx(3.0)
