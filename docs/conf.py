@@ -7,7 +7,8 @@ import re
 import sys
 from pathlib import Path
 
-from sphinx.ext.autosummary import Autosummary, import_by_name
+from docutils import nodes
+from sphinx.ext.autosummary import AutoLink, Autosummary, import_by_name
 
 import fuzzykf
 
@@ -87,6 +88,47 @@ def escape_bars(app, what, name, obj, options, lines):
             lines[k] = "``".join(parts)
 
 
+def public_homes():
+    """Return where each public name is documented, by the name: that is where links lead."""
+    homes, module = {}, ""
+    for line in (
+        (Path(__file__).parent / "reference/index.md").read_text("utf-8").splitlines()
+    ):
+        if line.startswith(".. currentmodule::"):
+            module = line.split()[-1]
+        elif re.fullmatch(r" {3}[A-Za-z]\w*", line):
+            homes.setdefault(line.strip(), module)
+    return homes
+
+
+class Link(AutoLink):
+    """`KalmanFilter.fit` links to its page from any module; what is not documented is set as code."""
+
+    homes = public_homes()
+
+    def run(self):
+        head, _, member = self.text.partition(".")
+        known = head in self.homes and (member or head[0].isupper())
+        if known and not self.text.endswith(")"):
+            shown = self.text
+            self.text = f"{shown} <{self.homes[head]}.{shown}>"
+            self.rawtext = f"`{self.text}`"
+        objects, errors = super().run()
+        return [
+            nodes.literal(one.rawsource, one.astext())
+            if isinstance(one, nodes.emphasis)
+            else one
+            for one in objects
+        ], errors
+
+
+def skip_tuple_fields(app, what, name, obj, skip, options):
+    """Leave out what every named tuple has: the attributes are in the docstring of the class."""
+    is_field = type(obj).__name__ == "_tuplegetter"
+    is_of_tuple = getattr(obj, "__objclass__", None) is tuple
+    return True if is_field or is_of_tuple else None
+
+
 class Summary(Autosummary):
     """A table of the reference in which a second name of a class says so, instead of nothing."""
 
@@ -106,4 +148,6 @@ class Summary(Autosummary):
 def setup(app):
     """Connect after numpydoc, which has the default priority of 500."""
     app.add_directive("autosummary", Summary, override=True)
+    app.add_role("autolink", Link(), override=True)
+    app.connect("autodoc-skip-member", skip_tuple_fields)
     app.connect("autodoc-process-docstring", escape_bars, priority=600)

@@ -51,7 +51,28 @@ __all__ = [
 
 
 def check_keep(keep: Iterable[str], admissible: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names in ``keep`` after checking each of them."""
+    """Check the names of result fields to store, and return them.
+
+    Parameters
+    ----------
+    keep : str or iterable of str
+    admissible : tuple of str
+
+    Returns
+    -------
+    tuple of str
+
+    Raises
+    ------
+    ParameterError
+        If a name is not admissible.
+
+    Examples
+    --------
+    >>> from fuzzykf.base import check_keep
+    >>> check_keep(["x", "P"], ("x", "P", "mu"))
+    ('x', 'P')
+    """
     try:
         names = (keep,) if isinstance(keep, str) else tuple(keep)
     except TypeError as error:
@@ -115,19 +136,41 @@ def set_aside(filter_: Any, *shared: Any) -> Callable[[], None]:
 
 
 class Filter(ABC):
-    """What every filter of fuzzykf does; subclass it to write your own.
+    """Base class of all filters; subclass it to write your own.
 
     A subclass implements `predict` and `update`, keeps its estimate in ``x``
     (dim_x, 1) and ``P`` (dim_x, dim_x), the estimate before the latest
     observation in ``x_prior`` and ``P_prior``, and calls `remember_origin` at the
-    beginning of each verb that changes its state.  A probabilistic filter offers
-    ``log_likelihood`` of the latest observation.  Everything else is inherited.
-    `fuzzykf.testing.check_filter` checks that the contract is kept.
+    start of each method that changes its state.  A probabilistic filter also has
+    the ``log_likelihood`` of the latest observation.  Everything else is inherited.
+    `fuzzykf.testing.check_filter` tests a subclass against this contract.
 
     Attributes
     ----------
     dim_x, dim_z : int
         Number of components of the state and of an observation.
+
+    Examples
+    --------
+    A filter that averages all observations so far:
+
+    >>> import numpy as np
+    >>> from fuzzykf import Filter
+    >>> class RunningMean(Filter):
+    ...     dim_x = dim_z = 1
+    ...     def __init__(self):
+    ...         self.n, self.x, self.P = 0, np.zeros((1, 1)), np.eye(1)
+    ...         self.x_prior, self.P_prior = self.x, self.P
+    ...     def predict(self):
+    ...         self.remember_origin()
+    ...         self.x_prior, self.P_prior = self.x, self.P
+    ...     def update(self, z):
+    ...         self.remember_origin()
+    ...         self.n += 1
+    ...         self.x = self.x + (z - self.x) / self.n
+    ...         self.P = np.eye(1) / self.n
+    >>> RunningMean().filter([1.0, 3.0, 5.0]).x.ravel()
+    array([1., 2., 3.])
     """
 
     dim_x: int
@@ -139,11 +182,25 @@ class Filter(ABC):
 
     @abstractmethod
     def predict(self, *args: Any, **kwargs: Any) -> None:
-        """Move the estimate to the time of the next observation."""
+        """Move the estimate to the time of the next observation.
+
+        Parameters
+        ----------
+        *args, **kwargs
+            Arguments of the subclass, a control for instance.
+        """
 
     @abstractmethod
     def update(self, z: Numbers, *args: Any, **kwargs: Any) -> None:
-        """Take the observation ``z`` into account; None or NaN means missing."""
+        """Take the observation ``z`` into account; None or NaN means missing.
+
+        Parameters
+        ----------
+        z : array_like or None
+            Scalar (if ``dim_z`` is 1) or shape (dim_z,), (dim_z, 1) or (1, dim_z).
+        *args, **kwargs
+            Further arguments of the subclass.
+        """
 
     def step(self, z: Numbers) -> FloatArray:
         """Predict, then update with ``z``.
@@ -182,25 +239,24 @@ class Filter(ABC):
         return estimate
 
     def filter(self, zs: ManyNumbers, *, resume: bool = False) -> FilterResult:
-        """Run `step` along a series, from where the filter stands, and collect what it finds.
+        """Filter a series, starting from the current state of the filter.
 
-        The filter ends at the last observation, so that `step` continues the series.
+        The filter ends at the last observation, so `step` continues the series.
 
         Parameters
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
         resume : bool
-            Go on from where the filter stands.  A filter that starts with its x and P, and not with a law
-            of its own, does so in any case.
+            Continue from the current state.  A filter without an initial law of its own always does so.
 
         Returns
         -------
         FilterResult
-            What the filter shows after a step under the name of a field that is streamed (see
-            `fuzzykf.results.ResultField`): ``x``, ``P``, ``x_prior``, ``P_prior`` and, from a
-            probabilistic filter, ``log_likelihood``; from a possibilistic one,
-            ``possibility``, ``lower`` and ``upper``; with a switch, ``mu`` and ``switch``.
+            With ``x``, ``P``, ``x_prior``, ``P_prior`` and, from a probabilistic filter,
+            ``log_likelihood``; from a possibilistic one, ``possibility``, ``lower`` and ``upper``; with a
+            switch, ``mu`` and ``switch``.  In general: the streamed fields (see
+            `fuzzykf.results.ResultField`) that the filter has as attributes.
         """
         return self._filter_noting(zs, resume=resume)
 
@@ -261,7 +317,7 @@ class Filter(ABC):
         Returns
         -------
         means, covariances, means_p, covariances_p : ndarray
-            Shapes (n, dim_x, 1) and (n, dim_x, dim_x): after and before each
+            Shapes (n, dim_x, 1) and (n, dim_x, dim_x), after and before each
             observation.
         """
         result = self.filter(zs, *args, **kwargs)
@@ -278,33 +334,33 @@ class Filter(ABC):
         by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter many series, each as `filter` would; the filter stays as it is.
+        """Filter many series, each as `filter` does; the filter itself does not change.
 
         Parameters
         ----------
         zs : array_like, DataFrame, DataArray, list, tuple or mapping
-            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  A frame, whose
-            columns are the series (pairs (series, component) if ``dim_z`` is not 1).  A list or a mapping of
-            series, each as `filter` takes it, of any length.
+            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  Or a frame with a
+            column for each series (pairs (series, component) if ``dim_z`` is not 1), or a list or mapping of
+            series of any lengths, each as `filter` takes it.
         keep : sequence of str, optional
             The fields of `FilterResult` to store: by default ``x``, ``P`` and, from a
             probabilistic filter, ``log_likelihood``.
         by : hashable, optional
-            The column (or level of the index) of a frame that says which series a row belongs to, if its rows
-            are those of all series.
+            Column (or index level) that names the series of each row, if the frame holds all series one after
+            another.
         resume : bool
-            Let every series go on from where the filter stands, see `filter`.
+            Start every series from the current state, see `filter`.
 
         Returns
         -------
         FilterResult
             The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
-            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
+            that is shorter than others.  Names and index are kept, see `FilterResult.to_dataframe`.
 
         Raises
         ------
         ShapeError, ParameterError
-            Wrong shapes; a name in ``keep`` that this filter does not fill.
+            If shapes are wrong, or the filter does not have a field in ``keep``.
         """
         given = {"resume": True} if as_flag("resume", resume) else {}
         return self._filter_all(self._read_many(zs, by), keep, lambda rows, n: [given] * len(rows))
@@ -395,10 +451,15 @@ class Filter(ABC):
     def copy(self) -> Self:
         """Return an independent copy; immutable parts (models, laws) are shared.
 
+        Returns
+        -------
+        Filter
+            Of the same class, in the same state.
+
         Raises
         ------
         ParameterError
-            If a function that may know this object alone stands in place of a verb.
+            If a method was replaced, on this object, by a function that may be bound to it.
         """
         if not self._follows_copies():
             raise ParameterError(
@@ -410,9 +471,10 @@ class Filter(ABC):
     # ------------------------------------------------------------------ reset
 
     def remember_origin(self) -> None:
-        """Keep the state at the first verb since construction or the last `reset`, to which that returns.
+        """Keep the current state, to which `reset` returns.
 
-        Call it at the beginning of each verb that changes the state of a filter of your own.
+        Call it at the start of each method that changes the state of your own filter; only the first call
+        since construction or the last `reset` has an effect.
         """
         if "_origin" not in self.__dict__:
             self._origin: dict[str, Any] = copy.deepcopy(self.__dict__, {id(self): self})
@@ -421,7 +483,7 @@ class Filter(ABC):
         self.remember_origin()  # under the name that filters of yesterday call
 
     def reset(self) -> None:
-        """Return to the state at the first verb since construction or the last reset."""
+        """Return to the state before the first step since construction or the last reset."""
         if "_origin" in self.__dict__:
             origin = self._origin
             self.__dict__.clear()

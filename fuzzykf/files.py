@@ -102,7 +102,19 @@ def check_writable(path: str | PathLike[str]) -> None:
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:
-    """Write text in UTF-8, as `write_bytes` does."""
+    """Write a text file in UTF-8, atomically: a reader sees the old file or the new one, whole.
+
+    Parameters
+    ----------
+    path : path-like
+        An existing file keeps its mode and owner.  Devices and pipes work; ``-`` is standard output.
+    text : str
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; an existing one is then as it was.
+    """
     write_bytes(path, text.encode("utf-8"))
 
 

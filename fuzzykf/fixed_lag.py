@@ -81,18 +81,18 @@ def over_windows(look_back: Callable[[Sequence[Any]], Nodes], states: Sequence[A
 
 
 class FixedLag:
-    """A filter that tells of each state a few steps later, when more has been observed.
+    """Fixed-lag smoother: estimate each state a few steps later, step by step.
 
-    Only the states that are looked back over are kept.  Means and covariances are the rows of the
-    ``smooth_lag`` of the filter, up to rounding.
+    Only the last ``lag`` states are stored.  Results equal the rows of the filter's ``smooth_lag``, up to
+    rounding.
 
     Parameters
     ----------
     f : filter
-        One that has ``smooth_lag``: a `KalmanFilter`, an `IMMEstimator` of such, a switching filter.  It is
-        used as it stands, and its steps are to be done here.
+        Filter with a method ``smooth_lag``: a `KalmanFilter`, an `IMMEstimator` of these, or a switching
+        filter.  It is not copied; call `step` here, not on the filter.
     lag : int
-        How many steps later, at least 0.
+        Number of steps to look ahead, at least 0.
 
     Attributes
     ----------
@@ -101,16 +101,16 @@ class FixedLag:
     lag : int
         As given.
     n : int or None
-        Which observation, counted from 0 since it was made, `x` and `P` belong to; None before there are any.
+        Index of the observation to which ``x`` and ``P`` belong, from 0; None before there is any.
     x, P : ndarray, shapes (dim_x, 1) and (dim_x, dim_x), or None
-        Mean and covariance of the state there, given all observations so far.
+        Mean and covariance of that state, given all observations so far.
     mu : ndarray, shape (M,), or None
-        Probabilities there of the nodes of the switch, or of the modes; of one if there is no switch.
+        Probabilities of the nodes of the switch, or of the modes, at that step; (1,) without a switch.
 
     Raises
     ------
     ParameterError
-        If the filter cannot look back, or ``lag`` is no whole number of at least 0.
+        If the filter cannot smooth, or ``lag`` is not an integer of at least 0.
 
     See Also
     --------
@@ -147,27 +147,27 @@ class FixedLag:
         self.mu: FloatArray | None = None
 
     def step(self, z: Any, **told: Any) -> FloatArray | None:
-        """Do a step of the filter, and estimate the state ``lag`` steps before.
+        """Do a step of the filter, and estimate the state ``lag`` steps earlier.
 
         Parameters
         ----------
         z : array_like or None
             The observation; None or NaN where missing.
         **told
-            What else the filter is told, by the names of its verbs: ``u``, ``R``, ``H``, ``r``; a Kalman
-            filter also ``F``, ``Q`` and ``dt``.
+            Further arguments of the filter's ``predict`` and ``update``: ``u``, ``R``, ``H``, ``r``; for a
+            Kalman filter also ``F``, ``Q`` and ``dt``.
 
         Returns
         -------
         ndarray, shape (dim_x, 1), or None
-            The new ``x``; None as long as there are no more than ``lag`` observations.
+            The new ``x``; None during the first ``lag`` steps.
 
         Raises
         ------
         SequenceError
-            If somebody else has moved the filter since the latest step.
+            If the filter was moved by other calls since the latest step.
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from the verbs of the filter; it is then as it was before.
+            As from the filter, which is then unchanged.
         """
         if self._standing != self._back.standing():
             raise SequenceError(

@@ -90,7 +90,16 @@ M = TypeVar("M")
 
 
 def write_document(path: str | PathLike[str], kind: str, content: dict[str, Any]) -> None:
-    """Write ``content`` as a document of the given kind.
+    """Write plain values to a JSON file, as a document of a given kind.
+
+    Parameters
+    ----------
+    path : path-like
+        ``-`` is standard output.
+    kind : str
+        What the document holds; a reader asks for it.
+    content : dict
+        Numbers, text, None, and lists and dicts of these.
 
     Raises
     ------
@@ -108,13 +117,25 @@ def as_document(kind: str, content: dict[str, Any]) -> dict[str, Any]:
 def read_document(
     path: str | PathLike[str], kinds: tuple[str, ...], max_bytes: int | None = None
 ) -> dict[str, Any]:
-    """Read a document of one of the given kinds.
+    """Read a JSON document of one of the given kinds.
+
+    Parameters
+    ----------
+    path : path-like
+    kinds : tuple of str
+        Admissible kinds.
+    max_bytes : int, optional
+        Largest admissible file, in bytes; by default the environment variable FUZZYKF_MAX_BYTES, or else 32 MiB.
+
+    Returns
+    -------
+    dict
 
     Raises
     ------
     FileFormatError
-        If the file is no JSON, not from fuzzykf, of another version or another kind, or larger than
-        ``max_bytes`` (by default 32 MiB, or what the environment variable FUZZYKF_MAX_BYTES says).
+        If the file is not JSON, not from fuzzykf, of another version or another kind, or larger than
+        ``max_bytes``.
     """
     content = read_bytes(path, max_bytes, MAX_BYTES)
     try:
@@ -188,44 +209,48 @@ class Document(ABC):
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Return what it is made from as plain values."""
+        """Return its arguments as plain values."""
 
     @classmethod
     @abstractmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make it from what `to_dict` returned; other keys are passed over."""
+        """Make it from the output of `to_dict`; other keys are ignored."""
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write it to a JSON file, atomically; `load` gives it back bit for bit.
+        """Save to a JSON file, atomically; `load` restores every number exactly.
 
         Parameters
         ----------
         path : path-like
-            A file that is there keeps its mode and owner; devices and pipes are written to, and ``-`` is
+            An existing file is replaced but keeps its mode and owner.  Devices and pipes work; ``-`` is
             standard output.
 
         Raises
         ------
         ParameterError
-            If it holds functions (a law made by `FuzzyMarkovLaw.from_density`, an ``fx``).
+            If it holds functions (a law made by `FuzzyMarkovLaw.from_density`, an ``fx``), which a file cannot.
         """
         write_document(path, type(self).__name__, self.to_dict())
 
     @classmethod
     def load(cls, path: str | PathLike[str], *, max_bytes: int | None = None) -> Self:
-        """Read what `save` has written; a filter in the state it was in.
+        """Load a model or filter from a file written by `save`; a filter resumes in its saved state.
 
         Parameters
         ----------
         path : path-like
         max_bytes : int, optional
-            How large a file may be; by default 32 MiB, or what the environment variable
-            FUZZYKF_MAX_BYTES says.
+            Largest admissible file, in bytes; by default the environment variable FUZZYKF_MAX_BYTES, or else
+            32 MiB.
+
+        Returns
+        -------
+        object of this class
 
         Raises
         ------
         FileFormatError
-            If the file is damaged, foreign, of another version, too large, or holds something else.
+            If the file is damaged, too large, not from fuzzykf, of another version, or holds another class.
         """
         loaded: Self = _load(path, {cls.__name__: cls}, max_bytes)
         return loaded
@@ -252,22 +277,46 @@ def _expected(cls: Any, registry: Registry, others: Registry) -> Mapping[str, An
 
 
 def save_model(model: Any, path: str | PathLike[str]) -> None:
-    """Write a model to a file; see `Document.save`."""
+    """Save a model to a JSON file; the same as ``model.save(path)``.
+
+    Parameters
+    ----------
+    model : CGOFMSModel, CGOMSModel, CGLSSM or SwitchingStateSpace
+    path : path-like
+        ``-`` is standard output.
+
+    Raises
+    ------
+    ParameterError
+        If the model holds functions, which a file cannot.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from fuzzykf import SwitchingStateSpace
+    >>> from fuzzykf.io import load_model, save_model
+    >>> model = SwitchingStateSpace([[0.9, 0.1], [0.1, 0.9]], F=0.5, H=1.0, Q=0.1, R=0.1)
+    >>> with TemporaryDirectory() as folder:
+    ...     save_model(model, f"{folder}/model.json")
+    ...     loaded = load_model(f"{folder}/model.json")
+    >>> loaded.dim_x, loaded.n_classes
+    (1, 2)
+    """
     if type(model).__name__ not in MODELS:
         raise ParameterError(f"model: got {type(model).__name__}, expected {either(MODELS)}")
     model.save(path)
 
 
 def load_model(path: str | PathLike[str], cls: type[M] | None = None, *, max_bytes: int | None = None) -> M:
-    """Read a model from a file.
+    """Load a model of any class from a JSON file.
 
     Parameters
     ----------
     path : path-like
     cls : type, optional
-        The model expected; by default any.
+        Class that the model must have; by default any.
     max_bytes : int, optional
-        How large the file may be, see `Document.load`.
+        Largest admissible file, in bytes; by default 32 MiB.
 
     Returns
     -------
@@ -276,21 +325,56 @@ def load_model(path: str | PathLike[str], cls: type[M] | None = None, *, max_byt
     Raises
     ------
     FileFormatError
-        If the file is damaged, foreign, of another version, or holds something else.
+        If the file is damaged, too large, not from fuzzykf, of another version, or holds another class.
     """
     model: M = _load(path, _expected(cls, MODELS, FILTERS), max_bytes)
     return model
 
 
 def save_filter(filter_: Any, path: str | PathLike[str]) -> None:
-    """Write a filter, model and state, to a file; see `Document.save`."""
+    """Save a filter, with its model and state, to a JSON file.
+
+    Parameters
+    ----------
+    filter_ : OFSRFilter, CGOMSMFilter, SwitchingKalmanFilter, FilterPool or FuzzyRelationEstimator
+    path : path-like
+        ``-`` is standard output.
+
+    Raises
+    ------
+    ParameterError
+        If the filter holds functions, which a file cannot.
+
+    See Also
+    --------
+    save_model : The same for a model, with an example.
+    """
     if type(filter_).__name__ not in FILTERS:
         raise ParameterError(f"filter_: got {type(filter_).__name__}, expected {either(FILTERS)}")
     filter_.save(path)
 
 
 def load_filter(path: str | PathLike[str], cls: type[M] | None = None, *, max_bytes: int | None = None) -> M:
-    """Read a filter from a file; by default any, otherwise one of the class ``cls``."""
+    """Load a filter of any class from a JSON file, in the state in which it was saved.
+
+    Parameters
+    ----------
+    path : path-like
+    cls : type, optional
+        Class that the filter must have; by default any.
+    max_bytes : int, optional
+        Largest admissible file, in bytes; by default 32 MiB.
+
+    Returns
+    -------
+    filter
+        Of the class that was saved.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is damaged, too large, not from fuzzykf, of another version, or holds another class.
+    """
     loaded: M = _load(path, _expected(cls, FILTERS, MODELS), max_bytes)
     return loaded
 

@@ -188,12 +188,18 @@ def as_many(zs: Any, dim_z: int) -> FloatArray:
     Returns
     -------
     ndarray, shape (series, n, dim_z)
-        Read-only; it shares the memory of ``zs`` where it can, since that may be most of what is free.
+        Read-only; shares memory with ``zs`` where possible.
 
     Raises
     ------
     ShapeError, ParameterError
-        If the shape is another one, or a number is infinite.
+        If the shape is wrong, or a number is infinite.
+
+    Examples
+    --------
+    >>> from fuzzykf.base import as_many
+    >>> as_many([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], dim_z=1).shape
+    (2, 3, 1)
     """
     if is_complex(zs):
         raise ParameterError("zs: got complex numbers, expected real ones")
@@ -277,7 +283,23 @@ def named_per_step(name: str, values: Any, n: int) -> list[dict[str, Any]]:
 
 
 def index_of(table: Any) -> Any:
-    """Return the index of the rows of a pandas object or a DataArray, None for anything else."""
+    """Return the row index of a pandas object or a DataArray, or None.
+
+    Parameters
+    ----------
+    table : object
+
+    Returns
+    -------
+    pandas.Index or None
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from fuzzykf.base import index_of
+    >>> index_of(pd.Series([1.0, 2.0], index=["a", "b"])).tolist()
+    ['a', 'b']
+    """
     if not hasattr(table, "to_numpy"):
         return None
     if hasattr(table, "dims") and hasattr(table, "indexes"):

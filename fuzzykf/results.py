@@ -56,7 +56,7 @@ M = TypeVar("M")
 
 
 class ResultField(NamedTuple):
-    """What a field of `FilterResult` holds.
+    """Description of a field of `FilterResult`.
 
     Attributes
     ----------
@@ -64,11 +64,17 @@ class ResultField(NamedTuple):
         Names of its axes, among "step", "state", "node", "class" and "observation"; the second axis of
         a covariance is "state_column" or "observation_column".
     description : str
-        In one line, without a full stop.
+        One line, without a full stop.
     spread : str or None
         The field that holds its covariance.
     streamed : bool
-        Whether a filter that has it shows it after each step as an attribute of the same name.
+        Whether a filter has it as an attribute of the same name after each step.
+
+    Examples
+    --------
+    >>> from fuzzykf.results import ResultField
+    >>> ResultField(("step", "state"), "mean of the state", spread="P").spread
+    'P'
     """
 
     axes: tuple[str, ...]
@@ -104,23 +110,23 @@ def _documented(cls: type[M]) -> type[M]:
 @_documented
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilterResult:
-    """What a filter or smoother found along a whole series.
+    """Estimates of a filter or smoother for every step of a series.
 
-    Which fields are filled depends on the filter; the others are None.  Results
-    of many series carry a leading axis (series, ...).
+    The filter determines which fields are set; the others are None.  Results
+    of many series have a leading axis (series, ...).
 
     Attributes
     ----------
     FIELDS
     index : object or None
-        The index of what was filtered, of pandas or xarray; of many series a list where it differs.
+        Index of the filtered data, from pandas or xarray; a list if it differs between series.
     names : sequence or None
-        What the series are called, where the result is of many that have names.
+        Names of the series, if there are many and they have names.
     lengths : ndarray of int, shape (series,), or None
-        How long they are, where they are not all of one length; beyond its end a series has NaN.
+        Lengths of the series, if they differ; shorter ones are padded with NaN.
     coords : tuple or None
-        Of a DataArray that was filtered, the dimensions of series and steps, and its coordinates along these;
-        `to_xarray` has them again.
+        Dimensions and coordinates of series and steps, if a DataArray was filtered; `to_xarray` restores
+        them.
 
     Examples
     --------
@@ -187,12 +193,12 @@ class FilterResult:
 
     @property
     def is_many(self) -> bool:
-        """Whether it is of many series, along a leading axis."""
+        """Whether the result holds many series, along a leading axis."""
         return len(self.shape) > 1
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of steps, (n,), or of series and of their steps, (series, n)."""
+        """Number of steps, (n,), or of series and steps, (series, n)."""
         for name, known in FIELDS.items():
             shape = getattr(getattr(self, name), "shape", None)
             if known.axes[0] == "step" and isinstance(shape, tuple) and shape:
@@ -213,12 +219,12 @@ class FilterResult:
         return 0
 
     def interval(self, level: float = 0.9) -> tuple[Any, Any]:
-        """Central interval of every state component.
+        """Return the central interval of every component of the state.
 
-        With `node_x` and `node_P` (``keep_nodes=True``) its ends are quantiles of the
-        mixture of normal laws, one per node; else those of one normal law with the
-        moments `x` and `P`.  Both are approximations: given its node the state is
-        itself a mixture, of which only mean and covariance are carried.
+        With ``node_x`` and ``node_P`` (``keep_nodes=True``) the bounds are quantiles of a mixture of
+        normal distributions, one per node; otherwise of a single normal distribution with mean ``x``
+        and covariance ``P``.  Both are approximations: given its node, the state is itself a mixture,
+        of which the filter keeps mean and covariance only.
 
         Parameters
         ----------
@@ -227,13 +233,13 @@ class FilterResult:
 
         Returns
         -------
-        lower, upper : ndarray of the shape of `x`
-            If the result of one series has an index of pandas, DataFrames with it.
+        lower, upper : ndarray, same shape as ``x``
+            DataFrames, if the result is of one series with a pandas index.
 
         Raises
         ------
         ParameterError
-            If ``level`` is outside ]0, 1[, or the result holds no `x` and `P`.
+            If ``level`` is not between 0 and 1, or the result has no ``x`` and ``P``.
         """
         bounds = self.bounds(level)
         if self.is_many or not is_pandas(self.index):
@@ -241,7 +247,7 @@ class FilterResult:
         return bounds_as_frames(*bounds, self.index)
 
     def bounds(self, level: float = 0.9) -> tuple[FloatArray, FloatArray]:
-        """Return the ends of the `interval` as arrays, whatever the index.
+        """Return the bounds of `interval` as arrays, even if there is a pandas index.
 
         Parameters
         ----------
@@ -250,7 +256,7 @@ class FilterResult:
 
         Returns
         -------
-        lower, upper : ndarray of the shape of `x`
+        lower, upper : ndarray, same shape as ``x``
 
         Raises
         ------
@@ -293,43 +299,50 @@ class FilterResult:
     def to_dataframe(self, index: Any = None, *, level: float | None = None) -> pd.DataFrame:
         """Return the result as a pandas DataFrame, one row per step.
 
-        There is a column for each field of one number a step, and ``x`` (``x0``, ``x1``, ... for
-        several components) for each field of one vector a step, followed by ``x_std`` where its
-        covariance is known; as far as the result holds them.  Many series follow one another: their
-        rows are labelled by series and step, and end where each ends.
+        Each scalar field is a column.  Each vector field is a column such as ``x``, or ``x0``, ``x1``, ...
+        for several components, followed by its standard deviation (``x_std``) if the covariance is known.
+        Many series are stacked, with rows labelled by series and step.
 
         Parameters
         ----------
         index : sequence, optional
-            Index of the rows of a series; by default the index of what was filtered, else 0, 1, ...
+            Index of the rows of a series; by default that of the filtered data, else 0, 1, ...
         level : float, optional
-            Adds the ends of the `interval` of that level, ``x_lower`` and ``x_upper``.
+            Add the bounds of the `interval` of this level, ``x_lower`` and ``x_upper``.
+
+        Returns
+        -------
+        pandas.DataFrame
 
         Raises
         ------
         MissingDependencyError
             If pandas is not installed.
         ParameterError
-            If ``index`` is of another length; with ``level`` as from `interval`.
+            If ``index`` has the wrong length; with ``level``, as from `interval`.
         """
         bounds = None if level is None else self.bounds(level)
         return as_dataframe(self, FIELDS, index, bounds)
 
     def to_xarray(self) -> xr.Dataset:
-        """Return the result as an xarray Dataset, one variable for each field.
+        """Return the result as an xarray Dataset, with one variable per field.
 
-        Its dimensions are those of `fuzzykf.results.ResultField`: the steps, called as the index is (else
-        ``time``, or ``step``), ``state``, ``node``, ...; of many series these come first, called as their
-        names are (else ``series``).  The index, the names of the series and the nodes of the switch are
-        coordinates; indexes that differ from series to series are one of two dimensions, ``time_of_series``.
-        Dimensions and coordinates of a DataArray that was filtered are those that it had.
+        The dimensions are the steps (named like the index, else ``time`` or ``step``), ``state``, ``node``,
+        and so on; see `fuzzykf.results.ResultField`.  Many series add a first dimension, named like their
+        names (else ``series``).  Index, series names and nodes of the switch are coordinates; indexes that
+        differ between series form a two-dimensional coordinate, ``time_of_series``.  A filtered DataArray
+        keeps its dimensions and coordinates.
+
+        Returns
+        -------
+        xarray.Dataset
 
         Raises
         ------
         MissingDependencyError
             If xarray is not installed.
         ParameterError
-            If the index, or a coordinate, is called as a field or another dimension is.
+            If the index or a coordinate has the name of a field or of another dimension.
 
         Examples
         --------
@@ -340,12 +353,12 @@ class FilterResult:
         return as_dataset(self, FIELDS)
 
     def one(self, name: Any) -> FilterResult:
-        """Return the result of one of many series.
+        """Return the result of a single series.
 
         Parameters
         ----------
         name : hashable
-            What it is called, or its number where the series have no names.
+            Name of the series, or its number if the series have no names.
 
         Returns
         -------
@@ -355,7 +368,7 @@ class FilterResult:
         Raises
         ------
         ParameterError
-            If the result is of one series, or there is none of that name.
+            If the result holds one series only, or none of that name.
 
         Examples
         --------
@@ -381,14 +394,18 @@ class FilterResult:
         return FilterResult(**fields, index=self.index[k] if isinstance(self.index, list) else self.index)
 
     def with_coords(self, zs: Any, axes: int = 1) -> FilterResult:
-        """Return the result with the coordinates of what was filtered: a DataArray, else nothing changes.
+        """Return the result with the coordinates of a filtered DataArray; other data change nothing.
 
         Parameters
         ----------
         zs : object
-            What was filtered.
+            The filtered data.
         axes : int
             Number of its dimensions that count series and steps.
+
+        Returns
+        -------
+        FilterResult
         """
         coords = coords_of(zs, axes)
         return self if coords is None else dataclasses.replace(self, coords=coords)
@@ -448,13 +465,17 @@ FIELDS = _fields_of(FilterResult)
 
 
 def field_shapes(names: Iterable[str], **sizes: int) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of fields at one step.
+    """Return the shape of each field at one step.
 
     Parameters
     ----------
     names : iterable of str
     **sizes : int
-        Sizes of the axes that occur: ``state``, ``node``, ``class``, ``observation``.
+        Sizes of the axes: ``state``, ``node``, ``class``, ``observation``.
+
+    Returns
+    -------
+    dict of str to tuple of int
 
     Examples
     --------
@@ -479,7 +500,7 @@ def field_shapes(names: Iterable[str], **sizes: int) -> dict[str, tuple[int, ...
 
 @reprs()
 class Simulation(NamedTuple):
-    """A simulated series.
+    """States, observations and switch of a simulated series.
 
     Attributes
     ----------
@@ -489,6 +510,15 @@ class Simulation(NamedTuple):
         Observations.
     r : ndarray, shape (n,) or (n, K)
         Values of the switch; class weights between more than two classes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import SwitchingStateSpace
+    >>> model = SwitchingStateSpace([[0.9, 0.1], [0.1, 0.9]], F=0.5, H=1.0, Q=0.1, R=[[[0.1]], [[4.0]]])
+    >>> x, y, r = model.simulate(100, np.random.default_rng(0))
+    >>> x.shape, y.shape, r.shape
+    ((100, 1), (100, 1), (100,))
     """
 
     x: FloatArray
@@ -504,7 +534,27 @@ MOST = 1 << 62
 
 
 def bic(n_parameters: int, n_observations: int, log_likelihood: float) -> float:
-    """Schwarz's information criterion, k log n - 2 log L; smaller is better."""
+    """Schwarz's information criterion, k log n - 2 log L; smaller is better.
+
+    Parameters
+    ----------
+    n_parameters : int
+        Number k of free parameters.
+    n_observations : int
+        Number n of observations.
+    log_likelihood : float
+        Maximum of log L.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> from fuzzykf.results import bic
+    >>> round(bic(2, 100, -140.0), 2)
+    289.21
+    """
     k = as_count("n_parameters", n_parameters, most=MOST)
     n = as_count("n_observations", n_observations, 1, most=MOST)
     return float(np.log(n)) * k - 2.0 * as_real("log_likelihood", log_likelihood)
@@ -513,30 +563,30 @@ def bic(n_parameters: int, n_observations: int, log_likelihood: float) -> float:
 @reprs()
 @dataclass(frozen=True)
 class FilterTraining:
-    """How a model was learned for its filter.
+    """Outcome of learning with ``objective="filter"``.
 
     Attributes
     ----------
     kept : {"filter", "joint"}
-        Which of the two fits the model is.
+        Fit that the model comes from.
     score_joint, score_filter : float
-        Mean log-density, per state and in the units of the data, that the filter of each gave the states of
-        the rows kept back; both had learned from the rows before.  The first is that of the joint fit, the
-        second the best of those after it.
+        Mean log-density of the states in the validation rows, per state and in the units of the data, under
+        the filter of each fit.  Both learned from the earlier rows; ``score_filter`` is the best of the
+        iterations that start from the joint fit.
     standard_error : float
-        Of the difference of the two.  The joint fit stays unless the difference is larger, and the states
-        that were learned from score better, too.
+        Standard error of the difference of the scores.  The joint fit is kept unless the difference is larger
+        and the states of the training rows score better, too.
     n_iterations : int
-        After so many the score was best.
+        Number of iterations with the best score.
     inflation : float
-        What the covariance of the noise of the state was multiplied by.
+        Factor by which the covariance of the state noise was widened.
     n_kept_back : int
-        Number of these states.
+        Number of states in the validation rows.
     trace : tuple of float
         Objective at each iteration on all rows, per state and in standard units; empty if the joint fit
-        stays.
+        is kept.
     note : str
-        Why the rows before cannot be learned from; then the joint fit stays, and there are no scores.
+        Why the earlier rows are not sufficient, if so; then the joint fit is kept, and there are no scores.
 
     Examples
     --------
@@ -557,42 +607,43 @@ class FilterTraining:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FitResult(Generic[M]):
-    """A learned model and how it was found.
+    """Learned model, with its likelihood, history and warnings.
 
     Attributes
     ----------
     model : object
-        New, in the units of the data.
+        The learned model, in the units of the data.
     log_likelihood : float
-        Log-density of the training data (x, y) under the model, in their units; where x is missing in some
-        rows, of what was measured (see `CGOFMSModel.fit`).
+        Log-density of the training data (x, y) under the model, in their units; if x is missing in some
+        rows, of the measured values (see `CGOFMSModel.fit`).
     n_parameters : int
-        Free parameters.
+        Number of free parameters.
     n_observations : int
-        Times that were learned from: those at which y was measured (in the covariance form, x as well).
+        Number of steps used: those at which y was measured (in the covariance form, x as well).
     trace : ndarray
-        What the iterations raise: the log-likelihood of each stretch of data given its first
+        Objective at each iteration: the log-likelihood of each stretch of data given its first
         (x, y), in standard units, plus the logarithm of a weak prior.
     converged : bool
+        Whether the iterations ended because the gain fell below the tolerance.
     warnings : tuple of str
-        What the data cannot support.
+        Parts of the model that the data do not support.
     switch_mean : ndarray or pandas Series, shape (n,)
         Posterior mean of the switch along the training data (the switch itself, if it was
-        given); NaN at times that were not learned from.  Several series follow one another.  None for a
+        given); NaN at steps that were not used.  Several series are concatenated.  None for a
         fuzzy switch between more than two classes.
     class_weights : ndarray or pandas DataFrame, shape (n, K)
         Posterior shares of the regimes, likewise.
     bic_of_forms : dict
-        BIC of each form of the Gaussian part that was learned; with ``form="auto"`` the
-        model has the one of the least.
+        BIC of each form of the Gaussian part that was tried; with ``form="auto"`` the
+        model has the form with the smallest.
     occupancy : ndarray, shape (K,), or None
-        Share of the rows that are in each regime, as far as the posterior of the switch knows.
+        Share of the rows in each regime, by the posterior of the switch.
     training : FilterTraining or None
-        With ``objective="filter"``: whether the model was learned for its filter or the joint fit was kept,
-        with the scores of both on rows kept back.
+        With ``objective="filter"``: whether the joint fit was kept, and the scores of both fits on
+        validation rows.
     score_of_features : dict
-        With ``features="auto"``: the log score, on the states kept back, of the filter learned with each map
-        of the window; the model has the one of the best.
+        With ``features="auto"``: the log score of the filter with each feature map on validation rows; the
+        model has the best one.
 
     Examples
     --------
@@ -635,9 +686,9 @@ class FitResult(Generic[M]):
         return bic(self.n_parameters, self.n_observations, self.log_likelihood)
 
     def summary(self) -> FitSummary:
-        """Say what was learned, on what, how well it describes the data, and what they cannot support.
+        """Return a summary: parameters, data, fit and warnings.
 
-        There are no standard errors in it; see `bootstrap`.
+        Standard errors are not included; see `bootstrap`.
 
         Returns
         -------
@@ -655,44 +706,44 @@ class FitResult(Generic[M]):
         return self.summary()._repr_html_()
 
     def update(self, x: Any, y: Any, *, forget: float = 1.0, inputs: Any = None) -> FitResult[M]:
-        """Go on with new rows, so that the model follows what changes.
+        """Update the model with new rows, so that it follows changes of the system.
 
-        Of the rows so far the result holds what the maximisation needs: expected transitions and weighted
-        second moments (statistics).  Discounted by ``forget`` to the number of new rows, they join those of
-        the new rows.  Expectation-maximisation begins at the parameters that were learned, looks for the
-        switch in the new rows alone, and ends as that of the fit did.  So a call costs what its rows cost.
+        The result stores the sufficient statistics of the earlier rows: expected transitions and weighted
+        second moments.  They are discounted by ``forget`` for each new row and added to those of the new
+        rows.  Expectation-maximisation starts from the current parameters and estimates the switch in the
+        new rows only, so the cost of a call does not depend on the earlier rows.
 
         Parameters
         ----------
         x, y : array_like, or list of these
-            New rows, in the units of the first ones, as `CGOFMSModel.fit` takes them; NaN where missing.  Two
-            rows in a row with ``y`` will do, and ``x`` may be missing in all.  Tables go by the names of the
-            first.  Each call begins a new series: the step from the last row so far to the first new one is
-            not learned from.
+            New rows, in the original units, as in `CGOFMSModel.fit`; NaN where missing.  At least two
+            consecutive rows with ``y`` are needed; ``x`` may be missing in all.  Columns of tables are
+            matched by name.  Each call starts a new series: the step from the last earlier row to the first
+            new one is not used.
         forget : float
-            What the weight of earlier rows is multiplied by at each new row, in ]0, 1].  With 1 nothing is
-            forgotten; with ``0.5 ** (1 / h)`` a row counts half after h rows (its half-life).  Rows in which
-            something is missing are rows, and so are those of each series; the rows of one call count alike.
+            Factor on the weight of earlier rows for each new row, in ]0, 1].  With 1 nothing is forgotten;
+            ``0.5 ** (1 / h)`` means a half-life of h rows.  Rows with missing values and rows of every
+            series count; the rows of one call have the same weight.
         inputs : array_like, or list of these, optional
-            Inputs of the new rows, if there were some in the fit.  How they act on the transitions stays as
-            it was learned first: of that no statistics are kept.  With features of the window each call loses
-            the rows whose window begins before it: pass long stretches.
+            Inputs of the new rows, if the fit had inputs.  Their effect on the transitions is not updated.
+            With window features, each call loses the rows whose window starts before it, so pass long
+            stretches.
 
         Returns
         -------
         FitResult
-            New; this one is left as it is.  Its model has the names and the structure of the law of this one.
+            A new result; this one does not change.  Names and structure of the model are the same.
             Likelihood, number of observations, shares of the regimes and trace are those of the new rows;
-            ``warnings`` speaks of all rows, by their weight.  It can be updated, but not bootstrapped.
+            ``warnings`` are about all rows, by weight.  It can be updated again, but not bootstrapped.
 
         Raises
         ------
         ParameterError
-            If ``forget`` is no such number, or leaves too little to learn from; the result is none of a
-            switching model that was learned with a hidden switch, in the regression form and with
-            ``objective="joint"``; a number is far from all that was learned from first.
+            If ``forget`` is out of range or leaves too little data; if the model was not learned with a
+            hidden switch, the regression form and ``objective="joint"``; or if a value is far outside the
+            range of the first data.
         ShapeError
-            If there are more or fewer columns than were learned from.
+            If the number of columns differs from that of the fit.
 
         See Also
         --------
@@ -700,10 +751,9 @@ class FitResult(Generic[M]):
 
         Notes
         -----
-        With ``forget=1`` the result is nearly that of a fit on all rows: only where the switch was in earlier
-        rows is not revised.  What occurs no more is forgotten, regimes and ways between them included: choose
-        a half-life in which each occurs.  Statistics are part of the result, and of its pickle, but not of a
-        saved model.
+        With ``forget=1`` the result is close to a fit on all rows; only the switch in earlier rows is not
+        estimated again.  Regimes and transitions that no longer occur are forgotten, so choose a half-life in
+        which each occurs.  The statistics are part of the result and its pickle, but not of a saved model.
 
         References
         ----------
@@ -733,20 +783,20 @@ class FitResult(Generic[M]):
         return self.continuation(x, y, forget, inputs)
 
     def bootstrap(self, n_replicates: int, rng: np.random.Generator) -> list[FitResult[M]]:
-        """Simulate from the model and learn again, to see how well parameters are known.
+        """Parametric bootstrap: simulate from the learned model and fit again.
 
         Parameters
         ----------
         n_replicates : int
-            Number of simulated series, each as long as the training data together.
+            Number of simulated series, each as long as all training data together.
         rng : numpy.random.Generator
 
         Returns
         -------
         list of FitResult
-            Learned in the same way.  The spread of a parameter over their models estimates its
-            standard error.  Where the switch is hidden, each search begins at the simulated one,
-            so that the regimes keep their names.
+            Learned in the same way.  The standard deviation of a parameter over their models estimates its
+            standard error.  If the switch is hidden, each search starts from the simulated one,
+            so that the regimes keep their order.
         """
         n_replicates = as_count("n_replicates", n_replicates, 1)
         check_generator(rng)

@@ -25,13 +25,19 @@ MOST_MEANS = 5
 
 @reprs()
 class SummaryTable(NamedTuple):
-    """A table of a summary.
+    """Table of a `FitSummary`.
 
     Attributes
     ----------
     title : str
     header : tuple of str
     rows : tuple of tuple of str
+
+    Examples
+    --------
+    >>> from fuzzykf.summaries import SummaryTable
+    >>> SummaryTable("Regimes", ("regime", "share"), (("0", "0.7"), ("1", "0.3"))).header
+    ('regime', 'share')
     """
 
     title: str
@@ -41,19 +47,26 @@ class SummaryTable(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class FitSummary:
-    """What `FitResult.summary` returns; it prints as plain text.
+    """Summary of a fit, from `FitResult.summary`; it prints as plain text.
 
     Attributes
     ----------
     title : str
     facts : tuple of (str, str)
-        What was learned, on what, and how well it describes the data.
+        Model, data and quality of fit, as pairs of label and text.
     tables : tuple of SummaryTable
-        Parameters that have names.
+        Tables of the parameters.
     warnings : tuple of str
-        What the data cannot support.
+        Parts of the model that the data do not support.
     warnings_last : bool
-        Whether they stand below the tables.
+        Whether the warnings are printed below the tables.
+
+    Examples
+    --------
+    >>> from fuzzykf import KalmanFilter
+    >>> fit = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], P=0.0, Q=0.0).fit([2.0, -2.0] * 100, free={"R": "full"})
+    >>> fit.summary().tables[0].header[0]
+    'parameter'
     """
 
     title: str

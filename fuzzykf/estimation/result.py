@@ -31,12 +31,19 @@ M = TypeVar("M")
 
 @reprs()
 class LocalMaximum(NamedTuple):
-    """A maximum of the log-likelihood.
+    """Local maximum of the log-likelihood.
 
     Attributes
     ----------
     log_likelihood : float
     estimates : dict of str to float
+
+    Examples
+    --------
+    >>> from fuzzykf import KalmanFilter
+    >>> fit = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], P=0.0, Q=0.0).fit([2.0, -2.0] * 100, free={"R": "full"})
+    >>> fit.maxima[0].log_likelihood == fit.log_likelihood
+    True
     """
 
     log_likelihood: float
@@ -45,56 +52,57 @@ class LocalMaximum(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LikelihoodFit(FitResult[M], Generic[M]):
-    """A model whose parameters are those of maximum likelihood, and how well they are known.
+    """Maximum-likelihood estimates, with standard errors and intervals.
 
     Attributes
     ----------
     model : object
-        New, with the estimates.
+        New model, with the estimated parameters.
     log_likelihood : float
         Log-density of the observations.
     n_parameters : int
-        Numbers that were free.
+        Number of free parameters.
     n_observations : int
-        Times at which something was observed.
+        Number of steps with an observation.
     trace : ndarray
-        Log-likelihoods on the way from the best start.
+        Log-likelihood at each iteration of the best search.
     converged : bool
-        Whether one more step would gain nothing.
+        Whether the search ended because the gain fell below the tolerance.
     warnings : tuple of str
-        What the data do not tell: variances at their bound of zero, what is weakly identified, other maxima.
+        Variances at zero, weakly identified parameters, other maxima.
     estimates : dict of str to float
-        By names such as ``"Q[0, 0]"``; a factor by the name of its matrix, ``"Q"``.
+        Estimates by name, such as ``"Q[0, 0]"``; a scale factor has the name of its matrix, ``"Q"``.
     standard_errors : dict of str to float
-        From the observed information; NaN where there is none.
+        From the observed information; NaN where it gives none.
     covariance : ndarray, shape (p, p)
-        Of the estimates, in their order.
+        Covariance of the estimates, in their order.
     maxima : tuple of LocalMaximum
-        Those that were found, the best first.
+        Local maxima found, the best first.
     n_starts : int
-        Searches that were made.
+        Number of searches.
     numbers : ndarray, shape (p,)
-        What the search moved, at the maximum: logarithms of variances, minus infinity where one is zero.
+        Parameters in the coordinates of the search, at the maximum: variances are logarithms, minus infinity for
+        zero.
     positive : frozenset of str
-        Estimates that are variances, or factors of covariances.
+        Names of estimates that are variances or scale factors.
     shares : frozenset of str
-        Those that are probabilities.
+        Names of estimates that are probabilities.
 
     See Also
     --------
-    KalmanFilter.fit
+    fuzzykf.KalmanFilter.fit
 
     Notes
     -----
     Standard errors are square roots of the diagonal of the inverse of the observed information: minus the
-    second derivatives of the log-likelihood at the maximum, by differences of its gradient.  That is done in
-    the numbers of the search; the delta method leads to the scale of the parameters.
+    second derivatives of the log-likelihood at the maximum, by finite differences of its gradient.  They are
+    computed in the coordinates of the search; the delta method transforms them to the parameters.
 
     Examples
     --------
     >>> from fuzzykf import KalmanFilter
     >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], P=0.0, Q=0.0)
-    >>> fit = kf.fit([2.0, -2.0] * 100, free={"R": "full"})  # noise of the variance 4 about zero
+    >>> fit = kf.fit([2.0, -2.0] * 100, free={"R": "full"})  # noise of variance 4
     >>> round(fit.estimates["R[0, 0]"], 3), round(fit.standard_errors["R[0, 0]"], 3)
     (4.0, 0.4)
     >>> lower, upper = fit.intervals()["R[0, 0]"]
@@ -115,11 +123,10 @@ class LikelihoodFit(FitResult[M], Generic[M]):
     replicate: Callable[[np.random.Generator], LikelihoodFit[M]] | None = field(default=None, repr=False)
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """Return an interval for each parameter, from its standard error.
+        """Return a confidence interval for each parameter, from its standard error.
 
-        Those of variances and factors are symmetric for their logarithms, so that they never reach below
-        zero, and those of probabilities for their logits, so that they stay below one; the others are
-        symmetric.
+        Intervals of variances and scale factors are symmetric in the logarithm, those of probabilities in the
+        logit; the others are symmetric.
 
         Parameters
         ----------
@@ -129,12 +136,12 @@ class LikelihoodFit(FitResult[M], Generic[M]):
         Returns
         -------
         dict of str to (float, float)
-            NaN where there is no standard error.
+            Lower and upper bound by name; NaN where there is no standard error.
 
         Raises
         ------
         ParameterError
-            If ``level`` is outside ]0, 1[.
+            If ``level`` is not between 0 and 1.
         """
         if not 0.0 < as_real("level", level, "a number between 0 and 1") < 1.0:
             raise ParameterError(f"level: got {level}, expected a number between 0 and 1")
@@ -152,12 +159,12 @@ class LikelihoodFit(FitResult[M], Generic[M]):
         return found
 
     def summary(self, level: float = 0.95) -> FitSummary:
-        """Return a table of the estimates, with standard errors and intervals, and what the data do not tell.
+        """Return a summary: estimates with standard errors and intervals, and warnings.
 
         Parameters
         ----------
         level : float
-            Of the intervals.
+            Level of the intervals, between 0 and 1.
 
         Returns
         -------
@@ -200,20 +207,20 @@ class LikelihoodFit(FitResult[M], Generic[M]):
         )
 
     def bootstrap(self, n_replicates: int, rng: np.random.Generator) -> list[FitResult[M]]:
-        """Simulate from the model and learn again, to see how well parameters are known.
+        """Parametric bootstrap: simulate from the learned model and fit again.
 
-        Each replicate has the lengths, the gaps and the inputs of what was learned from; its search begins at
-        the estimates.
+        Each replicate has the lengths, gaps and inputs of the data; its search starts from the estimates.
 
         Parameters
         ----------
         n_replicates : int
+            Number of replicates.
         rng : numpy.random.Generator
 
         Returns
         -------
         list of LikelihoodFit
-            The spread of an estimate over them is a standard error that needs no large sample.
+            The standard deviation of an estimate over them is its standard error.
 
         Raises
         ------

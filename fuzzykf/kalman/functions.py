@@ -87,12 +87,12 @@ def predict(
     Returns
     -------
     x, P : ndarray or float
-        In the form of those given.
+        Same form as the arguments.
 
     Raises
     ------
     ShapeError, ParameterError, NotPositiveDefiniteError
-        If shapes do not agree, or P or Q is no covariance.
+        If shapes do not agree, or P or Q is not a covariance.
 
     Examples
     --------
@@ -140,7 +140,7 @@ def update(
     Returns
     -------
     x, P : ndarray or float
-        In the form of those given.
+        Same form as the arguments.
     y, K, S : ndarray
         Residual, gain and covariance of the residual; None if z is missing.
     log_likelihood : float
@@ -149,7 +149,7 @@ def update(
     Raises
     ------
     ShapeError, ParameterError, NotPositiveDefiniteError
-        If shapes do not agree, P or R is no covariance, or S cannot be inverted.
+        If shapes do not agree, P or R is not a covariance, or S cannot be inverted.
 
     Examples
     --------
@@ -177,7 +177,7 @@ def update(
 
 
 def predict_steadystate(x: ArrayLike, F: ArrayLike = 1, u: ArrayLike = 0, B: ArrayLike = 1) -> Any:
-    """Predict the state alone: F x + B u.
+    """Predict the state without its covariance: F x + B u.
 
     Parameters
     ----------
@@ -188,6 +188,11 @@ def predict_steadystate(x: ArrayLike, F: ArrayLike = 1, u: ArrayLike = 0, B: Arr
     -------
     ndarray or float
         In the form of ``x``.
+
+    Examples
+    --------
+    >>> float(predict_steadystate(2.0, F=0.5, u=1.0))
+    2.0
     """
     mean = _vector(x)
     transition = _transition(F, mean.shape[0])
@@ -198,7 +203,7 @@ def predict_steadystate(x: ArrayLike, F: ArrayLike = 1, u: ArrayLike = 0, B: Arr
 
 
 def update_steadystate(x: ArrayLike, z: Numbers, K: ArrayLike, H: ArrayLike | None = None) -> Any:
-    """Update the state with a gain that is given: x + K (z - H x).
+    """Update the state with a given gain: x + K (z - H x).
 
     Parameters
     ----------
@@ -211,6 +216,11 @@ def update_steadystate(x: ArrayLike, z: Numbers, K: ArrayLike, H: ArrayLike | No
     -------
     ndarray or float
         In the form of ``x``.
+
+    Examples
+    --------
+    >>> float(update_steadystate(1.0, z=2.0, K=0.25))
+    1.25
     """
     mean = _vector(x)
     matrix = _observation(H, mean.shape[0])
@@ -247,7 +257,7 @@ def batch_filter(
         None or NaN where missing.
     Fs, Qs, Hs, Rs : sequence of n matrices
     Bs, us : sequence of n values, optional
-        Control matrices and controls.  What has an index of pandas here has that of ``zs``.
+        Control matrices and controls.  A pandas index must equal that of ``zs``.
     update_first : bool
         Update before predicting, instead of after it.
     saver : filterpy.common.Saver, optional

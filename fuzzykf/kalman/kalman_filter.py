@@ -50,17 +50,17 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
     It takes the place of ``filterpy.kalman.KalmanFilter``: construct it, assign the
     matrices, then call `predict` and `update` in turn, or `step`, or one of the
-    methods for whole series.  All attributes are plain and may be assigned at any
-    time; if a flat ``x`` is assigned, all vectors become flat.  ``P``, ``Q`` and
-    ``R`` may be scalars, which stand for that multiple of the identity; so may ``F``, ``H``
-    and ``B`` where they have one row and column.
+    methods for whole series.  Attributes may be assigned at any
+    time; if ``x`` is set to a flat array, all vectors become flat.  A scalar ``P``, ``Q`` or
+    ``R`` stands for that multiple of the identity; ``F``, ``H`` and ``B`` may be scalars where
+    they have one row and column.
 
     Parameters
     ----------
     dim_x, dim_z : int
         Number of components of the state and of an observation.
     dim_u : int
-        Number of components of the control; informative, as in filterpy.
+        Number of components of the control; for information only, as in filterpy.
     x, P, F, H, Q, R, B : array_like, optional
         Initial values of the attributes of the same names; unlike a later
         assignment they are checked.  ``F`` and ``Q`` may be functions.
@@ -72,8 +72,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     P : ndarray, shape (dim_x, dim_x)
         Its covariance; the identity at first.
     F, Q : ndarray, shape (dim_x, dim_x)
-        Transition and covariance of the process noise; identities at first.  Each may be a function of the
-        time that passes instead, which returns the matrix; every prediction then has to be told ``dt``.
+        Transition and covariance of the process noise; identities at first.  Each may instead be a
+        function of the elapsed time that returns the matrix; every prediction then needs ``dt``.
     H : ndarray, shape (dim_z, dim_x)
         Observation matrix; zero at first.
     R : ndarray, shape (dim_z, dim_z)
@@ -93,13 +93,16 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         Gain.
     inv : callable
         Inverts S.  As long as it is `numpy.linalg.inv`, S has to be positive definite.
-    log_likelihood, likelihood, mahalanobis, alpha : float
-        See there.
+    log_likelihood, likelihood, mahalanobis : float
+        Fit of the latest observation; see the properties below.
+    alpha : float
+        Fading memory; see below.
 
     Raises
     ------
     ParameterError, ShapeError, NotPositiveDefiniteError
-        If a dimension is below one, or a matrix has a wrong shape or is no covariance.
+        If a dimension is below one, a matrix has the wrong shape, or a covariance is not positive
+        semi-definite.
 
     See Also
     --------
@@ -111,8 +114,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     predicted and has the log-likelihood 0.  Of an observation with NaN in some
     components the others are used.  The covariance is updated in Joseph's form.
 
-    An array that has been read from an attribute does not change later, unless the reader
-    writes into it: then the filter sees that.
+    An array read from an attribute does not change when the filter moves on.  Writing into it
+    changes the filter.
 
     References
     ----------
@@ -195,13 +198,13 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             Used instead of the attributes of these names; a scalar ``Q`` means that
             multiple of the identity.
         dt : float, optional
-            The time that passes, at least 0, for `F` and `Q` that are functions of it.
+            Elapsed time, at least 0; needed if ``F`` or ``Q`` is a function of it.
 
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            If shapes do not agree, or ``Q`` is no covariance; a function without ``dt``, or ``dt`` without a
-            function.
+            If shapes do not agree, ``Q`` is not a covariance, ``dt`` is missing where ``F`` or ``Q`` is a
+            function, or given where neither is.
 
         Examples
         --------
@@ -285,7 +288,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     # ------------------------------------------------------------------ other verbs
 
     def predict_steadystate(self, u: Numbers = None, B: Numbers = None) -> None:
-        """Predict the state and leave its covariance as it is.
+        """Predict the state; the covariance does not change.
 
         Use it with `update_steadystate`, after K and P have converged.
 
@@ -320,13 +323,13 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             self._set_prior(x, P.copy())
 
     def update_steadystate(self, z: Numbers) -> None:
-        """Update the state with the gain K as it is; P, S and K stay.
+        """Update the state with the current gain K; P, S and K do not change.
 
         Parameters
         ----------
         z : array_like
             The observation; None or NaN where missing.  A missing component counts
-            as if it had been observed where it was predicted, the gain being fixed.
+            as observed exactly at its prediction, because the gain is fixed.
 
         Raises
         ------
@@ -348,7 +351,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
                 self._log_likelihood = log_density(y, as_square("S", self.S, self.dim_z), seen)
 
     def update_correlated(self, z: Numbers, R: Numbers = None, H: Numbers = None) -> None:
-        """Update where the noise of the observation correlates with the error of the prediction.
+        """Update with observation noise that is correlated with the prediction error.
 
         With M = Cov(x - x_prior, v), the gain is K = (P H' + M) S^-1 with
         S = H P H' + H M + M' H' + R.
@@ -391,7 +394,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
             self._set_innovation(x, P, value, y, S, SI, K)
 
     def update_sequential(self, start: int, z_i: Numbers, R_i: Numbers = None, H_i: Numbers = None) -> None:
-        """Update with some neighbouring components of an observation.
+        """Update with a block of adjacent components of an observation.
 
         Where R is block diagonal, one call per block gives the same estimate as one
         update with all components.  The entries of z, y and K that belong to the
@@ -451,26 +454,28 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         dt: PerStep | float | None = None,
         resume: bool = False,
     ) -> FilterResult:
-        """Run predict and update along a series, from the current x and P on.
+        """Filter a series, starting from the current x and P.
 
-        The filter ends at the last observation, so that `step` continues the series.
+        The filter ends at the last observation, so `step` continues the series.
 
         Parameters
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
-        us : sequence of n controls, or array_like of shape (n, dim_u), optional
-            Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
+        us : sequence of n controls, optional
+            Passed to `predict` one by one.  A pandas index must equal that of ``zs``.
         Rs, Hs : sequence of n, optional
-            Matrices of the single observations, (n, ...) or a list; None in a list means the attribute, and a
-            scalar in ``Rs`` (or ``Qs``) that multiple of the identity.  An index of pandas is that of ``zs``.
+            Matrix of each observation, as an array (n, ...) or a list.  None in a list means the attribute; a
+            scalar in ``Rs`` (or ``Qs``) means that multiple of the identity.  A pandas index must equal that
+            of ``zs``.
         Fs, Qs : sequence of n, optional
-            Matrices of the single predictions, likewise: those of index k lead to observation k.
+            Matrix of each prediction, likewise: entry k leads to observation k.
         dt : float or sequence of n floats, optional
-            The time that passes before each observation, for `F` and `Q` that are functions of it; ``dt[0]``
-            passes before the first.  ``Fs`` and ``Qs`` go before the functions.
+            Time elapsed before each observation, if ``F`` or ``Q`` is a function of it; ``dt[0]`` is the time
+            before the first.  ``Fs`` and ``Qs`` take precedence over the functions.
         resume : bool
-            Go on from where the filter stands.  That is its x and P, from which it starts in any case.
+            Accepted for compatibility with switching filters; a Kalman filter always starts from its current
+            x and P.
 
         Returns
         -------
@@ -507,7 +512,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         Hs: PerStep | None = None,
         dt: PerStep | float | None = None,
     ) -> FilterResult:
-        """Run `filter`, then the smoother of Rauch, Tung and Striebel backwards.
+        """Smooth a series: run `filter`, then the Rauch-Tung-Striebel smoother.
 
         Parameters
         ----------
@@ -522,8 +527,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `filter`; if a `predict` of a subclass moves the state in another way than
-            the attributes say, which the way back could not know.
+            As from `filter`; if a subclass overrides `predict` so that the state does not move by F, B and Q,
+            as the backward pass assumes.
 
         Examples
         --------
@@ -586,17 +591,17 @@ class KalmanFilter(LinearStepper, GaussianFilter):
     def forecast(
         self, steps: int, us: PerStep | None = None, *, dt: PerStep | float | None = None
     ) -> FilterResult:
-        """Predict states and observations ahead; the filter stays where it is.
+        """Forecast states and observations; the filter does not change.
 
         Parameters
         ----------
         steps : int
-            Number of predictions from the current x and P on: a prediction that was made since the
-            latest observation is not counted.
-        us : sequence of controls, or array_like of shape (steps, dim_u), optional
-            One for each step; if it has an index of pandas, that of the rows ahead, where these are known.
+            Number of predictions from the current x and P.  A `predict` since the latest observation is
+            not counted.
+        us : sequence of controls, optional
+            One per step.  A pandas index must equal that of the rows ahead, if these are known.
         dt : float or sequence of floats, optional
-            The time that passes in each step, as in `filter`.
+            Elapsed time of each step, as in `filter`.
 
         Returns
         -------
@@ -635,37 +640,35 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         dtype: DTypeLike = np.float64,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter many series at once, each from the current x and P on.
+        """Filter many series at once, each starting from the current x and P.
 
-        The filter itself does not change.  Series go side by side; complete ones share their covariances,
-        which do not depend on what is observed, and those with gaps have their own from the first gap on.
+        The filter itself does not change.  Complete series share their covariances, which do not depend on
+        the observations; a series with gaps has its own from its first gap on.
 
         Parameters
         ----------
         zs : array_like, DataFrame, DataArray, list, tuple or mapping
-            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  A frame, whose
-            columns are the series (pairs (series, component) if ``dim_z`` is not 1).  A list or a mapping of
-            series, each as `filter` takes it, of any length.
+            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  Or a frame with a
+            column for each series (pairs (series, component) if ``dim_z`` is not 1), or a list or mapping of
+            series of any lengths, each as `filter` takes it.
         keep : sequence of str
-            What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
+            Fields to store, from ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
         us : array_like, DataFrame, DataArray, list, tuple or mapping, optional
-            Controls.  Those of one series, shape (n, dim_u) or as `filter` takes them, are the same for every
-            series, up to the end of each.  Each has its own in an array (series, n, dim_u), or (series, n) if
-            ``dim_u`` is 1, or in the forms of ``zs``: a frame with a column for each series (if ``dim_u`` is
-            not 1, pairs of columns), a list or a mapping.  An index of pandas is that of the rows.
+            Controls.  Shape (n, dim_u), or anything `filter` takes: the same for every series.  Shape
+            (series, n, dim_u), (series, n) if ``dim_u`` is 1, or a frame, list or mapping like ``zs``: one
+            set per series.  A pandas index must equal that of the rows.
         Rs, Qs, Fs, Hs : sequence of n, optional
-            As in `filter`; the same for every series, up to the end of each.
+            As in `filter`; the same for every series.
         dt : float, sequence of n floats, array_like, DataFrame, list or mapping, optional
-            As in `filter`, the same for every series; or of each its own, (series, n) or in the forms of
-            ``zs``, and then the series are filtered one by one.
+            As in `filter`, the same for every series; or one set per series, (series, n) or like ``zs``, in
+            which case the series are filtered one by one.
         by : hashable, optional
-            The column (or level of the index) of a frame that says which series a row belongs to, if its rows
-            are those of all series.
+            Column (or index level) that names the series of each row, if the frame holds all series one after
+            another.
         threads : int
-            How many threads the compiled engine shares the series among; results are the same to the bit.
-            NumPy uses one.
+            Number of threads of the compiled engine; results do not depend on it.  The NumPy engine uses one.
         dtype : numpy.float64 or numpy.float32
-            Type of the numbers that are stored.  The filter reckons in double precision all the same.
+            Type in which results are stored.  Computations are in double precision.
         resume : bool
             As in `filter`.
 
@@ -673,7 +676,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         -------
         FilterResult
             The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
-            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
+            that is shorter than others.  Names and index are kept, see `FilterResult.to_dataframe`.
 
         Raises
         ------
@@ -707,16 +710,15 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         *,
         resume: bool = False,
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Filter a series whose matrices may change from step to step.
+        """Filter a series with matrices that may change from step to step.
 
         Parameters
         ----------
         zs : sequence of n observations
             None or NaN where missing.
         Fs, Qs, Hs, Rs, Bs, us : sequence of n values, optional
-            Matrices and controls of each step; None, as a whole or for single steps,
-            means the attribute of the filter (for ``us``: no control).  Those that have an index of pandas
-            have that of ``zs``.
+            Matrices and controls of each step; None, for all or for single steps, means the attribute of the
+            filter (for ``us``: no control).  A pandas index must equal that of ``zs``.
         update_first : bool
             Update before predicting, instead of after it.
         saver : filterpy.common.Saver, optional
@@ -770,52 +772,51 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         tolerance: float = 1e-7,
         progress: bool | None = None,
     ) -> LikelihoodFit[Self]:
-        """Learn noise, or other parameters, from observations alone, by maximum likelihood.
+        """Learn noise covariances or other parameters from observations, by maximum likelihood.
 
-        The search begins at the attributes of the filter, which stays as it is.  Its ``x`` and ``P`` are
-        those before the first prediction, as in `filter`.
+        The search starts from the attributes of the filter; the filter itself does not change.  As in
+        `filter`, ``x`` and ``P`` belong to the time before the first prediction.
 
         Parameters
         ----------
         zs : array_like, DataFrame, list or mapping
-            A series as `filter` takes it, or several as `filter_many` takes them, each of which starts at x
-            and P; NaN where missing.
+            A series as in `filter`, or several as in `filter_many`; each starts at x and P.  NaN where missing.
         free : mapping of str to object, optional
-            What is to be learned of which attributes; by default ``{"Q": "full", "R": "diagonal"}``.  Of
-            ``Q``, ``R`` and ``P``: "full", all of it; "diagonal", its variances; ("scale", M), a multiple of
-            the covariance M; or an array of bool, which entries.  Of ``F``, ``H``, ``B`` and ``x``: "full" or
-            an array of bool.  A mask of a covariance consists of groups of components within which all is
-            free, and which have no covariances with others; then it stays a covariance.
+            Attributes to learn; by default ``{"Q": "full", "R": "diagonal"}``.  For ``Q``, ``R`` and ``P``:
+            "full" (all entries), "diagonal" (variances), ("scale", M) (a multiple of the covariance M), or a
+            boolean mask of entries.  For ``F``, ``H``, ``B`` and ``x``: "full" or a boolean mask.  The mask
+            of a covariance must be block diagonal up to a permutation, so that the result stays a
+            covariance.
         us : optional
-            Controls as `filter`, or `filter_many`, takes them.
+            Controls, as in `filter` or `filter_many`.
         n_starts : int
-            Searches, of which all but the first begin around the attributes at random.
+            Number of searches.  The first starts at the attributes, the others at random points around them.
         rng : numpy.random.Generator, optional
-            For more than one start.
+            Needed if ``n_starts`` is above 1.
         max_iter : int
-            Iterations of a search.
+            Largest number of iterations of a search.
         tolerance : float
             Gain in log-likelihood at which a search stops.
         progress : bool, optional
-            Whether to show a bar; by default one appears after two seconds, if somebody can see it.
+            Whether to show a progress bar.  By default it appears after two seconds in a terminal or notebook.
 
         Returns
         -------
         LikelihoodFit
-            With estimates, standard errors, intervals, ``summary()``, and ``model``: a new filter with the
-            estimates, which stands before the series.
+            With estimates, standard errors, intervals, ``summary()``, and ``model``, a new filter with the
+            estimated parameters, before the first observation.
 
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `filter`; if ``free`` is inadmissible, or a variance that is free is zero at the start;
-            if nothing was observed, or `alpha` is not 1.
+            As from `filter`; if ``free`` is inadmissible, a free variance is zero at the start, nothing was
+            observed, or `alpha` is not 1.
 
         Notes
         -----
         Some steps of expectation-maximisation come first, then quasi-Newton steps with the exact gradient
-        (Fisher's identity, from the smoothed states), then steps of Newton.  Where a subclass has verbs of
-        its own the gradient is that of differences.
+        (Fisher's identity, from the smoothed states), then steps of Newton.  For a subclass that
+        overrides `predict` or `update`, the gradient is computed by finite differences.
 
         References
         ----------
@@ -847,19 +848,19 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         Qs: PerStep | None = None,
         inv: Callable[[Any], Any] = np.linalg.inv,
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Smooth the output of `batch_filter`; see `fuzzykf.kalman.rts_smoother`.
+        """Smooth the output of `batch_filter`.
 
         Parameters
         ----------
         Xs, Ps, inv
-            As there.
+            As in `fuzzykf.kalman.rts_smoother`.
         Fs, Qs : sequence, optional
-            As there; by default the attributes ``F`` and ``Q`` at every step.
+            Likewise; by default the attributes ``F`` and ``Q`` at every step.
 
         Returns
         -------
         x, P, K, Pp : ndarray
-            As there.
+            As from `fuzzykf.kalman.rts_smoother`.
         """
         n = len(np.atleast_1d(as_numbers("Xs", Xs)))
         Fs = [self.F] * n if Fs is None else Fs
@@ -875,7 +876,18 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         F: Numbers = None,
         Q: Numbers = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return x and P that `predict` with the same arguments would lead to."""
+        """Return the x and P to which `predict` would lead; the filter does not change.
+
+        Parameters
+        ----------
+        u, B, F, Q : array_like, optional
+            As in `predict`.
+
+        Returns
+        -------
+        x, P : ndarray
+            Predicted mean and covariance.
+        """
         n, x, P = self.dim_x, self.x, self.P
         transition: Any = self.F if F is None else given_matrix("F", F, (n, n))
         noise = self.Q if Q is None else as_covariance("Q", Q, n)
@@ -888,7 +900,18 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         return moved, P
 
     def get_update(self, z: Numbers = None) -> tuple[FloatArray, FloatArray]:
-        """Return x and P that ``update(z)`` would lead to."""
+        """Return the x and P to which `update` would lead; the filter does not change.
+
+        Parameters
+        ----------
+        z : array_like or None
+            Observation, as in `update`.
+
+        Returns
+        -------
+        x, P : ndarray
+            Updated mean and covariance.
+        """
         x, P, H, R = self._observation(None, None)
         value = observed(z, self.dim_z, x)
         if value is None:
@@ -897,7 +920,17 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         return x, P
 
     def residual_of(self, z: Numbers) -> FloatArray:
-        """Return z - H x_prior, NaN where z is missing."""
+        """Return z - H x_prior, NaN where z is missing.
+
+        Parameters
+        ----------
+        z : array_like or None
+            Observation, as in `update`.
+
+        Returns
+        -------
+        ndarray, shape (dim_z, 1) or (dim_z,)
+        """
         x = as_state(self.x_prior, self.dim_x)
         H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
         value = observed(z, self.dim_z, x)
@@ -905,7 +938,17 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         return np.full(expected.shape, np.nan) if value is None else value - expected
 
     def measurement_of_state(self, x: ArrayLike) -> FloatArray:
-        """Return H x."""
+        """Return H x.
+
+        Parameters
+        ----------
+        x : array_like, shape (dim_x, 1) or (dim_x,)
+            A state.
+
+        Returns
+        -------
+        ndarray, shape (dim_z, 1) or (dim_z,)
+        """
         H = as_matrix("H", self.H, (self.dim_z, self.dim_x))
         state = as_state(as_numbers("x", x), self.dim_x)
         if not np.isfinite(state).all():
@@ -917,6 +960,15 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         """Return the log-density of z under N(H x, S), with x and S as they are now.
 
         For None it is ``log(sys.float_info.min)``, as in filterpy.
+
+        Parameters
+        ----------
+        z : array_like or None
+            Observation, as in `update`.
+
+        Returns
+        -------
+        float
         """
         x, _ = self._state()
         H = as_matrix("H", self.H, (self.dim_z, self.dim_x))

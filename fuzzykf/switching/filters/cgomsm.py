@@ -34,7 +34,7 @@ class CGOMSMFilter(DrivenFilter):
 
     See Also
     --------
-    fuzzykf.switching.filters.switching_filter.SwitchingFilter : Verbs and attributes.
+    fuzzykf.switching.SwitchingFilter : Methods and attributes.
 
     Examples
     --------

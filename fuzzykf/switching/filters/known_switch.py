@@ -90,7 +90,7 @@ class KnownSwitchFilter(SwitchingFilter):
 
     See Also
     --------
-    fuzzykf.switching.filters.switching_filter.SwitchingFilter : Verbs and attributes.
+    fuzzykf.switching.SwitchingFilter : Methods and attributes.
 
     Examples
     --------

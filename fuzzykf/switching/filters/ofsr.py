@@ -32,7 +32,7 @@ class OFSRFilter(DrivenFilter):
 
     See Also
     --------
-    fuzzykf.switching.filters.switching_filter.SwitchingFilter : Verbs and attributes.
+    fuzzykf.switching.SwitchingFilter : Methods and attributes.
 
     Examples
     --------

@@ -98,7 +98,7 @@ class SwitchingKalmanFilter(SavedFilter):
 
     See Also
     --------
-    fuzzykf.switching.filters.switching_filter.SwitchingFilter : Verbs and attributes.
+    fuzzykf.switching.SwitchingFilter : Methods and attributes.
     KnownSwitchFilter : The bound.
 
     Examples
