@@ -125,7 +125,8 @@ def read_document(
     kinds : tuple of str
         Admissible kinds.
     max_bytes : int, optional
-        Largest admissible file, in bytes; by default the environment variable FUZZYKF_MAX_BYTES, or else 32 MiB.
+        Largest admissible file, in bytes; by default the environment variable FUZZYKF_MAX_BYTES, or else 32
+        MiB.
 
     Returns
     -------
@@ -228,7 +229,8 @@ class Document(ABC):
         Raises
         ------
         ParameterError
-            If it holds functions (a law made by `FuzzyMarkovLaw.from_density`, an ``fx``), which a file cannot.
+            If it holds functions (a law made by `FuzzyMarkovLaw.from_density`, an ``fx``), which a file
+            cannot.
         """
         write_document(path, type(self).__name__, self.to_dict())
 

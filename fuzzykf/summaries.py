@@ -64,7 +64,8 @@ class FitSummary:
     Examples
     --------
     >>> from fuzzykf import KalmanFilter
-    >>> fit = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], P=0.0, Q=0.0).fit([2.0, -2.0] * 100, free={"R": "full"})
+    >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], P=0.0, Q=0.0)
+    >>> fit = kf.fit([2.0, -2.0] * 100, free={"R": "full"})
     >>> fit.summary().tables[0].header[0]
     'parameter'
     """

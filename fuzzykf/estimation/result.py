@@ -41,7 +41,8 @@ class LocalMaximum(NamedTuple):
     Examples
     --------
     >>> from fuzzykf import KalmanFilter
-    >>> fit = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], P=0.0, Q=0.0).fit([2.0, -2.0] * 100, free={"R": "full"})
+    >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]], P=0.0, Q=0.0)
+    >>> fit = kf.fit([2.0, -2.0] * 100, free={"R": "full"})
     >>> fit.maxima[0].log_likelihood == fit.log_likelihood
     True
     """
@@ -81,8 +82,8 @@ class LikelihoodFit(FitResult[M], Generic[M]):
     n_starts : int
         Number of searches.
     numbers : ndarray, shape (p,)
-        Parameters in the coordinates of the search, at the maximum: variances are logarithms, minus infinity for
-        zero.
+        Parameters in the coordinates of the search, at the maximum: variances are logarithms, minus infinity
+        for zero.
     positive : frozenset of str
         Names of estimates that are variances or scale factors.
     shares : frozenset of str

@@ -780,7 +780,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         Parameters
         ----------
         zs : array_like, DataFrame, list or mapping
-            A series as in `filter`, or several as in `filter_many`; each starts at x and P.  NaN where missing.
+            A series as in `filter`, or several as in `filter_many`; each starts at x and P.  NaN where
+            missing.
         free : mapping of str to object, optional
             Attributes to learn; by default ``{"Q": "full", "R": "diagonal"}``.  For ``Q``, ``R`` and ``P``:
             "full" (all entries), "diagonal" (variances), ("scale", M) (a multiple of the covariance M), or a
@@ -798,7 +799,8 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         tolerance : float
             Gain in log-likelihood at which a search stops.
         progress : bool, optional
-            Whether to show a progress bar.  By default it appears after two seconds in a terminal or notebook.
+            Whether to show a progress bar.  By default it appears after two seconds in a terminal or
+            notebook.
 
         Returns
         -------
