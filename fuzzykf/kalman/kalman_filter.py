@@ -554,15 +554,15 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         Hs: PerStep | None = None,
         dt: PerStep | float | None = None,
     ) -> FilterResult:
-        """Estimate every state from what was observed up to a few steps later.
+        """Fixed-lag smoothing: estimate each state given the observations up to ``lag`` steps later.
 
         Parameters
         ----------
         zs, us, Rs, Qs, Fs, Hs, dt
             As in `filter`; the filter ends at the last observation.
         lag : int
-            How many steps later, at least 0: row n is the estimate given the observations up to n + lag, or
-            to the end.  With 0 it is `filter`, with the length of the series `smooth`.
+            Number of steps to look ahead, at least 0: row n is the estimate given the observations up to
+            n + lag, or to the end.  0 is `filter`; the length of the series is `smooth`.
 
         Returns
         -------
@@ -572,7 +572,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `smooth`; if ``lag`` is no whole number of at least 0.  The filter is then as it was.
+            As from `smooth`; if ``lag`` is not an integer of at least 0.  The filter is then unchanged.
 
         See Also
         --------

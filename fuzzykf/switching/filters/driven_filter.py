@@ -49,7 +49,7 @@ class DrivenFilter(SavedFilter):
 
     @property
     def has_inputs(self) -> bool:
-        """Whether the model has inputs, which each step has to be told."""
+        """Whether the model has inputs, which each step then needs."""
         return self._driven is not None and self._driven.dim_u is not None
 
     # ------------------------------------------------------------------ whole series
@@ -62,15 +62,15 @@ class DrivenFilter(SavedFilter):
         keep_nodes: bool = False,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter a whole series from the initial law on, or with ``resume`` from where the filter stands.
+        """Filter a series, starting from the initial law, or with ``resume`` from the current state.
 
         Parameters
         ----------
         zs, keep_nodes, resume
             As in `SwitchingFilter.filter`.
         us : array_like, shape (n, k), or (n,) if there is one input, optional
-            ``us[n]`` belongs to observation n; ``us[0]`` is not used, unless the filter resumes.  Needed by a
-            model with inputs, and refused by others.  A table with names goes by these.
+            Inputs of a model with inputs: ``us[n]`` belongs to observation n; ``us[0]`` is not used unless
+            the filter resumes.  Columns of a table are matched by name.
 
         Returns
         -------
@@ -80,7 +80,7 @@ class DrivenFilter(SavedFilter):
         Raises
         ------
         ShapeError, ParameterError
-            As from `SwitchingFilter.filter`; if ``us`` is missing or not finite, has not one row for each
+            As from `SwitchingFilter.filter`; if ``us`` is missing, not finite, does not have one row per
             observation, or the model has no inputs.
         """
         system = self._driven
@@ -132,12 +132,17 @@ class DrivenFilter(SavedFilter):
         return trajectory, Onwards(lately, None, spreads[-1]), run
 
     def smooth(self, zs: ManyNumbers, us: Any = None, *, keep_nodes: bool = False) -> FilterResult:
-        """Estimate every state of a series from all of it; see `SwitchingFilter.smooth`.
+        """Smooth a series: estimate every state given all observations.
 
         Parameters
         ----------
         zs, us, keep_nodes
             As in `filter`.
+
+        Returns
+        -------
+        FilterResult
+            As from `SwitchingFilter.smooth`.
         """
         if self._driven is None:
             if us is not None:
@@ -148,16 +153,19 @@ class DrivenFilter(SavedFilter):
     def smooth_lag(
         self, zs: ManyNumbers, lag: int, us: Any = None, *, keep_nodes: bool = False
     ) -> FilterResult:
-        """Estimate every state from what was observed up to a few steps later.
-
-        See `SwitchingFilter.smooth_lag`.
+        """Fixed-lag smoothing: estimate each state given the observations up to ``lag`` steps later.
 
         Parameters
         ----------
         zs, us, keep_nodes
             As in `filter`.
         lag : int
-            How many steps later, at least 0.
+            Number of steps to look ahead, at least 0.
+
+        Returns
+        -------
+        FilterResult
+            As from `SwitchingFilter.smooth_lag`.
         """
         if self._driven is None:
             if us is not None:
@@ -199,16 +207,21 @@ class DrivenFilter(SavedFilter):
         threads: int = 1,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter many series, each as `filter` would; see `SwitchingFilter.filter_many`.
+        """Filter many series, each as `filter` does; the filter itself does not change.
 
-        Of a model with inputs or features they go one after the other.
+        With inputs or window features, series are filtered one by one.
 
         Parameters
         ----------
         zs, keep, by, threads, resume
             As in `SwitchingFilter.filter_many`.
         us : array_like, DataFrame, list, tuple or mapping, optional
-            Inputs: of shape (n, k) for all series, or for each its own, in the forms of ``zs``.
+            Inputs: shape (n, k), the same for all series, or one set per series, in the forms of ``zs``.
+
+        Returns
+        -------
+        FilterResult
+            As from `SwitchingFilter.filter_many`.
         """
         system = self._driven
         if system is None:
@@ -232,16 +245,16 @@ class DrivenFilter(SavedFilter):
         return many.filtered(several, self.nodes)
 
     def forecast(self, steps: int, us: Any = None) -> FilterResult:
-        """Predict states and observations ahead; the filter stays where it is.
+        """Forecast states and observations; the filter does not change.
 
-        Lags and products of the window are exact; hinges take the moments of a normal law.
+        Lags and products of window features are exact; hinges use the moments of a normal distribution.
 
         Parameters
         ----------
         steps : int
-            Number of steps ahead of the latest observation, whether `predict` was called since or not.
+            Number of steps after the latest observation, whether or not `predict` was called since.
         us : array_like, shape (steps, k), optional
-            Inputs of each step; needed by a model that has them.
+            Inputs of each step, if the model has inputs.
 
         Returns
         -------

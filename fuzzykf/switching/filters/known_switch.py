@@ -72,21 +72,22 @@ __all__ = ["KnownSwitchFilter"]
 
 @keeps("model")
 class KnownSwitchFilter(SwitchingFilter):
-    """Exact filter for a switch that is known: the best filter of its model class.
+    """Exact filter for a known switch: the best filter of its model class.
 
-    On data of the model, no filter has a smaller mean squared error.  On other data a filter of another
-    class may have: one with feedback where this model has none, or one learned where this model is wrong.
+    On data of the model, no filter has a smaller mean squared error.  On other data, a filter of another
+    class can be better: one with feedback if this model has none, or one that was learned if this model
+    is wrong.
 
     Parameters
     ----------
     model : CGOFMSModel, CGOMSModel or SwitchingStateSpace
+        Model of state and observation given the switch.
 
     Notes
     -----
-    The value of the switch goes with each observation: to `predict`, or to `update`.
-    Without it at `predict`, ``x_prior`` and ``P_prior`` are NaN.  Of a state-space model it is the Kalman
-    filter along the switch; controls, R and H go to `predict` and `update` as `SwitchingKalmanFilter` takes
-    them, for each class where they depend on it, and count at the known value of the switch.
+    Pass the value of the switch with each observation, to `predict` or to `update`.  If `predict` does not
+    get it, ``x_prior`` and ``P_prior`` are NaN.  For a state-space model, this is the Kalman filter along the
+    switch; controls, R and H are passed as to `SwitchingKalmanFilter` and evaluated at the known value.
 
     See Also
     --------
@@ -166,17 +167,17 @@ class KnownSwitchFilter(SwitchingFilter):
         Parameters
         ----------
         r : float or array_like, optional
-            Value of the switch at that time; else it has to come with `update`.  Of a fuzzy switch between
-            more than two classes, class weights (K,) or the number of a class.
+            Value of the switch at that time, unless it is passed to `update`.  For a fuzzy switch between
+            more than two classes: class weights (K,) or the number of a class.
         u : array_like, shape (k,) or (k, 1), optional
-            Control that leads there, of a state-space model that has such; a number if there is one.
+            Control that acts on this step, for a state-space model with controls; a number if there is one.
 
         Raises
         ------
         ParameterError
-            If ``r`` is not a value of the switch, or another one was given before.
+            If ``r`` is not a value of the switch, or contradicts an earlier one.
         NotPositiveDefiniteError
-            If the noise of the model is indefinite between the values.
+            If the noise covariance of the model is indefinite at these values.
         """
         control = read_control(u, self._system)
         value, n, now = None if r is None else read_switch(r, self.model), self._n, self._r
@@ -203,16 +204,16 @@ class KnownSwitchFilter(SwitchingFilter):
         r : float or array_like, optional
             Value of the switch at its time, unless given to `predict`.
         R : array_like, shape (q, q) or (K, q, q), or callable, optional
-            Used instead of that of a state-space model; a number means that multiple of the identity.
+            Used instead of ``R`` of a state-space model; a number means that multiple of the identity.
         H : array_like, shape (q, m) or (K, q, m), or callable, optional
-            Used instead of that of a state-space model.
+            Used instead of ``H`` of a state-space model.
 
         Raises
         ------
         ParameterError
-            If ``r`` was given to `predict` as well, or to neither; if the model has no R and H.
+            If ``r`` was passed to both `predict` and `update`, or to neither; if the model has no R and H.
         ShapeError, NotPositiveDefiniteError
-            If ``z``, ``R`` or ``H`` has a wrong shape, or ``R`` is indefinite.
+            If ``z``, ``R`` or ``H`` has the wrong shape, or ``R`` is indefinite.
         """
         if r is None and self._r_next is None:
             raise ParameterError(
@@ -248,7 +249,7 @@ class KnownSwitchFilter(SwitchingFilter):
         R: Any = None,
         H: Any = None,
     ) -> FloatArray:
-        """Predict, then update with ``z``, at the value ``r`` of the switch; an error changes nothing.
+        """Predict, then update with ``z``, at the value ``r`` of the switch.
 
         Parameters
         ----------
@@ -290,20 +291,20 @@ class KnownSwitchFilter(SwitchingFilter):
         keep_nodes: bool = False,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter a series from the initial law on, or with ``resume`` from where the filter stands.
+        """Filter a series, starting from the initial law, or with ``resume`` from the current state.
 
         Parameters
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1.
         r : array_like, shape (n,)
-            Values of the switch, or class weights (n, K).  Of a fuzzy switch between more than two classes
-            these, or numbers of classes (n,).
+            Values of the switch.  For a fuzzy switch between more than two classes: class weights (n, K) or
+            numbers of classes (n,).
         us : array_like, shape (n, k), optional
-            Controls of a state-space model: ``us[n]`` moves to observation n, ``us[0]`` is not used, unless
-            the filter resumes.  None in a list means that none acts.
+            Controls of a state-space model: ``us[n]`` acts on the step to observation n; ``us[0]`` is not
+            used unless the filter resumes.  None in a list means no control.
         Rs, Hs : sequence of n, optional
-            Given to `update` one by one, of a state-space model; None for that of the model.
+            Passed to `update` one by one, for a state-space model; None means that of the model.
         keep_nodes, resume : bool
             As in `SwitchingFilter.filter`.
 
@@ -314,8 +315,8 @@ class KnownSwitchFilter(SwitchingFilter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            If ``r`` does not go with ``zs``, or, with ``resume``, with what was given to `predict`; as from
-            `predict` and `update`, or if what is given has not one value for each observation.
+            If ``r`` does not match ``zs`` or, with ``resume``, the earlier `predict`; if an argument does not
+            have one value per observation; as from `predict` and `update`.
         """
         keep_nodes, resume = as_flag("keep_nodes", keep_nodes), as_flag("resume", resume)
         if resume:
@@ -344,7 +345,7 @@ class KnownSwitchFilter(SwitchingFilter):
         *,
         keep_nodes: bool = False,
     ) -> FilterResult:
-        """Estimate every state of a series from all of it, and its switches.
+        """Smooth a series: estimate every state given all observations and switches.
 
         Parameters
         ----------
@@ -368,14 +369,14 @@ class KnownSwitchFilter(SwitchingFilter):
         *,
         keep_nodes: bool = False,
     ) -> FilterResult:
-        """Estimate every state of a series from what was observed up to a few steps later, and its switches.
+        """Fixed-lag smoothing: estimate each state given observations and switches up to ``lag`` steps later.
 
         Parameters
         ----------
         zs, r, us, Rs, Hs, keep_nodes
             As in `filter`.
         lag : int
-            How many steps later, at least 0; see `SwitchingFilter.smooth_lag`.
+            Number of steps to look ahead, at least 0; see `SwitchingFilter.smooth_lag`.
 
         Returns
         -------
@@ -384,7 +385,7 @@ class KnownSwitchFilter(SwitchingFilter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `smooth`; if ``lag`` is no whole number of at least 0.
+            As from `smooth`; if ``lag`` is not an integer of at least 0.
         """
         return self._look_back(zs, r, (us, Rs, Hs), keep_nodes, as_lag(lag))
 
@@ -423,24 +424,23 @@ class KnownSwitchFilter(SwitchingFilter):
         by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter many series side by side with their switches, each as `filter` would.
+        """Filter many series with their switches, each as `filter` does.
 
-        The filter stays as it is.  Series with gaps, of any pattern, go with the others; those of a model
-        converted from a `CGLSSM` go alone, one after another.
+        The filter itself does not change.  All series are filtered together, with or without gaps; those of
+        a model converted from a `CGLSSM` are filtered one by one.
 
         Parameters
         ----------
         zs, keep, by
             As in `SwitchingFilter.filter_many`.
         r : array_like, shape (series, n), DataFrame, list, tuple or mapping
-            Values of the switch, of the same series and rows; with ``by`` the name of their column.  Of a
-            fuzzy switch between more than two classes, numbers of classes, or class weights
-            (series, n, K), which several components of an observation could be; with ``by`` the names
-            of their columns.
+            Values of the switch, in the form of ``zs``; with ``by``, the name of their column.  For a fuzzy
+            switch between more than two classes: numbers of classes, or class weights (series, n, K); with
+            ``by``, the names of their columns.
         us : array_like, DataFrame, list, tuple or mapping, optional
-            Controls of a state-space model: of shape (n, k) for all series, or for each its own.
+            Controls of a state-space model: shape (n, k), the same for all series, or one set per series.
         Rs, Hs : sequence of n, optional
-            As in `filter`, for all series; each counts at the value of the switch of each.
+            As in `filter`, the same for all series, evaluated at the switch of each.
         resume : bool
             As in `filter`.
 
@@ -472,12 +472,17 @@ class KnownSwitchFilter(SwitchingFilter):
         return many.filtered(several, unknown_nodes(self.model))
 
     def forecast(self, steps: int) -> FilterResult:
-        """Refuse: a forecast needs the switches of the future.
+        """Not available: a forecast needs the future switches.
+
+        Parameters
+        ----------
+        steps : int
+            Number of steps.
 
         Raises
         ------
         ParameterError
-            Always; call `predict` with the switch of each step, or use another filter.
+            Always.  Call `predict` with the switch of each step, or use another filter.
         """
         raise ParameterError(
             f"steps: got {steps}; the future of a known switch is not known: call predict(r) for each step, "
@@ -537,7 +542,7 @@ class KnownSwitchFilter(SwitchingFilter):
 
     @property
     def mu(self) -> FloatArray:
-        """Its probability, which is one."""
+        """Probability of the known value: one."""
         return np.ones(1)
 
     @property
@@ -554,7 +559,7 @@ class KnownSwitchFilter(SwitchingFilter):
 
     @property
     def switch_mean(self) -> float | None:
-        """The known value of the switch; None between more than two classes."""
+        """The known value of the switch; None for more than two classes."""
         return None if self.model.takes_weights else float(self.nodes[0])
 
     @property

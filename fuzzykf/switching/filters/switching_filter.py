@@ -61,18 +61,19 @@ READ = (*VERBS, *ACCESS, "_take", "_initial_law", "_next_tables", "_ahead", *SHO
 class SwitchingFilter(Stepper, Filter):
     """Recursive filter of a switching system.
 
-    `OFSRFilter` and `CGOMSMFilter` make the system from a model.  Use this class
-    for a system of your own: any object with `initial` and `pair_tables`.
+    `OFSRFilter` and `CGOMSMFilter` are subclasses that take a model.  Use this class
+    for your own system: any object with the methods of `SwitchingSystem`.
 
-    The first observation belongs to the initial law: there are no dynamics before it,
-    and a predict before the first update only shows that law.  After an update, the next
-    one needs a predict; a second predict in a row stands for a missing observation.
+    The initial law is that of the first observation: no dynamics precede it, and a predict
+    before the first update has no effect.  Every later update needs a predict before it;
+    two predicts in a row mean a missing observation.
 
     Parameters
     ----------
     system : SwitchingSystem
+        Dynamics of switch, state and observation.
     method : Method
-        How it is filtered: by default exactly, which asks that Y alone is Markov given the switch.
+        Filtering method; by default the exact one, which requires that Y alone is Markov given the switch.
 
     Attributes
     ----------
@@ -80,7 +81,7 @@ class SwitchingFilter(Stepper, Filter):
         Mean and covariance of the state given the observations so far; after `predict`,
         of the next state.
     x_prior, P_prior : ndarray
-        The same before the latest observation was seen.
+        Mean and covariance before the latest observation.
     mu : ndarray, shape (M,)
         Probability of each node of the switch; sums to one.
     nodes : ndarray, shape (M,)
@@ -88,15 +89,27 @@ class SwitchingFilter(Stepper, Filter):
     class_weights : ndarray, shape (K,)
         Expected share of each class in the value of the switch.
     switch, switch_mean : float
-        Estimate of the switch by its posterior marginal (MPM), and its posterior mean.  Between more
-        than two classes values are class weights: ``nodes`` are (M, K), ``switch`` is (K,), and there is
-        no mean.
+        Most likely value of the switch (maximum of the posterior marginal, MPM), and its posterior mean.
+        For more than two classes, values are class weights: ``nodes`` is (M, K), ``switch`` is (K,), and
+        ``switch_mean`` is None.
     log_likelihood : float
         Log-density of the latest observation given the earlier ones; 0 before any.
     y, S : ndarray, shapes (dim_z, 1) and (dim_z, dim_z)
         Innovation of the latest observation and its covariance.
     nis, mahalanobis : float
         Normalised innovation squared, y' S^-1 y, and its square root.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import CGOFMSModel, FadeLaw
+    >>> from fuzzykf.switching import SwitchingFilter
+    >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])
+    >>> pair = np.broadcast_to(np.block([[z, 0.8 * z], [0.8 * z, z]]), (2, 2, 4, 4))
+    >>> model = CGOFMSModel(FadeLaw.between(40, 10), [[0.0, 3.0], [0.0, 0.0]], pair, dim_x=1)
+    >>> f = SwitchingFilter(model.placed(n_nodes=5))
+    >>> f.step(2.5).shape, f.mu.shape
+    ((1, 1), (12,))
     """
 
     # filterpy's users assign them; here that would say nothing
@@ -147,20 +160,19 @@ class SwitchingFilter(Stepper, Filter):
     def predict(self, u: ArrayLike | None = None) -> None:
         """Move to the time of the next observation.
 
-        Before the first observation this shows the initial law and may be repeated.
-        Later, a predict that follows a predict says that the observation in between is
-        missing.
+        Before the first observation, this shows the initial law and may be repeated.
+        Later, two predicts in a row mean that the observation in between is missing.
 
         Parameters
         ----------
         u : array_like, shape (k,) or (k, 1), optional
-            Inputs of that time, of a model that has them; a number if there is one.  Not used before the
+            Inputs at that time, if the model has inputs; a number if there is only one.  Not used before the
             first observation.
 
         Raises
         ------
         ShapeError, ParameterError
-            If ``u`` has a wrong shape, is not finite, is missing, or the model has no inputs.
+            If ``u`` has the wrong shape, is not finite, is missing, or the model has no inputs.
         """
         told = None if u is None and self._driver is None else read_step(self._driver, u, self._n)
         if self._predicted and self._n > 0:
@@ -175,16 +187,15 @@ class SwitchingFilter(Stepper, Filter):
         Parameters
         ----------
         z : array_like or None
-            Scalar (if dim_z is 1), or shape (dim_z,), (dim_z, 1) or (1, dim_z).  None or
-            NaN where it, or a part of it, is missing; see `fuzzykf.switching.inference.exact` for
-            what stays exact then.
+            Scalar (if dim_z is 1), or shape (dim_z,), (dim_z, 1) or (1, dim_z).  None if
+            it is missing, NaN for a missing component.
 
         Raises
         ------
         SequenceError
-            If no `predict` came since the last update.
+            If `predict` was not called since the last update.
         ShapeError, ParameterError
-            If ``z`` has a wrong shape or is infinite.
+            If ``z`` has the wrong shape or is infinite.
         """
         if self._n > 0 and not self._predicted:
             raise SequenceError(
@@ -302,33 +313,33 @@ class SwitchingFilter(Stepper, Filter):
         keep_nodes: bool = False,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter a whole series from the initial law on, or with ``resume`` from where the filter stands.
+        """Filter a series, starting from the initial law, or with ``resume`` from the current state.
 
         Parameters
         ----------
         zs : array_like
-            Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.  Of a table with names
-            the columns that the model was learned on, if it knows them.
+            Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.  From a table,
+            the columns on which the model was learned are taken, if it knows their names.
         keep_nodes : bool
-            Keep mean and covariance of the state given each node, from which
-            `FilterResult.interval` takes its quantiles.
+            Store mean and covariance of the state given each node; `FilterResult.interval` then
+            returns quantiles of their mixture.
         resume : bool
-            Go on from where the filter stands, as `step` would: parts of a series then give what
-            the whole gives, to the bit.  If `predict` was called since the latest observation, that of
-            the time in between is missing.
+            Continue from the current state, as `step` would.  Filtering a series in parts then gives
+            exactly the result for the whole.  A `predict` since the latest observation counts as a
+            missing observation.
 
         Returns
         -------
         FilterResult
             With ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``nodes``, ``switch``,
-            ``switch_mean`` and ``log_likelihood``.  The filter stays at the last
-            observation, so that `step` continues.
+            ``switch_mean`` and ``log_likelihood``.  The filter ends at the last
+            observation, so `step` continues the series.
 
         Raises
         ------
         ShapeError, ParameterError
-            If ``zs`` has a wrong shape, something infinite, not the columns of the model, or steps of
-            another length.
+            If ``zs`` has the wrong shape, infinite values, other columns than the model, or another time
+            step.
         """
         zs = self._named(zs)
         ys, index = as_observations(zs, self.dim_z), index_of(zs)
@@ -388,10 +399,10 @@ class SwitchingFilter(Stepper, Filter):
             self._z, self._log_likelihood = ys[-1].copy(), float(trajectory.fields["log_likelihood"][-1])
 
     def smooth(self, zs: ManyNumbers, *, keep_nodes: bool = False) -> FilterResult:
-        """Estimate every state of a series from all of it.
+        """Smooth a series: estimate every state given all observations.
 
-        Exact for complete observations and gaps of one, see `fuzzykf.switching.inference.smoother`; the
-        filter stays at the last observation.
+        Exact for complete observations and gaps of a single step.  The filter ends at the last
+        observation.
 
         Parameters
         ----------
@@ -407,23 +418,23 @@ class SwitchingFilter(Stepper, Filter):
         Raises
         ------
         ParameterError
-            If the method has no smoother, or verbs of a subclass do more than to pass on other
-            observations (an outlier as missing, for instance): the way back knows the system alone.
+            If the method has no smoother, or a subclass overrides `predict` or `update` and does more than
+            replace observations (an outlier by NaN, for instance).
         """
         return smooth_series(self, zs, keep_nodes)
 
     def smooth_lag(self, zs: ManyNumbers, lag: int, *, keep_nodes: bool = False) -> FilterResult:
-        """Estimate every state of a series from what was observed up to a few steps later.
+        """Fixed-lag smoothing: estimate each state given the observations up to ``lag`` steps later.
 
-        As exact as `smooth`, with gaps as without; the filter stays at the last observation.
+        As exact as `smooth`.  The filter ends at the last observation.
 
         Parameters
         ----------
         zs, keep_nodes
             As in `filter`.
         lag : int
-            How many steps later, at least 0: row n is the estimate given the observations up to n + lag, or
-            to the end.  With 0 it is `filter`, with the length of the series `smooth`.
+            Number of steps to look ahead, at least 0: row n is the estimate given the observations up to
+            n + lag, or to the end.  0 is `filter`; the length of the series is `smooth`.
 
         Returns
         -------
@@ -433,7 +444,7 @@ class SwitchingFilter(Stepper, Filter):
         Raises
         ------
         ParameterError
-            If ``lag`` is no whole number of at least 0; as from `smooth`.
+            If ``lag`` is not an integer of at least 0; as from `smooth`.
 
         See Also
         --------
@@ -445,7 +456,7 @@ class SwitchingFilter(Stepper, Filter):
 
     @property
     def has_smoother(self) -> bool:
-        """Whether its method can look back, so that `smooth` can be called."""
+        """Whether `smooth` is available."""
         return getattr(type(self._method), "smooth", Method.smooth) is not Method.smooth
 
     def filter_many(
@@ -457,28 +468,26 @@ class SwitchingFilter(Stepper, Filter):
         threads: int = 1,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter many series, each from the initial law or, with ``resume``, from where the filter stands.
+        """Filter many series, each from the initial law or, with ``resume``, from the current state.
 
-        The filter stays as it is.
-
-        Series of one length go side by side, many times faster than one after the other; with the compiled
-        engine those with gaps do so, too.  Where a subclass has changed a verb, each series goes alone.
+        The filter itself does not change.  Complete series of equal length are filtered together, which is
+        many times faster than one by one; a series with gaps, or padded with NaN, is filtered alone.
 
         Parameters
         ----------
         zs : array_like, DataFrame, DataArray, list, tuple or mapping
-            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  A frame, whose
-            columns are the series (pairs (series, component) if ``dim_z`` is not 1).  A list or a mapping of
-            series, each as `filter` takes it, of any length.
+            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  Or a frame with a
+            column for each series (pairs (series, component) if ``dim_z`` is not 1), or a list or mapping of
+            series of any lengths, each as `filter` takes it.
         keep : sequence of str
-            Which fields to store: names among ``x``, ``P``, ``x_prior``, ``P_prior``,
+            Fields to store, from ``x``, ``P``, ``x_prior``, ``P_prior``,
             ``mu``, ``class_weights``, ``switch``, ``switch_mean``, ``log_likelihood``.
         by : hashable, optional
-            The column (or level of the index) of a frame that says which series a row belongs to, if its rows
-            are those of all series.
+            Column (or index level) that names the series of each row, if the frame holds all series one after
+            another.
         threads : int
-            How many threads the compiled engine shares complete series among; results are
-            the same to the bit.  NumPy uses one.
+            Number of threads of the compiled engine for complete series; results do not depend on it.  The
+            NumPy engine uses one.
         resume : bool
             As in `filter`.
 
@@ -486,7 +495,7 @@ class SwitchingFilter(Stepper, Filter):
         -------
         FilterResult
             The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
-            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
+            that is shorter than others.  Names and index are kept, see `FilterResult.to_dataframe`.
         """
         threads = as_count("threads", threads, 1, MOST_THREADS)
         names = check_keep(keep, SHOWN)
@@ -503,15 +512,14 @@ class SwitchingFilter(Stepper, Filter):
         return many.filtered(several, self.nodes)
 
     def forecast(self, steps: int) -> FilterResult:
-        """Predict states and observations ahead; the filter stays where it is.
+        """Forecast states and observations; the filter does not change.
 
-        Means and covariances are exact if the window of the latest observations is known.
+        Means and covariances are exact if the latest observations are complete.
 
         Parameters
         ----------
         steps : int
-            Number of steps ahead of the latest observation, whether `predict` was called since
-            or not.
+            Number of steps after the latest observation, whether or not `predict` was called since.
 
         Returns
         -------
@@ -564,9 +572,9 @@ class SwitchingFilter(Stepper, Filter):
 
     @property
     def nodes(self) -> FloatArray:
-        """Values of the switch at the nodes, (M,), or class weights (M, K) between more than two classes.
+        """Values of the switch at the nodes, (M,), or class weights (M, K) for more than two classes.
 
-        Some may share one, see `SwitchChain.by_value`.
+        Several nodes may share a value, see `SwitchChain.by_value`.
         """
         return self._system.chain.nodes
 
@@ -584,7 +592,7 @@ class SwitchingFilter(Stepper, Filter):
 
     @property
     def switch(self) -> Any:
-        """Most likely value of the switch, by the MPM rule; (K,) between more than two classes."""
+        """Most likely value of the switch, by the MPM rule; (K,) for more than two classes."""
         found = most_likely_switch(self._system.chain, self.mu)
         return float(found) if found.ndim == 0 else found
 
@@ -596,7 +604,7 @@ class SwitchingFilter(Stepper, Filter):
 
     @property
     def switch_mean(self) -> float | None:
-        """Posterior mean of the switch; None between more than two classes, see `class_weights`."""
+        """Posterior mean of the switch; None for more than two classes, see `class_weights`."""
         return float(self.mu @ self.nodes) if self.nodes.ndim == 1 else None
 
     @property
@@ -606,7 +614,7 @@ class SwitchingFilter(Stepper, Filter):
 
     @property
     def z(self) -> FloatArray:
-        """The latest observation, (dim_z, 1); NaN where it is missing, and before any."""
+        """The latest observation, (dim_z, 1); NaN where missing, and before the first."""
         return self._z[:, None].copy()
 
     def _innovation(self) -> tuple[FloatArray, FloatArray]:
@@ -631,7 +639,7 @@ class SwitchingFilter(Stepper, Filter):
 
     @property
     def nis(self) -> float:
-        """Normalised innovation squared, y' S^-1 y, of what was observed; 0 where nothing was."""
+        """Normalised innovation squared, y' S^-1 y, of the observed components; 0 if there are none."""
         if self._mixture is None:
             return 0.0
         y, S = self._innovation()
@@ -641,7 +649,7 @@ class SwitchingFilter(Stepper, Filter):
 
     @property
     def mahalanobis(self) -> float:
-        """Square root of `nis`, under filterpy's name."""
+        """Square root of `nis`, as in filterpy."""
         return float(np.sqrt(self.nis))
 
     # ------------------------------------------------------------------ copies and pickles

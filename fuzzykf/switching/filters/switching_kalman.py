@@ -63,43 +63,43 @@ CHOICES = ("imm", "gpb2")
 
 @keeps("model", "method", "n_nodes", "rule")
 class SwitchingKalmanFilter(SavedFilter):
-    """Kalman filters on the nodes of a switch, hard or fuzzy, that interact.
+    """Interacting Kalman filters on the nodes of a hard or fuzzy switch.
 
-    It begins at the first observation, to which nothing moves: a control that is given with it is not used.
+    The initial law is that of the first observation; a control given with it is not used.
 
     Parameters
     ----------
     model : SwitchingStateSpace or CGOMSModel
-        The latter made by `CGOMSModel.from_pairwise`, exact or not: it is filtered in pairwise form, and is
-        told no ``u``, ``R`` or ``H``.
+        A `CGOMSModel` must come from `CGOMSModel.from_pairwise`; it is filtered in pairwise form, without
+        ``u``, ``R`` or ``H``.
     method : {"imm", "gpb2"}
-        "imm" merges what leads to a node before each step; "gpb2" updates every pair of nodes and merges
-        after it, which is better where offsets or gains fade and the law is poor, and has the better
-        likelihood.
+        "imm" merges the estimates that lead to a node before each step.  "gpb2" updates every pair of nodes
+        and merges afterwards; it is slower, has the better likelihood, and is more accurate where offsets
+        or gains fade.
     n_nodes : int
-        Number of nodes between the classes, of fades and edges each; none count for a chain or a matrix.
+        Number of nodes within each fade or edge; ignored for a chain or a transition matrix.
     rule : {"cell", "midpoint", "gauss", "product"}
         How the law is discretised, see `FuzzyMarkovLaw.discretize`.
 
     Raises
     ------
     ParameterError
-        If ``model`` is another one, the law cannot have so many nodes, or an option is unknown.
+        If ``model`` is of another class, the law cannot have that many nodes, or an option is unknown.
     NotStableError
-        If the first state is to be stationary on these nodes, and is not.
+        If the initial state is to be stationary, but no stationary state exists.
 
     Notes
     -----
-    Neither method is exact: the posterior of a state-space model has more and more components.  Missing
-    observations and components, in any pattern and at any time, need no approximation of their own.  Of a
-    pairwise model "gpb2" is exact where `CGOMSModel.exactness` says so, as long as nothing is missing, and
-    "imm" where the state does not act on the next observation.  If the covariance of an observation is
+    Neither method is exact: the number of components of the posterior grows with each step.  Missing
+    observations and components need no further approximation.  For a pairwise model, "gpb2" is exact if
+    `CGOMSModel.exactness` says so and nothing is missing; "imm" is exact if the state does not act on the
+    next observation.  If the covariance of an observation is
     singular, a `NotPositiveDefiniteError` names the node.
 
     See Also
     --------
     fuzzykf.switching.SwitchingFilter : Methods and attributes.
-    KnownSwitchFilter : The bound.
+    KnownSwitchFilter : Lower bound of the error.
 
     Examples
     --------
@@ -180,18 +180,18 @@ class SwitchingKalmanFilter(SavedFilter):
     def predict(self, u: ArrayLike | None = None) -> None:
         """Move to the time of the next observation.
 
-        Before the first observation nothing moves, and this may be repeated.  Later, a predict that follows a
-        predict says that the observation in between is missing.
+        Before the first observation, this has no effect and may be repeated.  Later, two predicts in a row
+        mean that the observation in between is missing.
 
         Parameters
         ----------
         u : array_like, shape (k,) or (k, 1), optional
-            Control that leads there; a number if there is one.  By default none acts.
+            Control that acts on this step; a number if there is only one.  By default none.
 
         Raises
         ------
         ShapeError, ParameterError
-            If ``u`` has a wrong shape, is not finite, or the model has no ``B``.
+            If ``u`` has the wrong shape, is not finite, or the model has no ``B``.
         """
         control = read_control(u, self._system)
         super().predict()
@@ -203,19 +203,19 @@ class SwitchingKalmanFilter(SavedFilter):
         Parameters
         ----------
         z : array_like or None
-            Scalar (if dim_z is 1), or shape (dim_z,), (dim_z, 1) or (1, dim_z).  None or NaN where it, or a
-            part of it, is missing.
+            Scalar (if dim_z is 1), or shape (dim_z,), (dim_z, 1) or (1, dim_z).  None if it is missing, NaN
+            for a missing component.
         R : array_like, shape (q, q) or (K, q, q), or callable, optional
-            Used instead of that of the model; a number means that multiple of the identity.
+            Used instead of ``R`` of the model; a number means that multiple of the identity.
         H : array_like, shape (q, m) or (K, q, m), or callable, optional
-            Used instead of that of the model.
+            Used instead of ``H`` of the model.
 
         Raises
         ------
         SequenceError
-            If no `predict` came since the last update.
+            If `predict` was not called since the last update.
         ShapeError, ParameterError
-            If ``z``, ``R`` or ``H`` has a wrong shape or is infinite.
+            If ``z``, ``R`` or ``H`` has the wrong shape or is infinite.
         NotPositiveDefiniteError
             If ``R`` is indefinite, or the covariance of the observation is singular at a node.
         """
@@ -274,17 +274,17 @@ class SwitchingKalmanFilter(SavedFilter):
         keep_nodes: bool = False,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter a whole series from the first law on, or with ``resume`` from where the filter stands.
+        """Filter a series, starting from the initial law, or with ``resume`` from the current state.
 
         Parameters
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
         us : array_like, shape (n, k), or (n,) if there is one control, optional
-            ``us[n]`` moves to observation n; ``us[0]`` is not used, unless the filter resumes.  None in a
-            list means that none acts.
+            Controls: ``us[n]`` acts on the step to observation n; ``us[0]`` is not used unless the filter
+            resumes.  None in a list means no control.
         Rs, Hs : sequence of n, optional
-            Given to `update` one by one; None for that of the model.
+            Passed to `update` one by one; None means that of the model.
         keep_nodes, resume : bool
             As in `SwitchingFilter.filter`.
 
@@ -292,14 +292,14 @@ class SwitchingKalmanFilter(SavedFilter):
         -------
         FilterResult
             With ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``nodes``, ``class_weights``, ``switch``,
-            ``switch_mean`` and ``log_likelihood``.  The filter stays at the last observation, so that
-            `step` continues.
+            ``switch_mean`` and ``log_likelihood``.  The filter ends at the last observation, so
+            `step` continues the series.
 
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `predict` and `update`, or if what is given has not one value for each observation; the
-            filter is then as it was before.
+            As from `predict` and `update`; if an argument does not have one value per observation.  The
+            filter is then unchanged.
         """
         zs = self._named(zs)
         check_aligned(zs=zs, us=us, Rs=Rs, Hs=Hs)
@@ -338,18 +338,18 @@ class SwitchingKalmanFilter(SavedFilter):
         weights: Literal["density", "kim"] = "density",
         keep_nodes: bool = False,
     ) -> FilterResult:
-        """Estimate every state of a series from all of it; the filter stays at the last observation.
+        """Smooth a series: estimate every state given all observations.
 
-        Approximate, as the filter is: what is known of the state at each node is merged after each step back.
-        Where what the observation says of the state switches (``H``, ``d``), "gpb2" smooths far better.
+        Approximate, like the filter: estimates at each node are merged after each backward step.  If ``H`` or
+        ``d`` switches, "gpb2" is far more accurate.  The filter ends at the last observation.
 
         Parameters
         ----------
         zs, us, Rs, Hs, keep_nodes
             As in `filter`.
         weights : {"density", "kim"}
-            How likely each node is before one that follows: with the likelihood of all that comes later, or
-            without, as Kim has them (1994), which is nearly always worse and not for pairwise models.
+            Weights of the nodes in a backward step: "density" uses the likelihood of all later observations;
+            "kim" does not (Kim 1994), which is nearly always worse, and not available for pairwise models.
 
         Returns
         -------
@@ -360,14 +360,14 @@ class SwitchingKalmanFilter(SavedFilter):
         Warns
         -----
         HindsightWarning
-            If the states move more than their covariances admit when the later observations are known: the
-            model is wrong then, or the filter has lost the switch, and what is smoothed may be worse than
-            what is filtered.  See `fuzzykf.hindsight`.
+            If later observations move the states by more than their covariances admit.  The model is then
+            wrong, or the filter has lost the switch, and smoothing may be worse than filtering.
 
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `filter`, or if verbs of a subclass do more than to pass on other observations.
+            As from `filter`; if a subclass overrides `predict` or `update` and does more than replace
+            observations.
         """
         return self._look_back(zs, (us, Rs, Hs), weights, keep_nodes)
 
@@ -382,17 +382,17 @@ class SwitchingKalmanFilter(SavedFilter):
         weights: Literal["density", "kim"] = "density",
         keep_nodes: bool = False,
     ) -> FilterResult:
-        """Estimate every state of a series from what was observed up to a few steps later.
+        """Fixed-lag smoothing: estimate each state given the observations up to ``lag`` steps later.
 
-        Approximate, as `smooth` is; the filter stays at the last observation.
+        Approximate, like `smooth`.  The filter ends at the last observation.
 
         Parameters
         ----------
         zs, us, Rs, Hs, keep_nodes
             As in `filter`.
         lag : int
-            How many steps later, at least 0: row n is the estimate given the observations up to n + lag, or
-            to the end.  With 0 it is `filter`, with the length of the series `smooth`.
+            Number of steps to look ahead, at least 0: row n is the estimate given the observations up to
+            n + lag, or to the end.  0 is `filter`; the length of the series is `smooth`.
         weights : {"density", "kim"}
             As in `smooth`.
 
@@ -409,7 +409,7 @@ class SwitchingKalmanFilter(SavedFilter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `smooth`; if ``lag`` is no whole number of at least 0.
+            As from `smooth`; if ``lag`` is not an integer of at least 0.
 
         See Also
         --------
@@ -459,18 +459,18 @@ class SwitchingKalmanFilter(SavedFilter):
         threads: int = 1,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter many series side by side, each as `filter` would; the filter stays as it is.
+        """Filter many series, each as `filter` does; the filter itself does not change.
 
-        Series with gaps go with the others, and share the threads.
+        All series are filtered together, with or without gaps, and share the threads.
 
         Parameters
         ----------
         zs, keep, by, threads, resume
             As in `SwitchingFilter.filter_many`.
         us : array_like, DataFrame, list, tuple or mapping, optional
-            Controls: of shape (n, k) for all series, or for each its own, in the forms of ``zs``.
+            Controls: shape (n, k), the same for all series, or one set per series, in the forms of ``zs``.
         Rs, Hs : sequence of n, optional
-            As in `filter`, for all series.
+            As in `filter`, the same for all series.
 
         Returns
         -------
@@ -497,15 +497,14 @@ class SwitchingKalmanFilter(SavedFilter):
         return many.filtered(several, self.nodes)
 
     def forecast(self, steps: int, us: Any = None) -> FilterResult:
-        """Predict states and observations ahead; the filter stays where it is.
+        """Forecast states and observations; the filter does not change.
 
         Parameters
         ----------
         steps : int
-            Number of steps ahead of the latest observation, whether `predict` was called since or not.
+            Number of steps after the latest observation, whether or not `predict` was called since.
         us : array_like, shape (steps, k), optional
-            The controls that lead to each.  By default none acts, but one that `predict` was given for the
-            first step.
+            Control of each step.  By default none, except one already given to `predict` for the first step.
 
         Returns
         -------
