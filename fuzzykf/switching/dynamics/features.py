@@ -38,34 +38,35 @@ MOST_HINGES = 20
 
 
 class WindowFeatures(Immutable):
-    """A map of the latest observations, for the equations of a learned switching model.
+    """Lags, hinges and products of the latest observations, for a learned switching model.
 
     Parameters
     ----------
     order : int
-        How many observations before a step have a coefficient of their own; 1 is the latest alone, which
+        Number of lags with a coefficient of their own; 1 is the latest observation only, which
         every model has.
     blocks : sequence of int
-        Lengths of blocks of still earlier observations: their means have coefficients (distributed lags).
-        With order 2 and blocks (2, 4) these are the means of lags 3 to 4 and 5 to 8.
+        Lengths of blocks of older observations, whose means have coefficients (distributed lags).
+        With order 2 and blocks (2, 4), these are the means of lags 3 to 4 and of lags 5 to 8.
     hinges : int or array_like, shape (q, h)
-        max(y - knot, 0) for each component and knot, which bends the dependence on the latest observation
-        and, of the state, on the new one.  A number asks for so many knots, which learning puts at equally
-        spaced quantiles.
+        Knots of the features max(y - knot, 0) for each component: they make the dependence on the latest
+        observation piecewise linear, and that of the state on the new one.  A number h means h knots at
+        equally spaced quantiles of the training data.
     products : bool
-        Whether each input is multiplied with the latest observation and, of the state, with the new one.
+        Whether to add the product of each input with the latest observation and, for the state, with the new
+        one.
 
     Attributes
     ----------
     n_past : int
-        How many observations before a step it looks at.
+        Number of past observations in the window.
     knots : ndarray, shape (q, h), or None
-        None until they are known.
+        The knots; None until they are learned.
 
     Raises
     ------
     ParameterError
-        If a number is no whole number in its range, or there are too many of something.
+        If a number is not an integer in its range, or there are too many features.
 
     Examples
     --------
@@ -100,21 +101,40 @@ class WindowFeatures(Immutable):
 
     @property
     def is_trivial(self) -> bool:
-        """Whether there is nothing beside the latest observation and inputs."""
+        """Whether the only features are the latest observation and the inputs."""
         return self.n_past == 1 and not self.n_hinges and not self.products
 
     def sizes(self, q: int, k: int) -> tuple[int, int]:
-        """Return how many numbers ``common`` and ``own`` have, for q components and k inputs."""
+        """Return the numbers of features in ``common`` and ``own``, for q components and k inputs.
+
+        Parameters
+        ----------
+        q, k : int
+            Numbers of components of an observation and of inputs.
+
+        Returns
+        -------
+        tuple of int
+        """
         common = k + q * (self.order - 1 + len(self.blocks))
         return common, q * (self.n_hinges + (k if self.products else 0))
 
     def learned(self, ys: FloatArray) -> Self:
-        """Return the map with its knots at quantiles of observations (n, q).
+        """Return the same features with knots at quantiles of observations (n, q).
+
+        Parameters
+        ----------
+        ys : ndarray, shape (n, q)
+            Observations; NaN where missing.
+
+        Returns
+        -------
+        WindowFeatures
 
         Raises
         ------
         ParameterError
-            If observations repeat so often that two knots fall together.
+            If two knots coincide, because observations repeat too often.
         """
         if self.knots is not None or not self.n_hinges:
             if self.knots is not None and len(self.knots) != ys.shape[1]:
@@ -132,7 +152,17 @@ class WindowFeatures(Immutable):
         return type(self)(order=self.order, blocks=self.blocks, hinges=knots, products=self.products)
 
     def names(self, observations: Sequence[str], inputs: Sequence[str]) -> tuple[list[str], list[str]]:
-        """Return the names of ``common`` and of ``own``."""
+        """Return the names of ``common`` and of ``own``.
+
+        Parameters
+        ----------
+        observations, inputs : sequence of str
+            Names of the components of an observation and of the inputs.
+
+        Returns
+        -------
+        common, own : list of str
+        """
         common = list(inputs)
         common += [f"{y}[-{lag}]" for lag in range(2, self.order + 1) for y in observations]
         first = self.order + 1
@@ -152,7 +182,7 @@ class WindowFeatures(Immutable):
         return common, own
 
     def common(self, past: FloatArray, us: FloatArray) -> FloatArray:
-        """Return what both equations have, (..., c).
+        """Return the features of both equations, (..., c).
 
         Parameters
         ----------
@@ -160,6 +190,10 @@ class WindowFeatures(Immutable):
             Observations before the step, the latest first.
         us : ndarray, shape (..., k)
             Inputs of the new time.
+
+        Returns
+        -------
+        ndarray, shape (..., c)
         """
         lead = past.shape[:-2]
         parts = [us, past[..., 1 : self.order, :].reshape(*lead, -1)]
@@ -170,12 +204,19 @@ class WindowFeatures(Immutable):
         return np.concatenate(parts, axis=-1)
 
     def unrolled(self, beta: FloatArray, q: int, k: int) -> tuple[FloatArray, FloatArray]:
-        """Return coefficients of ``common``, (..., c), as those of earlier observations and of inputs.
+        """Return coefficients of ``common`` as coefficients of past observations and of inputs.
+
+        Parameters
+        ----------
+        beta : ndarray, shape (..., c)
+            Coefficients.
+        q, k : int
+            Numbers of components of an observation and of inputs.
 
         Returns
         -------
         lags : ndarray, shape (..., n_past * q)
-            Of the window of observations, the latest first, whose own coefficient is not among them.
+            Coefficients of the window, the latest observation first, without the coefficient of its own.
         inputs : ndarray, shape (..., k)
         """
         lags = np.zeros((*beta.shape[:-1], self.n_past, q))
@@ -188,7 +229,7 @@ class WindowFeatures(Immutable):
         return lags.reshape(*beta.shape[:-1], -1), beta[..., :k]
 
     def own(self, ys: FloatArray, us: FloatArray) -> FloatArray:
-        """Return what each equation has of its own observation, (..., o).
+        """Return the features of a single equation, (..., o).
 
         Parameters
         ----------
@@ -196,6 +237,10 @@ class WindowFeatures(Immutable):
             The latest observation for Y', the new one for X'.
         us : ndarray, shape (..., k)
             Inputs of the new time.
+
+        Returns
+        -------
+        ndarray, shape (..., o)
         """
         lead, parts = ys.shape[:-1], []
         if self.n_hinges:
@@ -206,16 +251,19 @@ class WindowFeatures(Immutable):
         return np.concatenate(parts, axis=-1) if parts else np.empty((*lead, 0))
 
     def linearised(self, mean: FloatArray, variance: FloatArray, us: FloatArray) -> Linearised:
-        """Return what ``own`` is, linearly in an observation of which normal laws are known.
+        """Return the linearisation of ``own`` for a normally distributed observation.
 
-        Products are linear.  Of hinges the mean, the covariance with the observation and what is left of
-        their own covariance are those of the normal law of each component; where its variance is zero they
-        are what they are.
+        Products are linear.  For hinges, the mean, the covariance with the observation and the residual
+        covariance are those under the normal distribution of each component.
 
         Parameters
         ----------
         mean, variance : ndarray, shape (..., q)
         us : ndarray, shape (..., k)
+
+        Returns
+        -------
+        Linearised
         """
         lead, q = mean.shape[:-1], mean.shape[-1]
         h, k = self.n_hinges, us.shape[-1] if self.products else 0
@@ -231,13 +279,28 @@ class WindowFeatures(Immutable):
         return Linearised(slope, level, left)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the map as plain values."""
+        """Return the arguments as plain values.
+
+        Returns
+        -------
+        dict
+        """
         hinges = self.n_hinges if self.knots is None else self.knots.tolist()
         return {"order": self.order, "blocks": list(self.blocks), "hinges": hinges, "products": self.products}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Make it from what `to_dict` returned."""
+        """Create features from the output of `to_dict`.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        WindowFeatures
+        """
         return cls(**values)
 
     @shown

@@ -81,24 +81,39 @@ class SwitchingModel(Immutable, Document):
 
     @abstractmethod
     def describe_switch(self) -> str:
-        """Say in words how the switch moves."""
+        """Describe the switch in words.
+
+        Returns
+        -------
+        str
+        """
 
     def named_parameters(self) -> dict[str, float]:
-        """Return the parameters of the law of the switch by name, as far as they have names."""
+        """Return the named parameters of the law of the switch.
+
+        Returns
+        -------
+        dict of str to float
+        """
         return {}
 
     def regime_means(self) -> FloatArray:
-        """Return the mean of the first (X, Y) in each regime: (K, dim_x + dim_z)."""
+        """Return the mean of the first (X, Y) in each regime, (K, dim_x + dim_z).
+
+        Returns
+        -------
+        ndarray, shape (K, dim_x + dim_z)
+        """
         return self.form.marginal(np.eye(self.n_classes))[0]
 
     @property
     def takes_weights(self) -> bool:
-        """Whether values of the switch are class weights: those of a fuzzy one between more than two."""
+        """Whether values of the switch are class weights: a fuzzy switch between more than two regimes."""
         return self.is_fuzzy and self.n_classes > 2
 
     @abstractmethod
     def class_weights(self, r: ArrayLike) -> FloatArray:
-        """Return the shares of the regimes in values of the switch: (..., K)."""
+        """Return the class weights (..., K) of values of the switch."""
 
     @abstractmethod
     def _sample_switch(self, n: int, rng: np.random.Generator, n_nodes: int | None) -> FloatArray:
@@ -114,19 +129,19 @@ class SwitchingModel(Immutable, Document):
         units: Mapping[str, str] | Literal["keep"] | None = "keep",
         step: np.timedelta64 | timedelta | Literal["keep"] | None = "keep",
     ) -> Self:
-        """Return the same model with other names; what is not given stays as it is.
+        """Return the same model with other names, units or time step.
 
-        A filter of the model takes the observations from a table by their names, and refuses rows that are
-        farther apart, or nearer, than a step.  `fit` finds names and step in tables of pandas.
+        A filter of the model selects the columns of a table by these names, and rejects rows that are not one
+        step apart.  `fit` takes names and step from pandas tables.
 
         Parameters
         ----------
         states, observations : sequence of str, optional
-            Names of the components; None forgets them.
+            Names of the components; None removes them.
         units : mapping of str to str, optional
-            Units by name.  Those that stay go with the components, if these get other names.
+            Units by name.  Units that are not given stay with their component.
         step : numpy.timedelta64 or timedelta, optional
-            How far rows are apart.
+            Time between rows.
 
         Returns
         -------
@@ -136,7 +151,7 @@ class SwitchingModel(Immutable, Document):
         Raises
         ------
         ParameterError, ShapeError
-            If there are more or fewer names than components, see also `fuzzykf.labels.Labels`.
+            If the number of names differs from that of the components; see also `fuzzykf.labels.Labels`.
 
         Examples
         --------
@@ -190,10 +205,10 @@ class SwitchingModel(Immutable, Document):
 
     @property
     def exactness(self) -> str:
-        """Whether the model, on its nodes, has an exact filter, in words.
+        """Whether the model has an exact filter, in words.
 
-        Where it has none, by how much the condition is missed, and at which pair of regimes, is said of a
-        model made by `CGOMSModel.from_pairwise`.
+        If a model made by `CGOMSModel.from_pairwise` has none, this names the pair of regimes that violates
+        the condition, and by how much.
         """
         return self.form.exactness(self.placed().chain).words
 
@@ -204,37 +219,50 @@ class SwitchingModel(Immutable, Document):
         Parameters
         ----------
         n_nodes : int, optional
-            Nodes strictly between the regimes: by default 5, or those on which a free law was
-            learned.  A model of hard regimes has nothing in
-            between: it is placed on its regimes, exactly, whatever is asked for.
+            Number of nodes strictly between the regimes: by default 5, or those on which a free law was
+            learned.  Ignored for hard regimes.
         rule : {"cell", "midpoint", "gauss", "product"}
-            How the nodes stand for the values between, see `FuzzyMarkovLaw.discretize`.
+            Quadrature rule, see `FuzzyMarkovLaw.discretize`.
 
         Returns
         -------
         SwitchingSystem
-            What `fuzzykf.switching.SwitchingFilter` takes.
+            The argument of `fuzzykf.switching.SwitchingFilter`.
         """
 
     def on_nodes(self, n_nodes: int | None = None, rule: str = "cell") -> SwitchingSystem:
-        """Return `placed`, of which this is the older name."""
+        """Older name of `placed`.
+
+        Parameters
+        ----------
+        n_nodes, rule
+            As in `placed`.
+
+        Returns
+        -------
+        SwitchingSystem
+        """
         return self.placed(n_nodes, rule)
 
     def along(self, r: FloatArray, start: int = 0) -> KnownPath:
-        """Return the model along a known path of the switch, as the recursion takes it.
+        """Return the dynamics along a known path of the switch.
 
         Parameters
         ----------
         r : ndarray, shape (n,) or (n, K)
             Values of the switch.
         start : int
-            Index of the observation to which the first of them belongs.
+            Index of the observation that belongs to ``r[0]``.
+
+        Returns
+        -------
+        KnownPath
         """
         return self.form.along(self.class_weights(r), r, start)
 
     @abstractmethod
     def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
-        """Make the filter of the model.
+        """Return a filter of the model.
 
         Parameters
         ----------
@@ -244,7 +272,7 @@ class SwitchingModel(Immutable, Document):
         Returns
         -------
         SwitchingFilter
-            Before any observation: the exact filter, where there is one.
+            The exact filter, if there is one; before the first observation.
         """
 
     # ------------------------------------------------------------------ data and pictures
@@ -252,7 +280,7 @@ class SwitchingModel(Immutable, Document):
     def simulate(
         self, n: int, rng: np.random.Generator, n_nodes: int | None = None, us: Any = None
     ) -> Simulation:
-        """Draw a series of switches, states and observations.
+        """Simulate switch, states and observations.
 
         Parameters
         ----------
@@ -260,18 +288,19 @@ class SwitchingModel(Immutable, Document):
             Number of steps.
         rng : numpy.random.Generator
         n_nodes : int, optional
-            Nodes between the regimes that the switch moves on; see ``law.sample``.  By default
-            any value between them, where the law has such, else as many as the law says.  A model of
-            hard regimes has nothing in between.
+            Simulate the switch on this many nodes between the regimes; see ``law.sample``.  By default, it
+            takes any value if the law allows that, else those of the law's default nodes.  Ignored for hard
+            regimes.
         us : array_like, shape (n, k), or (n,) if there is one input, optional
-            Inputs, of a model that has them; ``us[0]`` is not used.  Where they act on the switch, it moves
-            on nodes.
+            Inputs, if the model has inputs; ``us[0]`` is not used.  If they act on the switch, it is
+            simulated on nodes.
 
         Returns
         -------
         Simulation
-            ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,): values in [0, 1] of a fuzzy
-            switch, regimes 0, ..., K - 1 of a hard one; class weights (n, K) of a fuzzy one between
+            ``x`` (n, m), ``y`` (n, q) and ``r`` (n,).  ``r`` holds values in [0, 1] for a fuzzy switch
+            between
+            two regimes, 0, ..., K - 1 for hard regimes, and class weights (n, K) for a fuzzy switch between
             more than two.
         """
         if isinstance(self.form, InputForm):

@@ -48,9 +48,9 @@ N_PROOF = 16
 class CGOFMSModel(SwitchingModel):
     """Conditionally Gaussian observed fuzzy Markov switching model.
 
-    A switch R moves between regimes, abruptly or gradually: on [0, 1] between two, on the edges of
-    a graph between more.  Given the switch, (X, Y) is a Gaussian Markov chain in which Y alone is
-    Markov too, so that X can be filtered exactly.
+    The switch R moves between regimes, abruptly or gradually: on [0, 1] for two regimes, on the edges of
+    a graph for more.  Given the switch, (X, Y) is a Gaussian Markov chain and Y alone is Markov, so that X
+    can be filtered exactly.
 
     Parameters
     ----------
@@ -61,21 +61,20 @@ class CGOFMSModel(SwitchingModel):
     covariances : array_like, shape (K, K, 2d, 2d)
         Covariance of (Z_n, Z_n+1) for each pair of regimes; rows X1, Y1, X2, Y2.
     dim_x : int
-        Number of components of the state; the others are observed.
+        Number m of components of the state; the others are observed.
     interpolation : {"covariance", "transition"}
-        What is bilinear between the regimes: the covariances, or the transition matrix
-        and the symmetric root of the noise covariance.
+        Quantity that is bilinear between the regimes: the covariances, or the transition matrix
+        and the symmetric square root of the noise covariance.
     constraint : {"project", "check"}
-        The entries Cov(Y2, X1) are not free: "project" sets them, whatever is given;
-        "check" refuses covariances in which they are off.
+        The blocks Cov(Y2, X1) are determined by the others: "project" sets them, "check" raises an error
+        if they are wrong.
 
     Raises
     ------
     ShapeError, ParameterError, NotPositiveDefiniteError
         If shapes, symmetry or the shared blocks are wrong, or if the noise covariance of
-        a pair of values of the switch is indefinite (which pair, which eigenvalue).  It
-        is proved at the hard values and on a grid of values in between; every filter
-        proves it again at its own nodes.
+        a pair of values of the switch is indefinite; the message names the pair and the eigenvalue.  The
+        constructor checks the hard values and a grid of values in between; a filter checks its nodes.
 
     References
     ----------
@@ -133,15 +132,15 @@ class CGOFMSModel(SwitchingModel):
         means: ArrayLike,
         covariances: ArrayLike,
     ) -> CGOFMSModel:
-        """Make a model from the regressions of each pair of regimes.
+        """Create a model from regression coefficients for each pair of regimes.
 
-        Per pair (i, j) of hard values of (r_n, r_n+1), and bilinear in between::
+        For each pair (i, j) of hard values of (r_n, r_n+1), and bilinear in between::
 
             Y' = Ayy Y + Ny + N(0, Qyy)
             X' = Axx X + H Y + G Y' + c + N(0, C)
 
-        Nothing is assumed stationary, and positive definiteness holds everywhere by
-        construction.  It is the form to learn in.
+        No stationarity is assumed, and all covariances are positive definite by construction.  Models are
+        learned in this form.
 
         Parameters
         ----------
@@ -151,6 +150,10 @@ class CGOFMSModel(SwitchingModel):
 (K, K, m), (K, K, m, m)
         means, covariances : array_like, shapes (K, d) and (K, d, d)
             Law of the first (X, Y) in each regime.
+
+        Returns
+        -------
+        CGOFMSModel
         """
         form = RegressionForm(
             Ayy=Ayy, Ny=Ny, Qyy=Qyy, Axx=Axx, H=H, G=G, c=c, C=C, means=means, covariances=covariances
@@ -194,69 +197,67 @@ class CGOFMSModel(SwitchingModel):
         rng: np.random.Generator | None = None,
         progress: bool | None = None,
     ) -> FitResult[CGOFMSModel]:
-        """Learn a model from data in which the state was measured as well.
+        """Learn a model from measured states and observations.
 
         Parameters
         ----------
         x, y : array_like, or list of these
-            States (n, m) and observations (n, q), or (n,); NaN where missing.  A row in which ``y`` is
-            missing ends a stretch.  Rows without ``x``, or with some components of it, are learned from too
-            (see Notes).  Several series are given as lists.  The model remembers the names of tables of
-            pandas, and how far their rows are apart (`labels`).
+            States (n, m) and observations (n, q), or (n,); NaN where missing.  A row without ``y``
+            splits the series.  Rows in which ``x`` is missing, wholly or partly, are used as well (see
+            Notes).  Several series are passed as lists.  The model stores column names and time step of
+            pandas tables (``labels``).
         r : array_like, shape (n,) or (n, K), or list of these, optional
-            Values of the switch in [0, 1]; between more than two classes their weights, or numbers of
-            classes (n,).  If it is hidden, it is learned too.
+            Values of the switch in [0, 1]; for more than two classes, class weights or numbers of
+            classes (n,).  Omit it if the switch is hidden: it is then learned, too.
         law : {"fmc1", "fmc2", "free", "fade", "graph"}, or a law
-            Family of the law of a switch between two classes; "free" is any Markov chain on the nodes.
-            Or a law of any number of classes, whose structure is kept (which fades, jumps or edges there
-            are, and whether fades turn back) and whose numbers are where a search for a hidden switch
-            begins; a `SwitchChain`, any chain with the same arrows.
+            Family of the law for two classes; "free" is any Markov chain on the nodes.  Or a law of any
+            number of classes: its structure (fades, jumps, edges, turning back) is kept, and its
+            parameters are the start of the search if the switch is hidden.  A `SwitchChain` means any chain
+            with the same nonzero transitions.
         form : {"auto", "regression", "covariance"}
-            Form of the Gaussian part.  "regression" assumes nothing stationary;
+            Form of the Gaussian part.  "regression" does not assume stationarity.
             "covariance" is that of the paper, with fewer parameters, for one state and one
-            observation.  "auto" learns in both, where both can be, and takes the one of
-            smaller BIC; a covariance form that positive definiteness bounds is not taken.  "covariance" is
-            learned from the rows in which x and y are measured, without the others, and "auto" does not
-            try it where an x is missing.
+            observation; it uses only rows in which both are measured.  "auto" learns both if possible and
+            keeps the one with the smaller BIC; it does not try "covariance" if an x is missing, and rejects
+            it if its estimate lies on the bound of positive definiteness.
         n_nodes : int, optional
-            Nodes between two classes (of each fade, or edge) on which a hidden switch is learned; the cost of
-            an iteration grows as the square of all nodes, or as the number of steps between them that are
-            possible.  By default 5, or as many as fades of the law have room for.  No fade is learned to be
-            shorter than its nodes.
+            Number of nodes between two classes (of each fade or edge) for a hidden switch.  The cost of an
+            iteration is proportional to the number of possible transitions between nodes.  By default 5, or
+            as many as the fades of the law have room for.  A learned fade is not shorter than its nodes.
         n_starts : int
-            Guesses of a hidden switch to begin from; the best ones go on to convergence.
-            More than 4 are drawn at random.
+            Number of initial guesses of a hidden switch; the best are iterated to convergence.
+            Beyond 4, they are drawn at random.
         max_iter : int
             Largest number of iterations.
         tolerance : float
-            Gain in log-likelihood per observation and iteration at which to stop.
+            Stop when an iteration gains less than this in log-likelihood per observation.
         rng : numpy.random.Generator, optional
-            For more than 4 starts.
+            Needed if ``n_starts`` is above 4.
         state_feedback : bool
-            Whether the state may depend on the one before it.  Without, ``Axx`` is zero: given the switch
-            the state depends on the latest two observations alone, the law of it that the filter finds is
-            exact and not matched in mean and covariance, and the filter cannot drift.  A state that is
-            learned from measurements of itself tends to lean on the one before, which the filter does not
-            see: on data without a memory of their own beyond that of the observations this filters better.
-            It is learned from single rows of x; a state that depends on the one before needs two in a row.
+            Whether the state may depend on the previous state.  If not, ``Axx`` is zero: given the switch,
+            the state depends on the latest two observations only, its filtered distribution is an exact
+            mixture rather than matched in mean and covariance, and the filter cannot drift.  Without
+            feedback the filter is often more accurate, because a model learned from measured states relies
+            on the previous state, which a filter does not know.  Feedback needs two consecutive rows of x,
+            no feedback only one.
         objective : {"joint", "filter"}
-            What is raised.  "joint": the likelihood of (x, y).  "filter": the log-density that the filter
-            gives the states that were measured, from the joint fit on; the last fifth of them is kept back,
-            and decides for how long, by how much the noise of the state is widened, and whether the joint
-            fit stays, as it does unless the difference is larger than its standard error and the states
-            that were learned from score better, too: see ``.training`` of the result.  For a hidden switch,
-            in the regression form.
+            Objective to maximise.  "joint": the likelihood of (x, y).  "filter": the log-density of the
+            measured states under the filter, starting from the joint fit.  The last fifth of the states
+            is used for validation: it determines the number of iterations and how much the state noise is
+            widened.  The joint fit is kept unless the gain is larger than its standard error and the
+            training states score better, too; see ``training`` of the result.  "filter" needs a hidden
+            switch and the regression form.
         order : int
-            How many observations before a step have coefficients of their own: short for
+            Number of lagged observations in the equations; short for
             ``features=WindowFeatures(order=...)``.
         inputs : array_like, shape (n, k) or (n,), or list of these, optional
-            What is known at all times: clock, calendar, control.  Inputs act linearly on the new observation
-            and the new state, in each pair of regimes, and on the log-odds of transitions (not where ``r`` is
-            given for a fuzzy switch).  The filter is told them as ``us``.
+            Known variables: clock, calendar, controls.  They act linearly on the new observation and the new
+            state, for each pair of regimes, and on the log-odds of the transitions (the latter not if ``r``
+            of a fuzzy switch is given).  Pass them to the filter as ``us``.
         features : WindowFeatures or "auto", optional
-            A map of the latest observations, see `WindowFeatures`.  "auto" learns with each of a few maps and
-            takes the one whose filter scores best on the states kept back (``.score_of_features`` of the
-            result); it needs ``objective="filter"``, as the joint likelihood rises with every feature.
+            Features of the latest observations.  "auto" tries several and keeps those with the best score on
+            validation rows (``score_of_features`` of the result); it needs ``objective="filter"``, because
+            the joint likelihood grows with every feature.
         progress : bool, optional
             Whether to show a progress bar (needs rich).  By default one appears after two seconds if
             standard error is a terminal, or in a notebook.
@@ -264,27 +265,25 @@ class CGOFMSModel(SwitchingModel):
         Returns
         -------
         FitResult
-            With ``.model``, ``.log_likelihood``, ``.trace``, ``.warnings``, ...
+            With ``model``, ``log_likelihood``, ``trace``, ``warnings`` and ``summary()``.
 
         Raises
         ------
         ParameterError
-            If ``x`` is missing (the parameters of the state are not identifiable from y
-            alone) or measured too seldom, or a parameter or the data are inadmissible; if several series
-            have other names, or steps of other lengths.
+            If ``x`` is missing or has too few values (the state equation cannot be identified from y alone);
+            if an argument is inadmissible; if series differ in names or time step.
 
         Notes
         -----
-        With ``r``: complete-data maximum likelihood on all transitions, hard and fuzzy.
-        Without: expectation-maximisation on the nodes, where (R, Z) is a hidden Markov
-        chain and the likelihood is exact.  Data are standardised inside.  A larger
-        likelihood need not mean a smaller filter error: compare models on held-out data.
+        With ``r``, parameters maximise the complete-data likelihood.  Without, they are found by
+        expectation-maximisation on the nodes, where the likelihood is exact.  Data are standardised
+        internally.  A larger likelihood does not imply a smaller filter error: compare models on held-out
+        data.
 
-        Where ``x`` is measured in some rows only, a step is p(y' | y) of the pair of classes, times
-        p(x' | x, y, y') where x' is measured and, with ``state_feedback``, x is as well.  So all rows of y
-        tell of the switch and the observation.  ``log_likelihood`` is that of y and of each x with such a
-        factor, the first x after a gap being given; without ``state_feedback`` it is that of all that was
-        measured.  Which rows have a state may depend on y, but not on x.
+        If ``x`` is measured in some rows only, the likelihood of a step is p(y' | y), times p(x' | x, y, y')
+        if x' is measured and, with ``state_feedback``, x is measured as well.  ``log_likelihood`` is the
+        product of these factors: with feedback, the first x after a gap is given.  Whether x is missing may
+        depend on y, but not on x.
 
         Examples
         --------
@@ -335,13 +334,17 @@ class CGOFMSModel(SwitchingModel):
         self.form.marginal(u[there])
 
     def class_weights(self, r: ArrayLike) -> FloatArray:
-        """Return the shares of the regimes in values of the switch: (..., K).
+        """Return the class weights (..., K) of values of the switch.
 
         Parameters
         ----------
         r : array_like
-            Numbers in [0, 1] between two regimes, of any shape.  Between more, class weights (..., K), or
-            a number or a flat array of regimes 0, ..., K - 1.
+            For two regimes: numbers in [0, 1], of any shape.  For more: class weights (..., K), or regimes
+            0, ..., K - 1 as a number or a flat array.
+
+        Returns
+        -------
+        ndarray, shape (..., K)
         """
         value = as_numbers("r", r)
         if self.n_classes > 2:
@@ -356,11 +359,16 @@ class CGOFMSModel(SwitchingModel):
         return self.law.p_hard
 
     def describe_switch(self) -> str:
-        """Say in words how the switch moves."""
+        """Describe the switch in words."""
         return f"fuzzy switch, law {self.law.kind}"
 
     def named_parameters(self) -> dict[str, float]:
-        """Return the numbers that make the law, and the share of hard values that follows from them."""
+        """Return the parameters of the law, and the resulting share of hard values.
+
+        Returns
+        -------
+        dict of str to float
+        """
         return self.law.numbers() | {"p_hard": float(self.p_hard)}
 
     def placed(self, n_nodes: int | None = None, rule: str = "cell") -> StationarySystem:
@@ -369,10 +377,15 @@ class CGOFMSModel(SwitchingModel):
         Parameters
         ----------
         n_nodes : int, optional
-            Nodes strictly between two classes.  By default 5, or as many as fades have room for, or those
-            on which a free law was learned.
+            Number of nodes strictly between two classes.  By default 5, or as many as fades have room for,
+            or those on which a free law was learned.
         rule : {"cell", "midpoint", "gauss", "product"}
-            See `FuzzyMarkovLaw.discretize`.
+            Quadrature rule, see `FuzzyMarkovLaw.discretize`.
+
+        Returns
+        -------
+        SwitchingSystem
+            The argument of `fuzzykf.switching.SwitchingFilter`.
         """
         return self.form.placed(self.law.discretize(self._nodes(n_nodes), rule))
 
@@ -380,7 +393,7 @@ class CGOFMSModel(SwitchingModel):
         return self.law.nodes_up_to(NODES) if n_nodes is None else n_nodes
 
     def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
-        """Make the filter of the model.
+        """Return the exact filter of the model.
 
         Parameters
         ----------
@@ -394,15 +407,19 @@ class CGOFMSModel(SwitchingModel):
         return FILTERS["OFSRFilter"](self, self._nodes(n_nodes), rule)
 
     def harden(self, n_nodes: int | None = None) -> CGOMSModel:
-        """Return the model of abrupt switches that is nearest in law.
+        """Return the corresponding model with hard regimes.
 
-        The law is integrated over the four quadrants; the Gaussian part of the hard
-        pairs stays as it is.
+        The law of the switch is integrated over the four quadrants; the Gaussian part of the hard
+        pairs does not change.
 
         Parameters
         ----------
         n_nodes : int, optional
-            Harden the chain on so many nodes instead; see `law.harden`.
+            Harden the chain on this many nodes instead; see `FuzzyMarkovLaw.harden`.
+
+        Returns
+        -------
+        CGOMSModel
         """
         joint = self.law.harden(n_nodes)
         initial = joint.sum(axis=1)
@@ -415,13 +432,28 @@ class CGOFMSModel(SwitchingModel):
         return self.law.sample(n, rng, n_nodes)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return law, Gaussian form and labels as plain values."""
+        """Return law, parameters and labels as plain values.
+
+        Returns
+        -------
+        dict
+        """
         parts = {"law": part_to_dict(self.law), "form": part_to_dict(self.form)}
         return parts | self._labels_to_dict()
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make a model from what `to_dict` returned."""
+        """Create a model from the output of `to_dict`.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        CGOFMSModel
+        """
         form = part_from_dict(values["form"], FORMS)
         return cls._from_form(part_from_dict(values["law"], LAWS), form)._labelled_from(values)
 

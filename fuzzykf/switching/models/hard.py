@@ -60,8 +60,8 @@ class CGOMSModel(SwitchingModel):
     Raises
     ------
     ShapeError, ParameterError, NotPositiveDefiniteError
-        If something is wrong with shapes, probabilities or covariances.  Noise is
-        checked at the pairs of positive probability.
+        If shapes, probabilities or covariances are wrong.  Noise covariances are checked for pairs
+        of positive probability.
 
     Examples
     --------
@@ -102,7 +102,7 @@ class CGOMSModel(SwitchingModel):
         *,
         initial: ArrayLike | None = None,
     ) -> CGOMSModel:
-        """Make a model from Z' - M(j) = A (Z - M(i)) + N(0, Q) for each pair (i, j) of regimes.
+        """Create a model from Z' - M(j) = A (Z - M(i)) + N(0, Q) for each pair (i, j) of regimes.
 
         Parameters
         ----------
@@ -113,6 +113,10 @@ class CGOMSModel(SwitchingModel):
             Moments of Z in each regime.
         dim_x : int
         initial : array_like, shape (K,), optional
+
+        Returns
+        -------
+        CGOMSModel
         """
         return cls._from_form(transition, TransitionForm(A, Q, means, covariances, dim_x), initial)
 
@@ -133,10 +137,22 @@ class CGOMSModel(SwitchingModel):
         covariances: ArrayLike,
         initial: ArrayLike | None = None,
     ) -> CGOMSModel:
-        """Make a model from the regressions of each pair of K regimes.
+        """Create a model from regression coefficients for each pair of regimes.
 
-        Parameters are those of `CGOFMSModel.from_regressions`, with leading shape
-        (K, K), or (K,) for ``means`` and ``covariances``.
+        Parameters
+        ----------
+        transition : array_like, shape (K, K)
+            ``transition[i, j]`` is the probability of regime j after regime i.
+        Ayy, Ny, Qyy, Axx, H, G, c, C : array_like, shapes (K, K, ...)
+            As in `CGOFMSModel.from_regressions`.
+        means, covariances : array_like, shapes (K, d) and (K, d, d)
+            Law of the first (X, Y) in each regime.
+        initial : array_like, shape (K,), optional
+            Probability of the first regime; the stationary one by default.
+
+        Returns
+        -------
+        CGOMSModel
         """
         form = RegressionForm(
             Ayy=Ayy, Ny=Ny, Qyy=Qyy, Axx=Axx, H=H, G=G, c=c, C=C, means=means, covariances=covariances
@@ -156,22 +172,22 @@ class CGOMSModel(SwitchingModel):
         dim_x: int,
         initial: ArrayLike | None = None,
     ) -> CGOMSModel:
-        """Make a model from Z' = A_k Z + offset_k + N(0, noise_k), k the regime of arrival, Z = (X, Y).
+        """Create a model from Z' = A_k Z + offset_k + N(0, noise_k), with k the new regime and Z = (X, Y).
 
-        In blocks A = [[Axx, Axy], [Ayx, Ayy]]: where Ayx is not zero the state acts on the next
-        observation, and filtering need not be exact.  The model is made all the same; `exactness` says which
-        kind it is of.  If it is exact, `CGOMSMFilter` takes it; `SwitchingKalmanFilter` takes any.
+        In blocks, A = [[Axx, Axy], [Ayx, Ayy]].  If Ayx is not zero, the state acts on the next
+        observation, and there may be no exact filter; `exactness` tells.  `CGOMSMFilter` accepts exact
+        models only, `SwitchingKalmanFilter` any.
 
         Parameters
         ----------
         transition : array_like, shape (K, K)
             ``transition[i, j]`` is the probability of regime j after regime i.
         A : array_like, shape (K, d, d)
-            How Z moves to each regime; d = dim_x + dim_z.
+            Transition matrix of Z to each regime; d = dim_x + dim_z.
         noise : array_like, shape (K, d, d)
-            Covariance of its noise; may be singular, but for the block of Y.
+            Noise covariance; may be singular, except for the block of Y.
         offset : array_like, shape (K, d), optional
-            By default zero.
+            Offset of Z; by default zero.
         means, covariances : array_like, shapes (K, d) and (K, d, d)
             Law of the first Z in each regime.
         dim_x : int
@@ -226,16 +242,16 @@ class CGOMSModel(SwitchingModel):
         order: int = 1,
         mode: Mode = "stationary",
     ) -> CGOMSModel:
-        """Make a model with an exact filter near a switching state-space model (CGLSSM).
+        """Approximate a switching state-space model (CGLSSM) by a model with an exact filter.
 
-        The state-space model is, with j the regime of the new time and U, V standard normal,
+        The state-space model is, with j the new regime and U, V standard normal,
 
             X' = A_j X + C_j U,    Y' = B_j X' + D_j V.
 
-        It has no exact filter of bounded cost.  The model made here (a CMSHLM) has one, and an
-        exact likelihood and smoother.  It agrees with the given one in the law of the regimes
-        and, given those of two consecutive times, in the covariance of the new state and
-        observation and the ``order`` observations before; what older ones say, it forgets.
+        It has no exact filter of bounded cost.  The approximation (a CMSHLM) has an exact filter,
+        likelihood and smoother.  The law of the regimes is the same and, given two consecutive regimes, so
+        is the joint covariance of the new state, the new observation and the ``order`` observations before.
+        Older observations are ignored.
 
         Parameters
         ----------
@@ -243,51 +259,56 @@ class CGOMSModel(SwitchingModel):
             ``transition[i, j]`` is the probability of regime j after regime i; K of at least 1.
         A, B : array_like, shapes (K, m, m) and (K, q, m)
         C, D : array_like, shapes (K, m, s) and (K, q, t)
-            Factors of the covariances C C' and D D' of the noises, not covariances.
+            Factors of the noise covariances C C' and D D'.
         initial_probability : array_like, shape (K,), optional
             Probability of the regimes at the first observation; the stationary one by default.
         initial_covariance : array_like, shape (K, m, m), optional
             Covariance of X given the regime, at the first observation; the stationary one by
             default.  Its mean is zero.
         construction : {"gain", "markov_x", "clip"}
-            The equation of the state.  "gain": the new observation corrects the state as in
-            a Kalman filter; exists always.  "markov_x": that of the paper, X is a Markov chain;
-            its filter has no feedback, and it exists only if Var(X' | Y, Y') - A_j Var(X | Y) A_j'
-            is positive semi-definite.  "clip": as near to that as existence allows.
+            State equation.  "gain": the new observation corrects the state as in
+            a Kalman filter; always exists.  "markov_x": X is a Markov chain, as in the paper;
+            the filter has no feedback, and the model exists only if Var(X' | Y, Y') - A_j Var(X | Y) A_j'
+            is positive semi-definite.  "clip": the closest existing model to "markov_x".
         noise : {"pair", "averaged"}
-            One noise covariance per pair of regimes, or one per new regime, averaged over those
-            before, as (23) of the paper is printed.
+            One noise covariance per pair of regimes, or one per new regime, averaged over the previous
+            regimes as in equation (23) of the paper.
         order : int
-            How many past observations a step conditions on, at most 64; above 1 with "gain" only.  The
-            model gets nearer with each, see `closeness`, at little cost.
+            Number of past observations in the equations, at most 64; above 1 with "gain" only.  A larger
+            order is more accurate, at little cost; see `closeness`.
         mode : {"stationary", "time_varying"}
-            Whether regimes and state start in their stationary law, or as given, so that each
-            step has a table of its own.
+            Whether regimes and state start in their stationary law, or as given; coefficients then
+            depend on time.
+
+        Returns
+        -------
+        CGOMSModel
 
         Raises
         ------
         ShapeError, ParameterError
             If shapes do not agree, probabilities do not sum to one, an option is unknown, or, in
-            mode "stationary", what is given as initial is not stationary.
+            mode "stationary", the initial law is not stationary.
         NotStableError
-            In mode "stationary", if the second moments of X do not settle; the message names
+            In mode "stationary", if the second moments of X do not converge; the message names
             the spectral radius.
         NotPositiveDefiniteError
             If the covariance of an observation given the past is singular, or the
             construction does not exist; the message names the regimes, the step and the
-            eigenvalue.  In mode "time_varying" the first ``order + K`` steps are proved here (100 with
-            "markov_x"), the others as soon as they are reached.
+            eigenvalue.  In mode "time_varying", the first ``order + K`` steps (100 with "markov_x") are
+            checked here, the others when they are reached.
 
         Warns
         -----
         ClosenessWarning
-            If `closeness` is above 1.25: a mean squared error a quarter larger than it could be.
+            If `closeness` is above 1.25, that is, the mean squared error is 25 % above the optimum.
 
         Notes
         -----
-        On data of the given model, which `cglssm` keeps, the filter is not better than
-        `IMMEstimator`: that one approximates the posterior of the right model, this one is
-        exact for a model nearby.  After Pieczynski et al. (TAIMA 2013), (14)-(23), corrected.
+        On data of the state-space model, the filter is not more accurate than `IMMEstimator`, which
+        approximates the posterior of the right model; this one is exact for an approximate model.  The
+        attribute `cglssm` keeps the state-space model.  After Pieczynski et al. (TAIMA 2013), (14)-(23),
+        corrected.
 
         Examples
         --------
@@ -351,32 +372,31 @@ class CGOMSModel(SwitchingModel):
         rng: np.random.Generator | None = None,
         progress: bool | None = None,
     ) -> FitResult[CGOMSModel]:
-        """Learn a model from data in which the state was measured as well.
+        """Learn a model from measured states and observations.
 
         Parameters
         ----------
         x, y : array_like, or list of these
-            States (n, m) and observations (n, q), or (n,); NaN where missing.  As in `CGOFMSModel.fit`:
-            rows of ``y`` without ``x`` are learned from as well.
+            States (n, m) and observations (n, q), or (n,); NaN where missing.  Rows of ``y``
+            without ``x`` are used as well, see `CGOFMSModel.fit`.
         r : array_like, shape (n,), or list of these, optional
-            Regimes 0, ..., n_regimes - 1; learned too if they are hidden.
+            Regimes 0, ..., n_regimes - 1.  Omit it if they are hidden: they are then learned, too.
         n_regimes : int
-            Number K of regimes; 2 unless said otherwise.
+            Number K of regimes, by default 2.
         n_switches : int
-            Another name of ``n_regimes``: the switch takes so many values.
+            Another name of ``n_regimes``.
         form, n_starts, max_iter, tolerance, state_feedback, objective, order, inputs, features, rng, progress
             As in `CGOFMSModel.fit`.
 
         Returns
         -------
         FitResult
-            With ``.model``, ``.log_likelihood``, ``.trace``, ``.warnings``, ...; where states are missing the
-            likelihood is that of `CGOFMSModel.fit`.
+            With ``model``, ``log_likelihood``, ``trace``, ``warnings`` and ``summary()``.
 
         Raises
         ------
         ParameterError
-            As from `CGOFMSModel.fit`; or if both names of the number of regimes are given, and differ.
+            As from `CGOFMSModel.fit`; if ``n_regimes`` and ``n_switches`` differ.
 
         Examples
         --------
@@ -421,9 +441,18 @@ class CGOMSModel(SwitchingModel):
         return self._system.chain.initial
 
     def class_weights(self, r: ArrayLike) -> FloatArray:
-        """Return the one-hot shares of regimes 0, 1, ..., K - 1: (..., K).
+        """Return the class weights (..., K) of regimes 0, ..., K - 1: one for the regime, else zero.
 
-        Where `SwitchingStateSpace.to_exact` made the model, its regimes are nodes, with class weights.
+        In a model made by `SwitchingStateSpace.to_exact`, regimes are nodes, with class weights of their own.
+
+        Parameters
+        ----------
+        r : array_like of int
+            Regimes.
+
+        Returns
+        -------
+        ndarray, shape (..., K)
         """
         value = as_numbers("r", r)
         if not np.isin(value, np.arange(self.n_classes)).all():
@@ -433,12 +462,12 @@ class CGOMSModel(SwitchingModel):
 
     @property
     def p_hard(self) -> float:
-        """Probability that the switch is in a hard regime: one; of a model made by `to_exact`, at first."""
+        """Probability of a hard regime: one, except in a model made by `SwitchingStateSpace.to_exact`."""
         chain = self._system.chain
         return 1.0 if chain.atoms.all() else float(chain.initial[chain.atoms].sum())
 
     def describe_switch(self) -> str:
-        """Say in words how the switch moves."""
+        """Describe the switch in words."""
         if not self._system.chain.atoms.all():
             return f"fuzzy switch, a chain on {self.n_classes} nodes"
         if self.n_classes == 1:
@@ -447,19 +476,27 @@ class CGOMSModel(SwitchingModel):
         return f"{self.n_classes} hard regimes, which stay with probability {stays}"
 
     def named_parameters(self) -> dict[str, float]:
-        """Return the transition probabilities; of many regimes only those of staying."""
+        """Return the transition probabilities by name; for many regimes only the diagonal.
+
+        Returns
+        -------
+        dict of str to float
+        """
         K = self.n_classes
         pairs = [(i, j) for i in range(K) for j in range(K) if i == j or K <= MOST_PAIRED]
         return {f"p({i}, {j})": float(self.transition[i, j]) for i, j in pairs}
 
     def placed(self, n_nodes: int | None = None, rule: str = "cell") -> SwitchingSystem:
-        """Return the model on its regimes, as the recursion takes it.
+        """Return the system that a filter takes.
 
         Parameters
         ----------
         n_nodes, rule
-            For models whose switch has values between the regimes; this one is placed
-            exactly without them, whatever is asked for.
+            Ignored: a hard switch has no values between the regimes.
+
+        Returns
+        -------
+        SwitchingSystem
         """
         if n_nodes is not None and not (is_whole(n_nodes) and n_nodes >= 0):
             raise ParameterError(f"n_nodes: got {n_nodes!r}, expected a whole number of at least 0")
@@ -467,12 +504,16 @@ class CGOMSModel(SwitchingModel):
         return self._system
 
     def jointly(self, n_nodes: int | None = None, rule: str = "cell") -> JointSystem:
-        """Return a pairwise model on its regimes with all of (X, Y) for a state: any such model has that.
+        """Return the system of a pairwise model in which the whole of (X, Y) is the state.
 
         Parameters
         ----------
         n_nodes, rule
             As in `placed`.
+
+        Returns
+        -------
+        SwitchingSystem
 
         Raises
         ------
@@ -488,12 +529,12 @@ class CGOMSModel(SwitchingModel):
         return self.form.jointly(self._system.chain)
 
     def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
-        """Make the filter of the model.
+        """Return the exact filter of the model.
 
         Parameters
         ----------
         n_nodes, rule
-            As in `placed`: a hard model has no need of them.
+            Ignored, as in `placed`.
 
         Returns
         -------
@@ -514,34 +555,34 @@ class CGOMSModel(SwitchingModel):
 
     @property
     def cglssm(self) -> CGLSSM | None:
-        """The state-space model from which `from_cglssm` made this one, or None."""
+        """State-space model from which `from_cglssm` made this model, or None."""
         given: CGLSSM | None = self.form.cglssm
         return given
 
     def closeness(self, weights: ArrayLike | None = None) -> float:
-        """Compare the filter of a converted model (`from_cglssm`, `to_exact`) with the optimal one.
+        """Compare the filter of a converted model with the optimal filter.
 
-        Both are told the regimes and run on data of the state-space model; the optimal one is
-        then the Kalman filter.  No simulation: `fuzzykf.switching.state_space.closeness` has the recursions.
+        The model comes from `from_cglssm` or `SwitchingStateSpace.to_exact`.  Both filters know the regimes
+        and run on data of the state-space model, for which the optimal filter is the Kalman filter.  The
+        errors are computed by recursions, without simulation.
 
         Parameters
         ----------
         weights : array_like, shape (m,), optional
-            Weights of the squared errors of the components of the state, for components
-            of different units; all one by default.
+            Weights of the squared errors of the state components; by default all one.
 
         Returns
         -------
         float
-            Mean squared error of this model's filter in the long run, divided by that
-            of the Kalman filter; at best 1.  Of a time-varying model in which the ratio
-            does not settle, after 256 observations.
+            Asymptotic mean squared error of this model's filter, divided by that of the Kalman filter;
+            1 is optimal.  For a time-varying model whose ratio does not converge, the value after 256
+            observations.
 
         Raises
         ------
         ParameterError
             If the model was not converted, or ``weights`` are negative or all zero;
-            likewise if a time-varying model ceases to exist before the ratio has settled.
+            if a time-varying model ceases to exist before the ratio converges.
 
         Examples
         --------
@@ -553,7 +594,12 @@ class CGOMSModel(SwitchingModel):
         return self.form.closeness(np.ones(self.dim_x) if weights is None else weights)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return chain, Gaussian form and labels as plain values."""
+        """Return chain, parameters and labels as plain values.
+
+        Returns
+        -------
+        dict
+        """
         return {
             "transition": self.transition.tolist(),
             "initial": self.initial.tolist(),
@@ -562,7 +608,17 @@ class CGOMSModel(SwitchingModel):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make a model from what `to_dict` returned."""
+        """Create a model from the output of `to_dict`.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        CGOMSModel
+        """
         form = part_from_dict(values["form"], FORMS)
         return cls._from_form(values["transition"], form, values["initial"])._labelled_from(values)
 

@@ -29,13 +29,13 @@ __all__ = ["CGLSSM"]
 class CGLSSM(SwitchingStateSpace):
     """Conditionally Gaussian linear state-space model: a linear system whose regime is a Markov chain.
 
-    It is the hard `SwitchingStateSpace` without offsets, in the notation of the papers.
+    A `SwitchingStateSpace` with hard regimes and without offsets, in the notation of the papers.
 
-    With j the regime of the new time,
+    With j the regime at the new time,
 
         X' = A_j X + C_j U,    Y' = B_j X' + D_j V,
 
-    U and V standard normal, and X of mean zero given any regime at the first observation.
+    with U and V standard normal.  At the first observation, X has mean zero given the regime.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class CGLSSM(SwitchingStateSpace):
     Attributes
     ----------
     transition, initial_probability, A, B, C, D, initial_covariance : ndarray
-        As given; not writeable.
+        As given; read-only.
     n_classes, dim_x, dim_z : int
         Numbers K of regimes, m of states, q of observations.
 
@@ -73,9 +73,8 @@ class CGLSSM(SwitchingStateSpace):
 
     Notes
     -----
-    Neither the covariance of X nor that of Y is a parameter beside A, B, C and D, which
-    imply both (2013 paper, (18)).  For an exact filter, pass on to a nearby model by
-    `CGOMSModel.from_cglssm`.
+    The covariances of X and Y follow from A, B, C and D (2013 paper, equation (18)).  For an exact
+    filter, approximate the model by `CGOMSModel.from_cglssm`.
 
     Examples
     --------
@@ -163,7 +162,7 @@ class CGLSSM(SwitchingStateSpace):
 
     @property
     def starts_stationary(self) -> bool:
-        """Whether the initial probabilities of the regimes stay as they are."""
+        """Whether the initial probabilities of the regimes are stationary."""
         after = self.initial_probability @ self.transition
         return bool(np.allclose(after, self.initial_probability, rtol=0.0, atol=SUM_TOLERANCE))
 
@@ -177,7 +176,7 @@ class CGLSSM(SwitchingStateSpace):
 
     @property
     def spectral_radius(self) -> float:
-        """Growth of the second moments of X per step, in the long run.
+        """Asymptotic growth factor of the second moments of X per step.
 
         The spectral radius of the matrix with p(r_n = i | r_{n+1} = j) A_j (x) A_j in block
         row j and column i.  The model is mean-square stable if it is below one.
@@ -186,10 +185,14 @@ class CGLSSM(SwitchingStateSpace):
         return float(np.abs(np.linalg.eigvals(operator)).max())
 
     def stationary_covariance(self) -> FloatArray:
-        """Return the covariance of X given each regime in the long run, (K, m, m).
+        """Return the stationary covariance of X given each regime, (K, m, m).
 
-        The fixed point of recursion (18) of the paper.  A regime that does not occur in the
-        long run has the covariance C C' of its noise.
+        It is the fixed point of recursion (18) of the paper.  For a regime that does not occur in the
+        stationary law, it is the noise covariance C C'.
+
+        Returns
+        -------
+        ndarray, shape (K, m, m)
 
         Raises
         ------
@@ -225,7 +228,7 @@ class CGLSSM(SwitchingStateSpace):
         NotStableError
             If there is no stationary covariance.
         ParameterError
-            If the initial probability or the initial covariance is another one.
+            If the initial probability or the initial covariance is not stationary.
         """
         advice = "expected the stationary one (leave it out), or mode='time_varying'"
         if not self.starts_stationary:
@@ -248,7 +251,7 @@ class CGLSSM(SwitchingStateSpace):
     def simulate(
         self, n: int, rng: np.random.Generator, n_nodes: int | None = None, us: None = None
     ) -> Simulation:
-        """Draw a series of regimes, states and observations.
+        """Simulate regimes, states and observations.
 
         Parameters
         ----------
@@ -256,14 +259,14 @@ class CGLSSM(SwitchingStateSpace):
             Number of observations.
         rng : numpy.random.Generator
         n_nodes : int, optional
-            For models whose switch has values between the regimes.
+            Ignored: a hard switch has no values between the regimes.
         us : None
-            For models that have controls.
+            Must be None: the model has no controls.
 
         Returns
         -------
         Simulation
-            ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,), regimes as 0, ..., K - 1.
+            ``x`` (n, m), ``y`` (n, q) and ``r`` (n,) with regimes 0, ..., K - 1.
         """
         read_controls(us, n, self, begins=True)
         r = self.chain.sample(n, rng)
@@ -280,7 +283,12 @@ class CGLSSM(SwitchingStateSpace):
     # ------------------------------------------------------------------ values
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the arguments of the constructor as plain lists."""
+        """Return the arguments of the constructor as plain lists.
+
+        Returns
+        -------
+        dict
+        """
         return {
             "transition": self.transition.tolist(),
             **{name: getattr(self, name).tolist() for name in "ABCD"},
@@ -290,7 +298,17 @@ class CGLSSM(SwitchingStateSpace):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make a model from what `to_dict` returned."""
+        """Create a model from the output of `to_dict`.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        CGLSSM
+        """
         names = ("transition", *"ABCD", "initial_probability", "initial_covariance")
         return cls(**{name: values[name] for name in names})._labelled_from(values)
 

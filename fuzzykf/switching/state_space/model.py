@@ -41,22 +41,22 @@ N_PROOF = 16
 
 
 class SwitchingStateSpace(SwitchingModel):
-    """Linear state-space model whose matrices follow a switch, abrupt or gradual.
+    """Linear state-space model whose matrices follow an abrupt or gradual switch.
 
     With w the class weights of the switch at the new time,
 
         X' = F(w) X + b(w) + B(w) u' + N(0, Q(w)),
         Y' = H(w) X' + d(w) + N(0, R(w)).
 
-    Each parameter is one array shared by all K classes, or has a leading axis with one for each class,
-    which are mixed by the class weights, or is a function of the class weights (K,): a mixture of two
-    rotations is no rotation.
+    Each parameter is an array shared by all K classes, an array with a leading axis for the classes, which
+    is averaged by the class weights, or a function of the class weights (K,).  Use a function where an
+    average makes no sense: the average of two rotations is not a rotation.
 
     Parameters
     ----------
     law : Law, SwitchChain or array_like, shape (K, K)
-        How the switch moves: a law (`FuzzyMarkovLaw`, `FadeLaw`, `GraphLaw`, ...), a chain of your own, or
-        transition probabilities of K hard regimes.  For the last two numbers of nodes play no part.
+        Law of the switch (`FuzzyMarkovLaw`, `FadeLaw`, `GraphLaw`, ...), your own chain, or the transition
+        probabilities of K hard regimes.  For the last two, ``n_nodes`` is ignored.
     F : array_like, shape (m, m) or (K, m, m), or callable
         Transition matrix of the state.
     H : array_like, shape (q, m) or (K, q, m), or callable
@@ -66,10 +66,10 @@ class SwitchingStateSpace(SwitchingModel):
     R : array_like, shape (q, q) or (K, q, q), or callable
         Covariance of the measurement noise.
     initial : array_like, shape (K,), optional
-        Probabilities of the classes at the first observation, where the switch is not in between.  By
-        default the switch is stationary; a chain of your own starts as it says.
+        Probabilities of the classes at the first observation.  By default the switch is stationary, and your
+        own chain starts from its initial law.
     b : array_like, shape (m,) or (K, m), or callable, optional
-        Offset of the motion, by default zero.
+        Offset of the state, by default zero.
     d : array_like, shape (q,) or (K, q), or callable, optional
         Offset of the observation, by default zero.
     B : array_like, shape (m, k) or (K, m, k), or callable, optional
@@ -77,10 +77,10 @@ class SwitchingStateSpace(SwitchingModel):
     x0 : array_like, shape (m,), (m, 1) or (K, m), optional
         Mean of the state at the first observation.  By default the stationary one.
     P0 : array_like, shape (m, m) or (K, m, m), optional
-        Its covariance; by default the stationary one.
+        Covariance of the state at the first observation; by default the stationary one.
     mix : {"linear", "log"}
-        How covariances are mixed: as convex combinations, which keep singular ones valid, or in the
-        logarithm of their Cholesky factors, so that the noise fades evenly from .2 to 20.
+        How covariances are averaged: linearly, which admits singular ones, or in the logarithm of their
+        Cholesky factors, so that noise fades evenly over orders of magnitude.
 
     Attributes
     ----------
@@ -96,19 +96,18 @@ class SwitchingStateSpace(SwitchingModel):
     Raises
     ------
     ShapeError, ParameterError
-        If shapes or numbers of classes do not agree, probabilities do not sum to one, or a function returns a
-        wrong shape or depends on more than the class weights.
+        If shapes or numbers of classes do not agree, probabilities do not sum to one, or a function returns
+        the wrong shape or depends on more than the class weights.
     NotPositiveDefiniteError
         If a covariance is indefinite; the message names the class, or the class weights.
     NotStableError
-        If x0 or P0 is not given and there is no stationary one; the message names the spectral radius.
+        If x0 or P0 is omitted and no stationary one exists; the message names the spectral radius.
 
     Notes
     -----
-    Such a model has no exact filter of bounded cost.  `SwitchingKalmanFilter` approximates it, and
-    `KnownSwitchFilter` is the bound.  Given a law, a stationary x0 or P0 is that of the nodes on which the
-    law is placed, and between them, for `simulate` and a known switch, that of the nearest of the default
-    nodes.
+    The model has no exact filter of bounded cost.  `SwitchingKalmanFilter` approximates it;
+    `KnownSwitchFilter` gives the lower bound of the error.  For a law, a stationary x0 or P0 is computed on
+    the nodes; between nodes, for `simulate` and a known switch, the nearest default node counts.
 
     Examples
     --------
@@ -167,17 +166,17 @@ class SwitchingStateSpace(SwitchingModel):
         initial: ArrayLike | None = None,
         mix: Literal["linear", "log"] = "linear",
     ) -> SwitchingStateSpace:
-        """Make a model from Kalman filters, one for each class: the shortest way from filterpy's IMM.
+        """Create a model from Kalman filters, one per class, as for filterpy's IMM.
 
-        As for `IMMEstimator`, the x and P of each filter stand before its first predict, so that they are
-        moved once here: the model starts at the first observation.
+        As for `IMMEstimator`, x and P of each filter belong to the time before the first predict.  The model
+        starts at the first observation, so they are predicted once.
 
         Parameters
         ----------
         filters : sequence of KalmanFilter
-            Two or more, of fuzzykf or of filterpy; the model takes their F, H, Q, R, B, x and P.
+            Two or more, from fuzzykf or filterpy; the model takes their F, H, Q, R, B, x and P.
         law : Law, SwitchChain or array_like, shape (K, K)
-            How the switch moves between them.
+            Law of the switch between them.
         initial, mix
             As in the constructor.
 
@@ -188,8 +187,8 @@ class SwitchingStateSpace(SwitchingModel):
         Raises
         ------
         ShapeError, ParameterError
-            If there are less than two filters, or not as many as classes, one lacks a matrix, has a fading
-            memory or verbs of its own, or shapes do not agree.
+            If there are fewer than two filters, or their number is not that of the classes; if a filter
+            lacks a matrix, has a fading memory or overrides `predict` or `update`; if shapes do not agree.
         NotPositiveDefiniteError
             If a covariance is indefinite.
 
@@ -229,14 +228,14 @@ class SwitchingStateSpace(SwitchingModel):
 
     @property
     def p_hard(self) -> float:
-        """Probability that the switch is in a hard regime; of a chain at the first observation."""
+        """Probability that the switch is in a hard regime; for a chain, at the first observation."""
         if isinstance(self.law, SwitchChain):
             return float(self.law.initial[self.law.atoms].sum())
         return self.law.p_hard
 
     @property
     def takes_weights(self) -> bool:
-        """Whether values of the switch are class weights, as those of its nodes are or may be."""
+        """Whether values of the switch are class weights."""
         return self.form.chain.nodes.ndim == 2 or (self.is_fuzzy and not self._lies_between)
 
     @property
@@ -249,20 +248,24 @@ class SwitchingStateSpace(SwitchingModel):
         return bool(np.abs(chain.class_weights - between).max() <= SAME_VALUE)
 
     def describe_switch(self) -> str:
-        """Say in words how the switch moves."""
+        """Describe the switch in words."""
         if isinstance(self.law, SwitchChain):
             return f"{'fuzzy' if self.is_fuzzy else 'hard'} switch, a chain on {len(self.law)} nodes"
         return f"fuzzy switch, law {self.law.kind}"
 
     def class_weights(self, r: ArrayLike) -> FloatArray:
-        """Return the shares of the classes in values of the switch: (..., K).
+        """Return the class weights (..., K) of values of the switch.
 
         Parameters
         ----------
         r : array_like
-            Numbers in [0, 1] between two classes, regimes 0, ..., K - 1 of a hard switch.  Of a fuzzy switch
-            between more than two, class weights (..., K) or a number or a flat array of classes; of a chain
-            of your own whose nodes have other values these, or class weights.
+            For two classes: numbers in [0, 1].  For a hard switch: regimes 0, ..., K - 1.  For a fuzzy switch
+            between more than two classes: class weights (..., K), or classes as a number or a flat array.
+            For your own chain: values of its nodes, or class weights.
+
+        Returns
+        -------
+        ndarray, shape (..., K)
         """
         value, chain = as_numbers("r", r), self.form.chain
         if chain.nodes.ndim == 2 or (self.takes_weights and value.ndim > 1):
@@ -286,7 +289,7 @@ class SwitchingStateSpace(SwitchingModel):
     def simulate(
         self, n: int, rng: np.random.Generator, n_nodes: int | None = None, us: Any = None
     ) -> Simulation:
-        """Draw a series of switches, states and observations.
+        """Simulate switch, states and observations.
 
         Parameters
         ----------
@@ -294,27 +297,28 @@ class SwitchingStateSpace(SwitchingModel):
             Number of steps.
         rng : numpy.random.Generator
         n_nodes : int, optional
-            Nodes between the classes that the switch moves on; see ``law.sample``.  By default any value
-            between them, where the law has such, else as many as the law says.
+            Simulate the switch on this many nodes between the classes; see ``law.sample``.  By default, it
+            takes any value if the law allows that, else those of the law's default nodes.
         us : array_like, shape (n, k), or (n,) if there is one control, optional
-            Controls, as `SwitchingKalmanFilter.filter` takes them: ``us[n]`` moves to observation n,
-            ``us[0]`` is not used, and None in a list means that none acts.  What is drawn does not depend
-            on them.
+            Controls, as in `SwitchingKalmanFilter.filter`: ``us[n]`` acts on the step to observation n,
+            ``us[0]`` is not used, and None in a list means no control.  Random numbers do not depend on
+            them.
 
         Returns
         -------
         Simulation
-            ``.x`` (n, m), ``.y`` (n, q) and ``.r`` (n,), or class weights (n, K) of a fuzzy switch between
-            more than two.
+            ``x`` (n, m), ``y`` (n, q) and ``r`` (n,), or class weights (n, K) for a fuzzy switch between
+            more than two classes.
 
         Raises
         ------
         ShapeError, ParameterError
-            If ``us`` has a wrong shape, is not finite, or the model has no ``B``; nothing is drawn then.
+            If ``us`` has the wrong shape, is not finite, or the model has no ``B``; the generator is then
+            unchanged.
 
         Examples
         --------
-        A heater that is turned on half way, by the same noise:
+        A heater that is switched on, with the same noise:
 
         >>> import numpy as np
         >>> from fuzzykf import SwitchingStateSpace
@@ -344,68 +348,69 @@ class SwitchingStateSpace(SwitchingModel):
         tolerance: float = 1e-7,
         progress: bool | None = None,
     ) -> LikelihoodFit[SwitchingStateSpace]:
-        """Learn noise levels, offsets, the law of the switch, ... from observations, by maximum likelihood.
+        """Learn noise, offsets, law and other parameters from observations, by maximum likelihood.
 
-        The search begins at this model, which stays as it is.  What is not free is held.
+        The search starts from this model, which does not change.  Parameters that are not free are fixed.
 
         Parameters
         ----------
         zs : array_like, DataFrame, list or mapping
-            A series of observations (n, q), or several, of any lengths; NaN where missing.
+            A series of observations (n, q), or several of any lengths; NaN where missing.
         xs : array_like, list or mapping, optional
-            Measured states (n, m), as many series; NaN where not measured, in any pattern.  They count as
-            observations without an error.
+            Measured states (n, m), for the same series; NaN where not measured.  They count as
+            observations without noise.
         free : mapping of str to object
-            What is to be learned of which parameters.  Of ``Q``, ``R`` and ``P0``: "full", all of it;
-            "diagonal", its variances; ("scale", M), a multiple of the covariance M; or an array of bool,
-            which entries.  Of ``F``, ``H``, ``b``, ``d``, ``x0`` and ``B``: "full" or an array of bool.  A
-            parameter that the model holds for each class is learned for each, a shared one is shared; of the
-            former a mask may be that of one class, for all.  ``"law": True`` frees the numbers of the law, of
-            a matrix or a chain all probabilities that are not zero: those of the first class as well, unless
-            it begins in its stationary law, which it then keeps to.
+            Parameters to learn.  For ``Q``, ``R`` and ``P0``: "full" (all entries), "diagonal" (variances),
+            ("scale", M) (a multiple of the covariance M), or a boolean mask of entries.  For ``F``, ``H``,
+            ``b``, ``d``, ``x0`` and ``B``: "full" or a boolean mask.  A parameter with one value per class
+            is learned per class, a shared one stays shared; a mask of a single class applies to all.
+            ``"law": True`` frees the parameters of the law, or all nonzero probabilities of a matrix or
+            chain, including the initial ones unless they are stationary; they then stay stationary.
         us : optional
-            Controls, as `SwitchingKalmanFilter.filter` takes them; of several series a list or a mapping.
+            Controls, as in `SwitchingKalmanFilter.filter`; for several series, a list or a mapping.
         n_nodes : int, optional
-            Nodes between the classes, by default 5, or as many as the law admits.
+            Number of nodes between the classes; by default 5, or as many as the law admits.
         n_starts : int
-            Searches, of which all but the first begin around this model at random.
+            Number of searches.  The first starts at this model, the others at random points around it.
         rng : numpy.random.Generator, optional
-            For more than one start.
+            Needed if ``n_starts`` is above 1.
         max_iter : int
-            Iterations of a search.
+            Largest number of iterations of a search.
         tolerance : float
             Gain in log-likelihood at which a search stops.
         progress : bool, optional
-            Whether to show a bar; by default one appears after two seconds, if somebody can see it.
+            Whether to show a progress bar.  By default it appears after two seconds in a terminal or
+            notebook.
 
         Returns
         -------
         LikelihoodFit
-            With estimates, standard errors, intervals, ``summary()``, the other maxima that were found, and
-            ``model``: a new one with the estimates.  Its ``occupancy`` is the share of the steps in each
-            class, each given the observations up to then.  Warnings say what the data do not tell.
+            With estimates, standard errors, intervals, other maxima, ``summary()``, and ``model``, a new
+            model
+            with the estimated parameters.  ``occupancy`` is the filtered share of the steps in each class.
+            ``warnings`` name what the data do not identify.
 
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            If series have other shapes; if ``free`` is inadmissible: a parameter is a function of the class
-            weights, or a variance that is free is zero at the start; if nothing is observed, or what is
-            observed has no density under this model.
+            If shapes do not agree; if ``free`` is inadmissible: a parameter is a function of the class
+            weights,
+            or a free variance is zero at the start; if nothing is observed, or the observations have no
+            density under this model.
 
         Notes
         -----
-        The likelihood is that of IMM on the nodes, which merges what leads to a node: it is an approximation,
-        better where noise switches than where offsets or gains do, and exact with one class, or where the
-        whole state is measured at every step.  Its gradient is exact, through the mixing of the classes, the
-        law, and a stationary law of the first state.
+        The likelihood is that of IMM on the nodes.  It is an approximation, better if the noise switches than
+        if offsets or gains do, and exact for one class or if the whole state is measured at every step.  Its
+        gradient is exact.
 
-        Known matrices and unknown noise levels, offsets and laws can be learned.  Gains ``H`` that are
-        unknown have several maxima, also with wrong signs; of a state that is never measured its scale cannot
-        be told from that of H and Q.
+        Noise levels, offsets and laws can be learned if the matrices are known.  Unknown gains ``H`` have
+        several maxima, also with wrong signs; the scale of a state that is never measured cannot be
+        distinguished from that of H and Q.
 
         Examples
         --------
-        A sensor whose noise fades from .3 to 3 and back; half and twice as much is believed at first:
+        A sensor whose noise fades from 0.3 to 3 and back; the search starts at 0.6 and 1.5:
 
         >>> import numpy as np
         >>> from fuzzykf import FadeLaw, SwitchingStateSpace
@@ -435,10 +440,15 @@ class SwitchingStateSpace(SwitchingModel):
         Parameters
         ----------
         n_nodes : int, optional
-            Nodes strictly between the classes, of fades and edges each; by default 5, or as many as the law
-            admits.  A chain has its own.
+            Number of nodes within each fade or edge; by default 5, or as many as the law admits.  Ignored for
+            a chain.
         rule : {"cell", "midpoint", "gauss", "product"}
-            See `FuzzyMarkovLaw.discretize`; all probabilities have to be positive.
+            Quadrature rule, see `FuzzyMarkovLaw.discretize`; it must give positive probabilities.
+
+        Returns
+        -------
+        SwitchingSystem
+            The argument of `fuzzykf.switching.SwitchingFilter`.
         """
         if isinstance(self.law, SwitchChain):  # what makes no sense is refused all the same
             as_choice("rule", rule, RULES)
@@ -446,7 +456,7 @@ class SwitchingStateSpace(SwitchingModel):
         return self.form.placed(self._chain(n_nodes, rule))
 
     def filter(self, n_nodes: int | None = None, rule: str = "cell") -> Any:
-        """Make the filter of the model, by the method "imm".
+        """Return the filter of the model, with the method "imm".
 
         Parameters
         ----------
@@ -460,31 +470,31 @@ class SwitchingStateSpace(SwitchingModel):
         return FILTERS["SwitchingKalmanFilter"](self, n_nodes=self._nodes(n_nodes), rule=rule)
 
     def to_exact(self, order: int, n_nodes: int = 5) -> Any:
-        """Make a model on the nodes of the switch that has an exact filter, near this one.
+        """Approximate the model, on the nodes of the switch, by one with an exact filter.
 
-        Given the nodes of two consecutive times it agrees with this model in mean and covariance of the new
-        state and observation and of the ``order`` observations before; what older ones say, it forgets.  So
-        the next observation depends on the latest ones, not on the state.
+        Given two consecutive nodes, mean and covariance of the new state, the new observation and the
+        ``order`` observations before are those of this model; older observations are ignored.  The next
+        observation then depends on the latest ones, not on the state.
 
         Parameters
         ----------
         order : int
-            How many past observations a step conditions on, from 1 to 64.  The model gets nearer with each.
+            Number of past observations in the equations, from 1 to 64.  A larger order is more accurate.
         n_nodes : int
-            Nodes between the classes, of fades and edges each; a chain has its own.
+            Number of nodes within each fade or edge; ignored for a chain.
 
         Returns
         -------
         CGOMSModel
-            For `CGOMSMFilter`.  Its regimes are the nodes, by number; the filter shows their values and class
-            weights.  `CGOMSModel.closeness` compares it with the optimal filter.
+            Model for `CGOMSMFilter`, whose regimes are the nodes.  `CGOMSModel.closeness` compares it with
+            the optimal filter.
 
         Raises
         ------
         ParameterError
             If ``order`` or ``n_nodes`` is inadmissible, or the model has controls.
         NotStableError, NotPositiveDefiniteError
-            If the first state is to be stationary and is not, moments grow beyond all bounds, or the
+            If the initial state is to be stationary but no stationary state exists, moments diverge, or the
             covariance of an observation is singular.
 
         Warns
@@ -494,16 +504,15 @@ class SwitchingStateSpace(SwitchingModel):
 
         Notes
         -----
-        What it is for is an exact likelihood, with filter, smoother and forecasts, of a model that can be
-        declared.  It is not the better filter: on data of this model it does not surpass
-        `SwitchingKalmanFilter`, and on tracking at order 5 its squared error is 10 to 80 per cent above.
+        The purpose is an exact likelihood, with filter, smoother and forecasts.  The filter is not more
+        accurate than `SwitchingKalmanFilter` on data of this model; in tracking at order 5, its squared
+        error is 10 to 80 per cent larger.
 
-        Its smoother looks back through the switch alone: given the nodes and the observations up to n, the
-        state at n says nothing of later observations, so that what these tell of it is what they tell of the
-        switch.  `SwitchingKalmanFilter.smooth` looks back at the state as well.
+        Its smoother uses later observations for the switch only: given the nodes and the observations up to
+        n, the state at n is independent of later observations.  `SwitchingKalmanFilter.smooth` uses them for
+        the state as well.
 
-        With one node, and an order of at least the length of the series, it is the Kalman filter.  Tables
-        are those of every step if switch and state start in their stationary laws, else made step by step.
+        With one node, and an order of at least the length of the series, it is the Kalman filter.
 
         Examples
         --------
@@ -528,10 +537,14 @@ class SwitchingStateSpace(SwitchingModel):
     def to_dict(self) -> dict[str, Any]:
         """Return law, parameters and labels as plain values.
 
+        Returns
+        -------
+        dict
+
         Raises
         ------
         ParameterError
-            If a parameter is a function.
+            If a parameter is a function, which a file cannot hold.
         """
         initial = None if self.initial is None else self.initial.tolist()
         law = _chain_to_dict(self.law) if isinstance(self.law, SwitchChain) else part_to_dict(self.law)
@@ -539,7 +552,17 @@ class SwitchingStateSpace(SwitchingModel):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make a model from what `to_dict` returned."""
+        """Create a model from the output of `to_dict`.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        SwitchingStateSpace
+        """
         law = dict(values["law"])
         is_chain = law["kind"] == _NODES
         made = SwitchChain(**{k: law[k] for k in _CHAIN}) if is_chain else part_from_dict(law, LAWS)
