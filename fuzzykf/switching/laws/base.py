@@ -37,9 +37,9 @@ class Reach(NamedTuple):
 
 
 class Law(Immutable, ABC):
-    """Law of a stationary Markov chain: how the switch moves.
+    """Law of the switch, a stationary Markov chain.
 
-    A law never changes.  A new one is a file in this folder, and a line in
+    Laws are immutable.  To add one, add a file to this folder and a line to
     `fuzzykf.switching.laws.registry`.
     """
 
@@ -58,7 +58,7 @@ class Law(Immutable, ABC):
 
     @abstractmethod
     def sample(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> FloatArray:
-        """Draw a stationary chain of ``n`` values; on so many nodes, or exactly."""
+        """Draw ``n`` consecutive values of the switch, on nodes or exactly."""
 
     @abstractmethod
     def harden(self, n_nodes: int | None = None) -> FloatArray:
@@ -70,26 +70,44 @@ class Law(Immutable, ABC):
         """Probability that the switch is in a hard regime."""
 
     def size(self, n_nodes: int) -> int:
-        """Return the number of nodes of the chain on so many between two classes."""
+        """Return the total number of nodes of the discretised law.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of nodes between two classes.
+
+        Returns
+        -------
+        int
+        """
         return self.n_classes + n_nodes
 
     def nodes_up_to(self, most: int) -> int:
-        """Return the largest number of nodes, but not above ``most``, that the law can be put on."""
+        """Return the largest admissible number of nodes, at most ``most``.
+
+        Parameters
+        ----------
+        most : int
+
+        Returns
+        -------
+        int
+        """
         return most if self.own_nodes is None else self.own_nodes
 
     def mean_dwell(self, n_nodes: int | None = None) -> FloatArray:
-        """Return the mean number of steps that the switch stays in each regime, once it is there.
+        """Return the mean number of steps that the switch stays in each regime.
 
         Parameters
         ----------
         n_nodes : int, optional
-            Of the chain on so many nodes; it depends on them where the law is a chain only once
-            they are chosen, if at all.
+            Number of nodes of the chain, for laws that depend on it.
 
         Returns
         -------
         ndarray, shape (K,)
-            NaN for a regime that has no mass; infinite for one that is never left.
+            NaN for a regime of probability zero; infinite for one that is never left.
         """
         joint, hard = self._joint(n_nodes)
         mass = joint.sum(axis=1)[hard]
@@ -99,7 +117,7 @@ class Law(Immutable, ABC):
         return dwell
 
     def mean_fade(self, n_nodes: int | None = None) -> float:
-        """Return the mean number of steps between two regimes, over all times that they are left gradually.
+        """Return the mean number of steps of a gradual transition between regimes.
 
         Parameters
         ----------
@@ -109,7 +127,7 @@ class Law(Immutable, ABC):
         Returns
         -------
         float
-            NaN where the switch is hard at all times; infinite where it never is.
+            NaN if the switch is always hard; infinite if it never is.
         """
         joint, hard = self._joint(n_nodes)
         between, left = float(joint[~hard].sum()), float(joint[np.ix_(hard, ~hard)].sum())
@@ -124,9 +142,18 @@ class Law(Immutable, ABC):
         return joint, chain.atoms
 
     def reach(self, n: int) -> Reach:
-        """Return values of the switch, up to ``n`` between two regimes, and what may follow them.
+        """Return a grid of values of the switch, and which may follow which.
 
-        Models prove their noise there.
+        Models check their noise covariances on this grid.
+
+        Parameters
+        ----------
+        n : int
+            Largest number of values between two regimes.
+
+        Returns
+        -------
+        Reach
         """
         chain = self.discretize(self.nodes_up_to(n))
         there = chain.initial > 0.0
@@ -136,12 +163,21 @@ class Law(Immutable, ABC):
 
     @classmethod
     def by_name(cls, n_nodes: int) -> Self:
-        """Return the law of two classes from which a search on so many nodes begins, told the family alone.
+        """Return the initial law of a search over the family, for two classes.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of nodes between two classes.
+
+        Returns
+        -------
+        Law
 
         Raises
         ------
         ParameterError
-            If the family has none.
+            If the family cannot be searched by name.
         """
         raise ParameterError(
             f"law: got {cls.kind!r}, a family that is not learned by name; expected a law of it, from which "
@@ -149,7 +185,16 @@ class Law(Immutable, ABC):
         )
 
     def learner(self, n_nodes: int) -> ChainFamily:
-        """Return the chain on so many nodes whose free numbers learning moves, from this law on.
+        """Return the discretised law as expectation-maximisation updates it.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of nodes between two classes.
+
+        Returns
+        -------
+        ChainFamily
 
         Raises
         ------
@@ -159,7 +204,16 @@ class Law(Immutable, ABC):
         raise ParameterError(f"law: got one of the kind {self.kind!r}, which cannot be learned")
 
     def free_numbers(self, n_nodes: int) -> LawNumbers:
-        """Return the numbers of the law on so many nodes that an ascent moves, beginning at this law.
+        """Return the free parameters of the law for gradient ascent.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of nodes between two classes.
+
+        Returns
+        -------
+        LawNumbers
 
         Raises
         ------
@@ -169,16 +223,20 @@ class Law(Immutable, ABC):
         raise ParameterError(f"law: got one of the kind {self.kind!r}, which cannot be learned")
 
     def likeliest(self, paths: Sequence[FloatArray], n_nodes: int) -> Self:
-        """Return the law of the same structure that is likeliest for paths of a switch that is known.
+        """Return the maximum-likelihood law of the same structure for known paths of the switch.
 
-        Unless a family knows better: the one whose chain on ``n_nodes`` nodes is, where each value of
-        the switch is taken for its cell.
+        By default, the likelihood is that of the chain on ``n_nodes`` nodes, with each value of the switch
+        in its cell.
 
         Parameters
         ----------
         paths : sequence of ndarray, shape (n, K)
             Class weights.
         n_nodes : int
+
+        Returns
+        -------
+        Law
 
         Raises
         ------
@@ -203,16 +261,36 @@ class Law(Immutable, ABC):
         """The parameters of the law by name."""
 
     def numbers(self) -> dict[str, float]:
-        """Return the numbers of the law by names that a table can show."""
+        """Return the parameters of the law by name, for tables.
+
+        Returns
+        -------
+        dict of str to float
+        """
         return {name: value for name, value in self.parameters.items() if isinstance(value, float)}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the arguments of the constructor as plain values, for a file."""
+        """Return the arguments of the constructor as plain values, for a file.
+
+        Returns
+        -------
+        dict
+        """
         return self.parameters
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Make a law from what `to_dict` returned."""
+        """Create a law from the output of `to_dict`.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        Law
+        """
         return cls(**values)
 
 
@@ -240,7 +318,7 @@ class ParametricLaw(Law):
 
     @abstractmethod
     def logits(self) -> FloatArray:
-        """Return the logits of the law; finite, so at the bounds of the family those of a law nearby."""
+        """Return the logits of the law; finite, so on the bounds of the family those of a close law."""
 
     @classmethod
     @abstractmethod
@@ -292,7 +370,7 @@ class ParametricLaw(Law):
         return cls.from_logits, cls.n_free
 
     def learner(self, n_nodes: int) -> ChainFamily:
-        """Return the chain on so many nodes whose logits learning moves."""
+        """Return the discretised law as expectation-maximisation updates it."""
         return LawChain(self, n_nodes)
 
     def estimates_of(self, law: Self) -> dict[str, float]:
@@ -303,7 +381,7 @@ class ParametricLaw(Law):
         return {f"logit {k}": float(value) for k, value in enumerate(law.logits())}
 
     def free_numbers(self, n_nodes: int) -> LawNumbers:
-        """Return the logits, for an ascent."""
+        """Return the logits, as free parameters for gradient ascent."""
         return LogitNumbers(self, n_nodes)
 
     def likeliest(self, paths: Sequence[FloatArray], n_nodes: int) -> Self:

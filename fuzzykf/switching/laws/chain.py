@@ -48,25 +48,24 @@ MOST_DRAWS = 10**9
 class SwitchChain:
     """A stationary Markov chain on the nodes of a switch.
 
-    For such a chain the filters are exact: what is approximate, if anything, is
-    the chain as an approximation of a fuzzy law.
+    Filters are exact for such a chain; the approximation of a fuzzy law is in its discretisation.
 
     Parameters
     ----------
     nodes : array_like, shape (M,) or (M, K)
-        Values of the switch, one per node: numbers, or the class weights where it moves among
-        more than two classes.  Several nodes may share a value, as the two directions of a fade do.
+        Values of the switch at the nodes: numbers, or class weights for more than two classes.  Several nodes
+        may share a value, like the two directions of a fade.
     weights : array_like, shape (M,)
-        Measure of each node: 1 for a regime of its own (an atom), the quadrature
-        weight in between; density is mass divided by weight.
+        Measure of each node: 1 for a hard regime (an atom), the quadrature weight in between.  Density is
+        mass divided by weight.
     initial : array_like, shape (M,)
         Probability of each node at the first observation.
     transition : array_like, shape (M, M)
-        ``transition[i, j]`` is the probability of going from node i to node j.  Rows
-        sum to one.  Product integration may give (small) negative entries.
+        ``transition[i, j]`` is the probability of node j after node i; rows sum to one.  Product integration
+        may give small negative entries.
     class_weights : array_like, shape (M, K), optional
-        How much of each hard regime a node is; rows sum to one.  By default the nodes
-        lie between two regimes, with weights (1 - r, r), or are class weights themselves.
+        Class weights of the nodes; rows sum to one.  By default (1 - r, r) for numbers r, or the nodes
+        themselves.
 
     Raises
     ------
@@ -134,14 +133,18 @@ class SwitchChain:
 
     @classmethod
     def from_classes(cls, transition: ArrayLike, initial: ArrayLike | None = None) -> SwitchChain:
-        """Make the chain of K hard regimes 0, 1, ..., K - 1.
+        """Create the chain of K hard regimes 0, 1, ..., K - 1.
 
         Parameters
         ----------
         transition : array_like, shape (K, K)
-            Row-stochastic.
+            ``transition[i, j]`` is the probability of regime j after regime i.
         initial : array_like, shape (K,), optional
             By default the stationary distribution.
+
+        Returns
+        -------
+        SwitchChain
 
         Raises
         ------
@@ -167,11 +170,31 @@ class SwitchChain:
         return int(self.class_weights.shape[1])
 
     def values(self, keys: FloatArray) -> FloatArray:
-        """Return the values of the switch, (...) or (..., K), that keys stand for."""
+        """Return the values of the switch for keys, as the engine returns them.
+
+        Parameters
+        ----------
+        keys : ndarray
+            Values for two classes, else indices of nodes.
+
+        Returns
+        -------
+        ndarray, shape (...) or (..., K)
+        """
         return keys if self.nodes.ndim == 1 else self.nodes[keys.astype(np.intp)]
 
     def describe(self, k: int) -> str:
-        """Return the value of the switch at a node as a message shows it."""
+        """Return the value of the switch at a node as text.
+
+        Parameters
+        ----------
+        k : int
+            Index of the node.
+
+        Returns
+        -------
+        str
+        """
         return f"{self.nodes[k]:.6g}" if self.nodes.ndim == 1 else value_of(self.nodes[k])
 
     @cached_property
@@ -182,13 +205,13 @@ class SwitchChain:
 
     @cached_property
     def ranking(self) -> IntArray:
-        """How the nodes are looked through for the most likely value of the switch, (2, M); see `rank`."""
+        """Order in which nodes are searched for the most likely value of the switch, (2, M)."""
         found = rank(self.nodes, np.where(self.atoms[:, None], False, self.class_weights > 0.0))
         found.flags.writeable = False
         return found
 
     def by_value(self, mu: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Sum probabilities over the nodes of each value, as whoever shows them has to.
+        """Sum probabilities over the nodes that share a value.
 
         Parameters
         ----------
@@ -198,8 +221,9 @@ class SwitchChain:
         Returns
         -------
         values : ndarray, shape (V,) or (V, K)
-            Increasing; class weights in the order of the nodes that have them first.
+            Distinct values: numbers increasing, class weights in the order of the nodes.
         masses : ndarray, shape (..., V)
+            Their probabilities.
 
         Examples
         --------
@@ -221,7 +245,7 @@ class SwitchChain:
 
     @cached_property
     def reachable(self) -> BoolArray:
-        """Which nodes some path visits, as a boolean array of shape (M,)."""
+        """Which nodes can be reached, as a boolean array of shape (M,)."""
         there = self.initial > 0.0
         while True:
             more = there | (self.transition[there] != 0.0).any(axis=0)
@@ -235,7 +259,7 @@ class SwitchChain:
         return bool((self.transition < 0.0).any())
 
     def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
-        """Draw ``n`` consecutive nodes.
+        """Draw ``n`` consecutive values of the switch.
 
         Parameters
         ----------
@@ -245,7 +269,7 @@ class SwitchChain:
         Returns
         -------
         ndarray, shape (n,)
-            Their values.
+            Values of the switch.
         """
         check_generator(rng)
         n = as_count("n", n, most=MOST_DRAWS)

@@ -60,37 +60,35 @@ class FadeLength(NamedTuple):
 
 
 class FadeLaw(GraphicLaw):
-    """Law of a switch that fades from class to class in a direction, or jumps.
+    """Law of a switch that fades or jumps from class to class.
 
     Parameters
     ----------
     n_classes : int
         Number K of classes (hard regimes).
     fades : mapping of (int, int) to (float, float)
-        For a fade from class a to class b, ``{(a, b): (rate, mean_length)}``: the probability that it
-        begins in a step at a, and how many steps it lasts on average, at least 1.  With rate 0 it is
-        entered from the fade back alone, by turning.
+        ``{(a, b): (rate, mean_length)}`` for a fade from class a to class b: the probability per step at a
+        that it begins, and its mean number of steps, at least 1.  A fade with rate 0 is only entered by
+        turning back.
     jumps : mapping of (int, int) to float, optional
-        ``{(a, b): p}``: the probability that the switch goes from a to b at once.
+        ``{(a, b): p}``: the probability per step at a of a jump from a to b.
     turn_back : float
-        Probability, per step in a fade, to go on with the fade back from the same place.
+        Probability per step in a fade of turning back, into the opposite fade at the same place.
 
     Raises
     ------
     ParameterError
-        If a class is left with a probability of more than 1, a fade has no fade back although
-        ``turn_back`` is positive, or there is no unique stationary law.
+        If the probability of leaving a class exceeds 1, a fade has no opposite fade although
+        ``turn_back`` is positive, or the stationary law is not unique.
 
     Notes
     -----
-    The law is a chain only once the number F of cells of each fade is chosen.  A fade lasts
-    ``mean_length`` on average whatever F is, for ``turn_back = 0``; its standard deviation is
-    sqrt(F (1 - F / mean_length)) mean_length / F, none at all for F = ``mean_length``.  F cannot be larger
-    than the length.  Where no number is given, in `sample`, `harden` and the durations, it is 5, or as
-    many as the shortest fade has room for, min(5, floor(shortest length)); if fades turn back there is
-    room for floor(length (1 - turn_back)).  Filters take 5 unless they are told otherwise.
+    The number F of cells of each fade determines the chain.  For ``turn_back = 0``, the mean length of a
+    fade does not depend on F; its standard deviation is sqrt(F (1 - F / mean_length)) mean_length / F, which
+    is zero for F = ``mean_length``.  F cannot exceed the length, or floor(length (1 - turn_back)) if fades
+    turn back.  By default, F is 5, or less if the shortest fade has no room for 5 cells; filters use 5.
 
-    Classes that are left for ever have no part in the stationary law.
+    Transient classes have probability zero in the stationary law.
 
     Examples
     --------
@@ -169,19 +167,23 @@ class FadeLaw(GraphicLaw):
 
     @classmethod
     def between(cls, dwell: float, length: float, *, jump: float = 0.0, turn_back: float = 0.0) -> Self:
-        """Make the symmetric law of two classes.
+        """Create the symmetric law of two classes.
 
         Parameters
         ----------
         dwell : float
-            Mean number of steps at a class, at least 1: what leaves it is a fade or a jump, with a
-            probability of 1 / dwell together.
+            Mean number of steps at a class, at least 1.  It is left by a fade or a jump, with total
+            probability 1 / dwell per step.
         length : float
             Mean number of steps of a fade, at least 1.
         jump : float
             Probability of a jump per step at a class, at most 1 / dwell.
         turn_back : float
             As for `FadeLaw`.
+
+        Returns
+        -------
+        FadeLaw
 
         Examples
         --------
@@ -206,7 +208,7 @@ class FadeLaw(GraphicLaw):
 
     @property
     def fades(self) -> dict[tuple[int, int], tuple[float, float]]:
-        """Rate and mean length by fade, in the order of their cells."""
+        """Rate and mean length of each fade, in the order of their cells."""
         return dict(self._fades)
 
     @property
@@ -225,7 +227,12 @@ class FadeLaw(GraphicLaw):
         }
 
     def numbers(self) -> dict[str, float]:
-        """Return mean stays, rate and mean length of each fade, probability of each jump, of turning back."""
+        """Return mean dwell times and the parameters of fades, jumps and turning back, by name.
+
+        Returns
+        -------
+        dict of str to float
+        """
         leave = self._arrows().sum(axis=1)
         named = {f"stay at {k}": 1.0 / p if p else float("inf") for k, p in enumerate(leave.tolist())}
         for (a, b), (rate, length) in self._fades:
@@ -234,7 +241,12 @@ class FadeLaw(GraphicLaw):
         return named | ({"turn_back": self.turn_back} if self.turn_back else {})
 
     def to_dict(self) -> dict[str, Any]:
-        """Return classes, fades [a, b, rate, length], jumps [a, b, p] and turn_back as plain values."""
+        """Return classes, fades [a, b, rate, length], jumps [a, b, p] and turn_back as plain values.
+
+        Returns
+        -------
+        dict
+        """
         return {
             "n_classes": self.n_classes,
             "fades": [[*pair, *values] for pair, values in self._fades],
@@ -244,7 +256,17 @@ class FadeLaw(GraphicLaw):
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Make a law from what `to_dict` returned."""
+        """Create a law from the output of `to_dict`.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        FadeLaw
+        """
         return cls(
             values["n_classes"],
             {(a, b): (rate, length) for a, b, rate, length in values["fades"]},
@@ -264,35 +286,55 @@ class FadeLaw(GraphicLaw):
     # ------------------------------------------------------------------ the chain
 
     def size(self, n_nodes: int) -> int:
-        """Return the number of nodes of the chain with so many cells in each fade."""
+        """Return the total number of nodes, for ``n_nodes`` cells per fade.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of cells of each fade.
+
+        Returns
+        -------
+        int
+        """
         return self.n_classes + n_nodes * len(self._fades)
 
     def nodes_up_to(self, most: int) -> int:
-        """Return the largest number of cells, but not above ``most``, that every fade has room for."""
+        """Return the largest admissible number of cells per fade, at most ``most``.
+
+        Parameters
+        ----------
+        most : int
+
+        Returns
+        -------
+        int
+        """
         return min([most, *(self._room(length) for _, (_, length) in self._fades)])
 
     def _room(self, length: float) -> int:
         return int(np.floor(length * (1.0 - self.turn_back) * (1.0 + ROUNDING)))
 
     def discretize(self, n_nodes: int, rule: str = "cell") -> SwitchChain:
-        """Return the chain with so many cells in each fade.
+        """Return the chain with a given number of cells per fade.
 
         Parameters
         ----------
         n_nodes : int
-            Number F of cells of each fade.  Without any a fade is a jump.
+            Number F of cells of each fade.  With 0, a fade is a jump.
         rule : {"cell"}
+            The only rule of this law.
 
         Returns
         -------
         SwitchChain
-            On the classes, then the cells fade by fade in the order of ``fades``: K + F (number of
-            fades) nodes.  Its initial law is the stationary one.
+            Stationary chain.  Its nodes are the K classes, then F cells of each fade in the order of
+            ``fades``.
 
         Raises
         ------
         ParameterError
-            If a fade is too short for so many cells.
+            If a fade is shorter than ``n_nodes`` steps.
 
         Examples
         --------
@@ -383,13 +425,36 @@ class FadeLaw(GraphicLaw):
 
     @classmethod
     def by_name(cls, n_nodes: int) -> Self:
-        """Return the law of two classes from which a search begins: most departures fade, some jump."""
+        """Return the initial law of a search, for two classes: mostly fades, some jumps.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of cells of each fade.
+
+        Returns
+        -------
+        FadeLaw
+        """
         return cls.between(40.0, max(10.0, 2.0 * n_nodes), jump=0.005, turn_back=0.02)
 
     def with_numbers(
         self, rates: FloatArray, lengths: FloatArray, jumps: FloatArray, turn_back: float
     ) -> Self:
-        """Return the law of the same fades and jumps with other numbers, in their order."""
+        """Return a law of the same structure with other parameters.
+
+        Parameters
+        ----------
+        rates, lengths : ndarray
+            One per fade, in their order.
+        jumps : ndarray
+            One per jump, in their order.
+        turn_back : float
+
+        Returns
+        -------
+        FadeLaw
+        """
         fades = {
             pair: (float(rate), float(length))
             for (pair, _), rate, length in zip(self._fades, rates, lengths, strict=True)
@@ -398,19 +463,39 @@ class FadeLaw(GraphicLaw):
         return type(self)(self.n_classes, fades, jumps=made, turn_back=turn_back)
 
     def learner(self, n_nodes: int) -> FadeChain:
-        """Return the chain with so many cells in each fade, as learning moves it."""
+        """Return the discretised law as expectation-maximisation updates it.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of cells of each fade.
+
+        Returns
+        -------
+        FadeChain
+        """
         return FadeChain(self, n_nodes)
 
     def free_numbers(self, n_nodes: int) -> FadeNumbers:
-        """Return rates, jumps, lengths and turning back with so many cells in each fade, for an ascent."""
+        """Return the free parameters of the law for gradient ascent.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of cells of each fade.
+
+        Returns
+        -------
+        FadeNumbers
+        """
         return FadeNumbers(self, n_nodes)
 
     def likeliest(self, paths: Sequence[FloatArray], n_nodes: int) -> Self:
-        """Return the law in which events are as frequent as along paths of a switch that is known.
+        """Return the law of the same structure with the event frequencies of known paths of the switch.
 
-        It is the same for all numbers of cells: a fade lasts as many steps as it took on average.  What the
-        law has but the paths do not is as likely as in one more step, in which it were as before: so it stays
-        one law, and does not fall into parts.
+        It does not depend on the number of cells: the mean length of a fade is the average number of steps
+        it took.  Events that do not occur in the paths get the weight of one additional step, so that the
+        law stays irreducible.
 
         Parameters
         ----------
@@ -418,10 +503,14 @@ class FadeLaw(GraphicLaw):
             Class weights.
         n_nodes : int
 
+        Returns
+        -------
+        FadeLaw
+
         Raises
         ------
         ParameterError
-            If something happens that the law has no fade, no jump or no turning for.
+            If the paths contain a fade, jump or turn that the law does not have.
         """
         events = count_events(paths, self.n_classes)
         self._check_events(events)
@@ -462,7 +551,7 @@ class FadeLaw(GraphicLaw):
     # ------------------------------------------------------------------ what follows from it
 
     def fade_lengths(self, n_nodes: int | None = None) -> dict[tuple[int, int], FadeLength]:
-        """Return mean and standard deviation of the number of steps that each fade lasts.
+        """Return mean and standard deviation of the length of each fade, in steps.
 
         Parameters
         ----------
@@ -472,7 +561,7 @@ class FadeLaw(GraphicLaw):
         Returns
         -------
         dict of (int, int) to FadeLength
-            Until a class is reached: a fade that turns back, and back again, counts as one.
+            Number of steps until a class is reached, including turns.
 
         Examples
         --------
@@ -500,16 +589,15 @@ class FadeLaw(GraphicLaw):
     def p_hard(self) -> float:
         """Probability that the switch is at a class.
 
-        It is the same for all numbers of cells unless fades turn back, and those there and back are not
-        alike; then it is that of the number in the notes of the class.
+        If fades turn back and opposite fades differ, it depends on the number of cells, and the default
+        number counts.
         """
         return float(self.discretize(self.nodes_up_to(NODES)).initial[: self.n_classes].sum())
 
     def harden(self, n_nodes: int | None = None) -> FloatArray:
         """Return the joint probabilities of two consecutive hard regimes.
 
-        A cell counts as the class that is nearer, the middle one as the class that is being left:
-        to share it out would invent jumps.
+        A cell counts as the nearest class, the middle cell as the class that is being left.
 
         Parameters
         ----------
@@ -534,12 +622,12 @@ class FadeLaw(GraphicLaw):
         return joint
 
     def sample(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> FloatArray:
-        """Draw a stationary chain of ``n`` values.
+        """Draw ``n`` consecutive values of the stationary chain.
 
         Parameters
         ----------
         n : int
-            Length.
+            Number of values.
         rng : numpy.random.Generator
         n_nodes : int, optional
             Number of cells; see the notes of the class.
@@ -547,7 +635,7 @@ class FadeLaw(GraphicLaw):
         Returns
         -------
         ndarray, shape (n,) or (n, K)
-            For two classes the share of class 1, else the shares of all.
+            For two classes, the weight of class 1; otherwise all class weights.
 
         Examples
         --------
@@ -558,7 +646,12 @@ class FadeLaw(GraphicLaw):
         return self.discretize(self._cells_or_default(n_nodes)).sample(n, rng)
 
     def links(self) -> list[Link]:
-        """Return the ways from class to class, with rate and length of a fade, and what a jump has."""
+        """Return the fades and jumps, for plots.
+
+        Returns
+        -------
+        list of Link
+        """
         fades = [
             Link(pair, f"{rate:.3g}, {length:.3g} steps", gradual=True)
             for pair, (rate, length) in self._fades

@@ -65,17 +65,18 @@ class GraphLaw(GraphicLaw):
     n_classes : int
         Number K of classes (hard regimes).
     edges : sequence of (int, int)
-        Which classes fade into which; nodes come edge by edge, from the first class to the second.
+        Pairs of classes between which the switch moves gradually; nodes are ordered edge by edge, from the
+        first class to the second.
     corners : array_like, shape (K, K)
-        Joint masses of two consecutive classes, symmetric.
+        Joint probabilities of two consecutive classes, symmetric.
     family : {"linear", "band"}
-        Density of a distance on an edge: linear, from eta at no distance to delta at 1; or gamma up to the
-        half width of a band, and zero beyond.
+        Density as a function of the distance on an edge: linear from eta at 0 to delta at 1, or gamma on a
+        band and zero elsewhere.
     parameters : sequence of (float, float)
-        For each edge (eta, delta), or (gamma, width) with a width in ]0, 1/2].
+        For each edge, (eta, delta), or (gamma, width) with a half width in ]0, 1/2].
     crossings : mapping of (edge, edge) to (float, float), optional
-        ``{((0, 1), (1, 2)): (kappa, width)}``: for bands, the density between two edges with a common class
-        where the way through it is at most ``width``, in ]0, 1/2].
+        ``{((0, 1), (1, 2)): (kappa, width)}``: for bands, the density kappa of a step from one edge to
+        another through their common class, if its length is at most ``width``, in ]0, 1/2].
 
     Raises
     ------
@@ -84,13 +85,13 @@ class GraphLaw(GraphicLaw):
 
     See Also
     --------
-    GraphLaw.from_masses : For masses that are not normalised.
+    GraphLaw.from_masses : Create a law from masses that need not sum to one.
     fuzzykf.FadeLaw : For fades with a direction.
 
     Notes
     -----
-    The total mass is that of the corners and of the edges, 8 eta/3 + 7 delta/3 or gamma w (6 - w) each, and
-    kappa w^2 for each crossing.
+    The total mass is the sum of the corners, of 8 eta/3 + 7 delta/3 or gamma w (6 - w) per edge, and of
+    kappa w^2 per crossing.
 
     Examples
     --------
@@ -154,7 +155,7 @@ class GraphLaw(GraphicLaw):
         shape: float | None = None,
         crossings: Mapping[tuple[Edge, Edge], tuple[float, float]] | None = None,
     ) -> Self:
-        """Make a law from how often the switch is where; masses count relative to their sum.
+        """Create a law from relative masses of classes and edges.
 
         Parameters
         ----------
@@ -163,24 +164,25 @@ class GraphLaw(GraphicLaw):
         edges : mapping of (int, int) to float
             Mass of each edge.
         jumps : mapping of (int, int) to float, optional
-            Joint mass of class a and then b, and as much of b and then a.
+            Joint mass of class a followed by b, and the same of b followed by a.
         family : {"linear", "band"}
         shape : float, optional
-            Of the densities: delta / eta of linear ones (by default 0.5), the half width of bands (0.2).
+            Shape of the densities: delta / eta if linear (by default 0.5), the half width of bands (by
+            default 0.2).
         crossings : mapping of (edge, edge) to (float, float), optional
-            ``{((0, 1), (1, 2)): (mass, width)}``: the joint mass of the first edge and then the second,
-            and as much the other way; a part of the masses of both edges.
+            ``{((0, 1), (1, 2)): (mass, width)}``: the joint mass of the first edge followed by the second,
+            and the same in the other order; it is part of the masses of both edges.
 
         Returns
         -------
         GraphLaw
-            Whose classes stay as often as the masses leave room for.
+            The law in which classes persist as far as the masses allow.
 
         Raises
         ------
         ParameterError
-            If the mass of a class is less than what leaves it in a step, or that of an edge less than what
-            crosses from it; the message names both.
+            If the mass of a class is less than the mass that leaves it in a step, or that of an edge less
+            than the mass that crosses from it; the message names both.
 
         Examples
         --------
@@ -210,14 +212,24 @@ class GraphLaw(GraphicLaw):
         }
 
     def numbers(self) -> dict[str, float]:
-        """Return the masses of the classes and of the edges."""
+        """Return the masses of the classes and of the edges.
+
+        Returns
+        -------
+        dict of str to float
+        """
         named = {f"mass of {k}": float(mass) for k, mass in enumerate(self.class_masses)}
         for (a, b), mass in zip(self.edges, self.edge_masses, strict=True):
             named[f"mass of {a} to {b}"] = float(mass)
         return named
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what it is made from as plain values; crossings as [edge, edge, kappa, width]."""
+        """Return the arguments as plain values; crossings as [edge, edge, kappa, width].
+
+        Returns
+        -------
+        dict
+        """
         return {
             "n_classes": self.n_classes,
             "edges": [list(edge) for edge in self.edges],
@@ -229,7 +241,17 @@ class GraphLaw(GraphicLaw):
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Make a law from what `to_dict` returned."""
+        """Create a law from the output of `to_dict`.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        GraphLaw
+        """
         ways = {(tuple(e), tuple(f)): (kappa, width) for e, f, kappa, width in values["crossings"]}
         return cls(**{**values, "crossings": ways})
 
@@ -259,7 +281,17 @@ class GraphLaw(GraphicLaw):
         return float(self.class_masses.sum())
 
     def size(self, n_nodes: int) -> int:
-        """Return the number of nodes of the chain on so many cells of each edge."""
+        """Return the total number of nodes, for ``n_nodes`` cells per edge.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of cells of each edge.
+
+        Returns
+        -------
+        int
+        """
         return self.n_classes + n_nodes * len(self.edges)
 
     def discretize(self, n_nodes: int, rule: str = "cell") -> SwitchChain:
@@ -268,14 +300,14 @@ class GraphLaw(GraphicLaw):
         Parameters
         ----------
         n_nodes : int
-            Number F of cells of each edge.  Without any it is the chain of the classes alone.
+            Number F of cells of each edge.  With 0, the chain consists of the classes only.
         rule : {"cell"}
             Joint masses are exact integrals of the density over pairs of cells.
 
         Returns
         -------
         SwitchChain
-            On the classes, then the cells edge by edge: K + F (number of edges) nodes.
+            Its nodes are the K classes, then F cells of each edge.
         """
         F, K = as_count("n_nodes", n_nodes, 0), self.n_classes
         check_cells(F, rule, K, len(self.edges))
@@ -307,13 +339,13 @@ class GraphLaw(GraphicLaw):
         return joint
 
     def harden(self, n_nodes: int | None = None) -> FloatArray:
-        """Return the joint probabilities of two consecutive hard regimes: edges are cut in the middle.
+        """Return the joint probabilities of two consecutive hard regimes, with edges cut in the middle.
 
         Parameters
         ----------
         n_nodes : int, optional
-            Harden the chain on so many cells of each edge instead; the middle one of an odd number is shared
-            out.  Even numbers give what the law gives.
+            Harden the chain on this many cells per edge instead; the middle one of an odd number counts half
+            for each class.  Even numbers do not change the result.
 
         Returns
         -------
@@ -330,20 +362,20 @@ class GraphLaw(GraphicLaw):
     # ------------------------------------------------------------------ drawing
 
     def sample(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> FloatArray:
-        """Draw a stationary chain of ``n`` values, exactly.
+        """Draw ``n`` consecutive values of the stationary chain, exactly.
 
         Parameters
         ----------
         n : int
-            Length.
+            Number of values.
         rng : numpy.random.Generator
         n_nodes : int, optional
-            Draw from the chain on so many cells of each edge instead.
+            Draw from the chain on this many cells per edge instead.
 
         Returns
         -------
         ndarray, shape (n,) or (n, K)
-            For two classes the share of class 1, else the shares of all.
+            For two classes, the weight of class 1; otherwise all class weights.
 
         Examples
         --------
@@ -368,7 +400,17 @@ class GraphLaw(GraphicLaw):
 
     @classmethod
     def by_name(cls, n_nodes: int) -> Self:
-        """Return the law of two classes from which a search begins."""
+        """Return the initial law of a search, for two classes.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of cells of each edge.
+
+        Returns
+        -------
+        GraphLaw
+        """
         return cls.from_masses([0.3, 0.3], {(0, 1): 0.4}, jumps={(0, 1): 0.02})
 
     @property
@@ -376,20 +418,41 @@ class GraphLaw(GraphicLaw):
         return np.array([(c.kappa, c.width) for c in self._crossings]).reshape(-1, 2)
 
     def logits(self) -> FloatArray:
-        """Return the free numbers of the law, see `fuzzykf.switching.laws.graph_numbers`."""
+        """Return the parameters of the law as unconstrained logits.
+
+        Returns
+        -------
+        ndarray, shape (n_free,)
+        """
         return logits_of_law(self.corners, self._pairs, self.family, self._ways)
 
     def from_logits(self, logits: FloatArray) -> Self:
-        """Return the law with the same edges, jumps and crossings that has these free numbers."""
+        """Return the law of the same structure with the given logits.
+
+        Parameters
+        ----------
+        logits : ndarray, shape (n_free,)
+
+        Returns
+        -------
+        GraphLaw
+        """
         sizes = (len(self.edges), self.family, len(self._crossings))
         found = law_numbers(logits, self.corners, *sizes)
         ways = dict(zip(self.crossings, map(tuple, found.pop("ways").tolist()), strict=True))
         return type(self)(self.n_classes, self.edges, **found, family=self.family, crossings=ways)
 
     def on_cells(self, n_nodes: int) -> Callable[[FloatArray], FloatArray]:
-        """Return the map from free numbers to joint probabilities of two consecutive nodes, (M, M).
+        """Return the map from logits to joint probabilities (M, M) of two consecutive nodes.
 
-        Masses are linear in the shares of the parts; those of parts with widths are kept for the last ones.
+        Parameters
+        ----------
+        n_nodes : int
+            Number of cells of each edge.
+
+        Returns
+        -------
+        callable
         """
         n_widths = self.n_widths
         parts = self.logits().size + 1 - n_widths
@@ -412,24 +475,54 @@ class GraphLaw(GraphicLaw):
 
     @property
     def n_shares(self) -> int:
-        """How many logits, the first ones, are those of shares."""
+        """Number of logits of masses; they come first."""
         return self.logits().size - self.n_widths
 
     @property
     def n_widths(self) -> int:
-        """How many logits, the last ones, are those of widths."""
+        """Number of logits of widths; they come last."""
         return len(self._crossings) + (len(self.edges) if self.family == "band" else 0)
 
     def elsewhere(self, logits: FloatArray, n_nodes: int) -> list[FloatArray]:
-        """Return free numbers of other widths, which a search on the nodes cannot reach."""
+        """Return logits with other widths, which a search on the nodes cannot reach.
+
+        Parameters
+        ----------
+        logits : ndarray, shape (n_free,)
+        n_nodes : int
+            Number of cells of each edge.
+
+        Returns
+        -------
+        list of ndarray
+        """
         return other_widths(logits, self.n_widths, n_nodes)
 
     def learner(self, n_nodes: int) -> LawChain:
-        """Return the chain on so many cells of each edge, as learning moves it."""
+        """Return the discretised law as expectation-maximisation updates it.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of cells of each edge.
+
+        Returns
+        -------
+        LawChain
+        """
         return LawChain(self, n_nodes, STEPS)
 
     def estimates_of(self, law: GraphLaw) -> dict[str, float]:
-        """Return what the logits of a law of this structure stand for; the first corner follows."""
+        """Return the parameters that belong to the logits of a law of this structure, by name.
+
+        Parameters
+        ----------
+        law : GraphLaw
+
+        Returns
+        -------
+        dict of str to float
+        """
         corners = {f"corner {k}": float(law.corners[k, k]) for k in range(1, self.n_classes)}
         for a, b in np.argwhere(np.triu(self.corners, 1) > 0.0).tolist():
             corners[f"corner {a} to {b}"] = float(law.corners[a, b])
@@ -445,13 +538,28 @@ class GraphLaw(GraphicLaw):
         return corners | firsts | kappas | seconds | widths
 
     def free_numbers(self, n_nodes: int) -> LogitNumbers:
-        """Return the logits, for an ascent."""
+        """Return the logits, as free parameters for gradient ascent.
+
+        Parameters
+        ----------
+        n_nodes : int
+            Number of cells of each edge.
+
+        Returns
+        -------
+        LogitNumbers
+        """
         return LogitNumbers(self, n_nodes)
 
     # ------------------------------------------------------------------ pictures
 
     def links(self) -> list[Link]:
-        """Return the edges with their masses, and the jumps with theirs."""
+        """Return edges and jumps with their masses, for plots.
+
+        Returns
+        -------
+        list of Link
+        """
         found = [
             Link(edge, f"{mass:.3g}", gradual=True, directed=False)
             for edge, mass in zip(self.edges, self.edge_masses, strict=True)

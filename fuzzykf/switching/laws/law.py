@@ -45,7 +45,7 @@ _ENDS = np.array([0.0, 1.0])
 class FuzzyMarkovLaw(Law):
     """Symmetric law of two consecutive values of a fuzzy switch.
 
-    Laws are made by `fmc1`, `fmc2`, `from_durations` and `from_density`, and never change.
+    Create laws by `fmc1`, `fmc2`, `from_durations` or `from_density`; they are immutable.
 
     Attributes
     ----------
@@ -54,8 +54,8 @@ class FuzzyMarkovLaw(Law):
 
     Notes
     -----
-    Densities are taken with respect to the fuzzy measure: at the values 0 and 1
-    of the switch they are probabilities, in between they are densities.
+    Densities are with respect to the fuzzy measure: probabilities at the values 0 and 1 of the switch,
+    densities in between.
 
     References
     ----------
@@ -77,7 +77,7 @@ class FuzzyMarkovLaw(Law):
 
     @classmethod
     def fmc1(cls, alpha: float, delta: float, eta: float) -> FuzzyMarkovLaw:
-        """Make the law FMC1, whose density is linear in the distance |r1 - r2|.
+        """Create the law FMC1, with a density that is linear in the distance |r1 - r2|.
 
         The density is ``alpha`` at (0, 0) and (1, 1), beta at (0, 1) and (1, 0), and
         ``eta + (delta - eta) |r1 - r2|`` elsewhere, with beta from eq. (24).
@@ -87,7 +87,11 @@ class FuzzyMarkovLaw(Law):
         alpha : float
             Mass of staying in the regime 0, and of staying in the regime 1.
         delta, eta : float
-            Density at the largest and at the smallest distance; not negative.
+            Density at the largest and at the smallest distance; nonnegative.
+
+        Returns
+        -------
+        FuzzyMarkovLaw
 
         Raises
         ------
@@ -100,8 +104,8 @@ class FuzzyMarkovLaw(Law):
 
         Notes
         -----
-        Steps of any length are possible, so the switch leaps rather than fades: with the parameters
-        (.07, .05, .16) of the paper consecutive values have a correlation of -.12.
+        Steps of any length are possible, so the switch jumps rather than fades: with the parameters
+        (0.07, 0.05, 0.16) of the paper, consecutive values have a correlation of -0.12.
 
         Examples
         --------
@@ -115,7 +119,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
 
     @classmethod
     def fmc2(cls, alpha: float, gamma: float, delta: float) -> FuzzyMarkovLaw:
-        """Make the law FMC2, whose density is constant on the band |r1 - r2| <= delta.
+        """Create the law FMC2, with a constant density on the band |r1 - r2| <= delta.
 
         The density is ``alpha`` at (0, 0) and (1, 1), beta at (0, 1) and (1, 0),
         ``gamma`` elsewhere on the band and zero off it, with beta from eq. (32).
@@ -128,6 +132,10 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
             Density on the band.
         delta : float
             Half width of the band: the largest gradual change of one step, in [0, 1/2[.
+
+        Returns
+        -------
+        FuzzyMarkovLaw
 
         Raises
         ------
@@ -151,7 +159,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         *,
         kinks: Sequence[float] = (0.0,),
     ) -> FuzzyMarkovLaw:
-        """Make a law from any symmetric density, part by part (Remark 4 of the paper).
+        """Create a law from any symmetric density, part by part (Remark 4 of the paper).
 
         Parameters
         ----------
@@ -165,15 +173,18 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         interior : callable or number
             p(r1, r2) on the open square, symmetric; takes broadcastable arrays.
         kinks : sequence of float
-            The lines r2 - r1 = kink on which the density has a kink or a jump; minus
-            each is added.  Integrals are exact in proportion to the smoothness between.
+            Lines r2 - r1 = kink, and their mirror images, on which the density has a kink or a jump.
+            Integrals are accurate if the density is smooth in between.
+
+        Returns
+        -------
+        FuzzyMarkovLaw
 
         Raises
         ------
         ParameterError
             If a part is negative or not symmetric, or if the total mass is not 1
-            (within 1e-3, the accuracy of the integral of a density with jumps on
-            lines that are not named).
+            (within 1e-3, the accuracy of the integral if ``kinks`` is incomplete).
 
         Examples
         --------
@@ -187,15 +198,15 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
 
     @classmethod
     def from_durations(cls, stay: float, slide: float, *, jump: float = 0.0) -> FuzzyMarkovLaw:
-        """Make the law of the paper that has these durations, FMC1 or FMC2.
+        """Create the law FMC1 or FMC2 that has the given mean durations.
 
         Parameters
         ----------
         stay : float
             Mean number of steps at a hard value, at least 1.
         slide : float
-            Mean number of steps between two hard values, the same one or the other: in [4/3, 5/3] for FMC1,
-            in ]7/4, 2[ for FMC2.  What lasts longer, as most fades do, is no such law; see `FadeLaw.between`.
+            Mean number of steps between two hard values, equal or not: in [4/3, 5/3] for FMC1,
+            in ]7/4, 2[ for FMC2.  For longer fades, use `FadeLaw.between`.
         jump : float
             Probability, per step at a hard value, of a jump to the other one; less than 1 / stay.
 
@@ -211,10 +222,9 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
 
         Notes
         -----
-        A law of the paper has no direction: most of what leaves a hard value is back at once, and the few
-        ways to the other one are long.  So the mean is below two steps.  With f the probability that the
-        switch is hard and then no longer, slide = (1 - p_hard) / f, which is
-        (5 eta + 4 delta) / (3 eta + 3 delta) for FMC1 and 2 - delta / 2 for FMC2.
+        These laws have no direction: most excursions from a hard value return at once, so the mean is below
+        two steps.  With f the probability that the switch leaves a hard value gradually, slide = (1 -
+        p_hard) / f, which is (5 eta + 4 delta) / (3 eta + 3 delta) for FMC1 and 2 - delta / 2 for FMC2.
 
         Examples
         --------
@@ -261,13 +271,13 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
     @property
     @abstractmethod
     def lines(self) -> Lines:
-        """Where the density is not smooth, and how finely to integrate in between."""
+        """Lines on which the density is not smooth, and the order of integration in between."""
 
     # ------------------------------------------------------------------ public densities
 
     @property
     def beta(self) -> float:
-        """Mass at (0, 1), and at (1, 0): a change of regime in one step."""
+        """Mass at (0, 1) and at (1, 0): a change of regime in one step."""
         return float(self.corners[0, 1])
 
     @property
@@ -276,7 +286,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         return float(self.marginal_density(np.array([0.0, 1.0])).sum())
 
     def joint_density(self, r1: ArrayLike, r2: ArrayLike) -> FloatArray:
-        """Return p(r1, r2) with respect to the product of the fuzzy measure with itself.
+        """Return the joint density p(r1, r2) with respect to the product of fuzzy measures.
 
         Parameters
         ----------
@@ -286,7 +296,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         Returns
         -------
         ndarray
-            Of the broadcast shape.
+            Joint density, of the broadcast shape.
         """
         a, b = checked_pair(r1, r2)
         hard_a, hard_b = (a == 0.0) | (a == 1.0), (b == 0.0) | (b == 1.0)
@@ -300,7 +310,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         return density
 
     def marginal_density(self, r: ArrayLike) -> FloatArray:
-        """Return p(r) with respect to the fuzzy measure.
+        """Return the marginal density p(r) with respect to the fuzzy measure.
 
         Parameters
         ----------
@@ -310,7 +320,7 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         Returns
         -------
         ndarray
-            Of the shape of ``r``: probabilities at 0 and 1, densities in between.
+            Same shape as ``r``: probabilities at 0 and 1, densities in between.
         """
         value = checked_switch("r", r)
         flat = value.reshape(-1)
@@ -320,17 +330,17 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         return density
 
     def transition_density(self, r1: ArrayLike, r2: ArrayLike) -> FloatArray:
-        """Return p(r2 | r1) with respect to the fuzzy measure in r2.
+        """Return the transition density p(r2 | r1) with respect to the fuzzy measure in r2.
 
         Parameters
         ----------
         r1, r2 : array_like
-            The value of the switch before and after; broadcast.
+            Values of the switch before and after; broadcast.
 
         Returns
         -------
         ndarray
-            NaN where ``r1`` has no mass and no density, so that nothing can follow it.
+            NaN if ``r1`` has density zero.
         """
         joint = self.joint_density(r1, r2)
         marginal = np.broadcast_to(self.marginal_density(r1), joint.shape)
@@ -346,12 +356,12 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         Parameters
         ----------
         n_nodes : int, optional
-            Harden the chain on so many nodes instead; a node at 1/2 is shared out.
+            Harden the chain on this many nodes instead; a node at 1/2 counts half for each regime.
 
         Returns
         -------
         ndarray, shape (2, 2)
-            Sums to one.
+            Joint probabilities; they sum to one.
 
         Examples
         --------
@@ -367,7 +377,17 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         return joint
 
     def reach(self, n: int) -> Reach:
-        """Return the hard values and ``n`` between them, and what the density lets follow them."""
+        """Return the hard values and ``n`` values between them, and which may follow which.
+
+        Parameters
+        ----------
+        n : int
+            Number of values strictly between 0 and 1.
+
+        Returns
+        -------
+        Reach
+        """
         r = np.concatenate([[0.0], (np.arange(n) + 0.5) / n, [1.0]])
         possible = self.joint_density(r[:, None], r) > 0.0
         return Reach(np.stack([1.0 - r, r], axis=1), possible, self.marginal_density(r) > 0.0)
@@ -380,39 +400,40 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         Parameters
         ----------
         n_nodes : int
-            Number F of nodes strictly between 0 and 1, in total.  The cost of a filter
-            step grows as (F + 2)^2.
+            Number F of nodes strictly between 0 and 1.  The cost of a filter
+            step is proportional to (F + 2)^2.
         rule : {"cell", "midpoint", "gauss", "product"}
-            How the density is integrated, see `fuzzykf.switching.laws.quadrature`.
+            Quadrature rule: exact integrals over cells, density at midpoints, density at Gauss-Legendre
+            nodes, or product integration.
 
         Returns
         -------
         SwitchChain
-            A chain on F + 2 nodes, 0 and 1 included.
+            Chain on F + 2 nodes, including 0 and 1.
 
         Raises
         ------
         ParameterError
             If ``n_nodes`` is negative, above 1000, or too small for the rule: "product" needs a node
-            on each panel, "midpoint" and "gauss" nodes no further apart than the band is wide.
+            on each panel; "midpoint" and "gauss" need nodes closer together than the width of the band.
         """
         return discretize(self, n_nodes, rule)
 
     def sample(self, n: int, rng: np.random.Generator, n_nodes: int | None = None) -> FloatArray:
-        """Draw a stationary chain of ``n`` values, exactly.
+        """Draw ``n`` consecutive values of the stationary chain, exactly.
 
         Parameters
         ----------
         n : int
-            Length.
+            Number of values.
         rng : numpy.random.Generator
         n_nodes : int, optional
-            Draw from the chain on so many nodes instead.
+            Draw from the chain on this many nodes instead.
 
         Returns
         -------
         ndarray, shape (n,)
-            Values in [0, 1]; those that are exactly 0 or 1 are hard.
+            Values in [0, 1]; exactly 0 or 1 where hard.
 
         Examples
         --------
@@ -460,7 +481,17 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         return invert_line(lambda s: self.joint_density(r, s), u, np.unique(cuts))
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the joint density as bars, as in Fig. 2; see `fuzzykf.plotting.plot_law`."""
+        """Draw the joint density as bars, as in figure 2 of the paper.
+
+        Parameters
+        ----------
+        ax : matplotlib 3-D axes, optional
+            By default those of a new figure.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
         from fuzzykf.plotting.laws import plot_law
 
         return plot_law(self, ax)
