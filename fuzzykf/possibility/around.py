@@ -41,20 +41,21 @@ PARTS = {1: 8, 2: 4, 3: 2}
 @reprs("verdict", "level", "widths", "components")
 @dataclass(frozen=True, eq=False)
 class LocalObservability:
-    """What measurements of a nonlinear model show around one state.
+    """Local observability of a nonlinear model around one state, from `observability`.
 
     Attributes
     ----------
     level : float
-        States count as told apart from ``x`` if what it is likeliest to show is less possible for them.
+        A state counts as distinguished from ``x`` if the most possible measurements of ``x`` are less
+        possible for it.
     x : ndarray, shape (m,)
     widths : ndarray, shape (n, m)
-        Largest |a_i - x_i| of states a that 1, ..., n measurements do not tell from ``x``; infinite where
-        they reach the edge of the states considered.
+        Largest |a_i - x_i| of states a that 1, ..., n measurements do not distinguish from ``x``; infinite if
+        they reach the edge of the grid.
     components : ndarray of int, shape (n,)
-        Of how many pieces the set of these states consists.
+        Number of connected parts of the set of these states.
     membership : GridMembership
-        Of each state, how possible n measurements of ``x`` are for it.
+        Possibility of the n measurements of ``x`` for each state.
     """
 
     level: float
@@ -65,12 +66,12 @@ class LocalObservability:
 
     @property
     def is_observable(self) -> bool:
-        """Whether the states that are not told apart are one bounded piece."""
+        """Whether the set of states that are not distinguished is bounded and connected."""
         return bool(self.components[-1] == 1 and np.isfinite(self.widths[-1]).all())
 
     @property
     def verdict(self) -> str:
-        """What was found, in words."""
+        """The result in words."""
         n, pieces = len(self.widths), int(self.components[-1])
         what = f"states that {n} measurement{'s' if n > 1 else ''} of {_shown(self.x)} do not tell from it"
         if self.is_observable:

@@ -63,7 +63,7 @@ __all__ = ["FuzzyRelationEstimator"]
 
 
 class FuzzyRelationEstimator(Filter, Document):
-    """Recursive state estimation with membership functions in place of densities.
+    """Recursive state estimator with membership functions instead of densities.
 
     The membership mu of the state x is propagated by the extension principle and
     updated by conditioning on the measurement z:
@@ -71,59 +71,55 @@ class FuzzyRelationEstimator(Filter, Document):
     - predict: mu'(x') = sup of T(mu(x), mu_W(w)) over all x, w with x' = f(x) + w;
     - update: mu+(x) = T(mu(x), mu_V(z - h(x))), divided by its peak.
 
-    With Gaussian memberships and the product it is the Kalman filter, with intervals
-    a guaranteed bound, with anything else a function on a grid.
+    Gaussian memberships with the product t-norm give the Kalman filter, intervals give guaranteed
+    bounds, and anything else is computed on a grid.
 
     Parameters
     ----------
     dim_x, dim_z : int
         Number of components of the state and of a measurement.
     dim_u : int
-        Number of components of the control u, as in filterpy; not needed.
+        Number of components of the control u; for information only, as in filterpy.
     fx, hx : callable, optional
-        Dynamics f and measurement h: take arrays (..., dim_x), return (..., dim_x) and
-        (..., dim_z).  Keyword arguments of `predict` reach fx (and fx_inverse,
-        fx_interval) only, those of `update` hx (and hx_interval) only.  By default
+        Dynamics f and measurement function h: map arrays (..., dim_x) to (..., dim_x) and
+        (..., dim_z).  Keyword arguments of `predict` are passed to fx, fx_inverse and
+        fx_interval, those of `update` to hx and hx_interval.  By default
         the model is linear, with the matrices ``F`` and ``H``.
     fx_inverse : callable, optional
-        Inverse of fx on arrays (..., dim_x); NaN where there is no pre-image.  Grids
-        work without it, but slower.
+        Inverse of fx on arrays (..., dim_x); NaN where there is no pre-image.  It makes grids faster.
     fx_interval, hx_interval : callable, optional
-        Interval extensions: map vectors (lower, upper) to bounds of the image of that box.
+        Interval extensions: map vectors (lower, upper) to bounds of the image of the box.
     state : Membership or sequence of scalar Membership, optional
-        Of the state at the start.
+        Initial membership of the state.
     process_noise, measurement_noise : Membership, or sequence of (Membership or None), optional
-        One membership of dimension dim_x or dim_z, or one scalar membership, or None
-        for no noise, per component.  Without process_noise there is none.  Linear
-        models of the closed forms below may leave out any membership: as in filterpy,
-        it is then the one of center zero and unit matrix.
+        One membership of dimension dim_x or dim_z, or one scalar membership per component (None for no
+        noise).  Without ``process_noise`` there is none.  In the closed forms below, an omitted membership
+        has center zero and unit matrix, as in filterpy.
     constraint : Membership, sequence of scalar Membership, or (lower, upper), optional
-        What the state is known to satisfy at every step, by default nothing: a box, with
-        bounds that are numbers or of shape (dim_x,), infinite where there is none, or any
-        membership.  What is known at the start, and after each prediction, is combined with
-        it by the t-norm and divided by its peak.  A box goes with intervals and grids, a
-        membership of a closed family with that family, anything with grids.  If it excludes
-        a prediction, ``on_empty`` says what is done.
+        Constraint on the state at every step, by default none: a box with bounds of shape (dim_x,) or
+        numbers (infinite where open), or any membership.  The initial and each predicted membership are
+        combined with it by the t-norm and divided by the peak.  Boxes work with intervals and grids,
+        memberships of a closed family with that family, others with grids.  ``on_empty`` applies if it
+        excludes a prediction.
     x, P, F, H, Q, R, B : array_like, optional
-        Initial values of the attributes of these names, as if they were assigned at once; they are
-        copied.  ``F``, ``B`` and ``H`` go in place of fx and hx; the others with the closed forms only.
+        Initial values of the attributes of the same names; they are copied.  ``F``, ``B`` and ``H`` replace
+        fx and hx; the others are for closed forms only.
     t_norm : {"product", "min", "lukasiewicz", "hamacher"} or TNorm
-        Combines memberships.
+        T-norm that combines memberships.
     t_conorm : {"max"}
-        Joins alternatives; other conorms have no limit on a continuum and are refused.
+        T-conorm that joins alternatives; no other has a limit on a continuum.
     on_empty : {"raise", "keep", "reset"}
-        If prediction and measurement exclude each other: raise
-        `EmptyIntersectionError`; keep the prediction; or restart from the measurement
-        alone.  The possibility of the measurement is then 0.  Likewise if the constraint
-        excludes a prediction: raise, keep it, or restart from the constraint alone.
+        What to do if prediction and measurement exclude each other: raise
+        `EmptyIntersectionError`, keep the prediction, or restart from the measurement alone.  The
+        possibility of the measurement is then 0.  The same if the constraint excludes a prediction: raise,
+        keep it, or restart from the constraint.
     points : int or sequence of int, optional
-        Nodes of the grid per axis, by default 401, 101 or 41 in 1, 2 or 3 dimensions.  A moving grid that
-        is stretched by its tails has more, so that the likely states keep a tenth of them: at most 8, 4
-        or 2 times as many.
+        Number of grid nodes per axis, by default 401, 101 or 41 in 1, 2 or 3 dimensions.  A moving grid with
+        long tails has up to 8, 4 or 2 times as many, so that at least a tenth covers the likely states.
     domain : sequence of (lo, hi), optional
-        A fixed universe.  By default the grid moves and refines with the live region.
+        Bounds of a fixed grid.  By default the grid moves and adapts its spacing.
     floor : float, optional
-        States of a smaller membership are left out by a moving grid.  By default
+        A moving grid omits states with a smaller membership.  By default
         exp(-18), six standard deviations of a Gaussian, or 0.01, ten times the scale,
         if state or process noise is an uncut Cauchy membership.
 
@@ -140,30 +136,29 @@ class FuzzyRelationEstimator(Filter, Document):
            the Hamacher product or Łukasiewicz's;
         4. "grid" otherwise.
     x, P : ndarray, shapes (dim_x, 1) and (dim_x, dim_x)
-        Centroid and spread: second central moments of the membership, for the closed
-        forms its matrix.  Assignable in the closed forms.
+        Centroid and spread of the membership: its second central moments, or its matrix in the closed
+        forms, in which both may be assigned.
     x_prior, P_prior, x_post, P_post : ndarray
         Copies from before and after the latest update.
     F, H, B : ndarray or None
-        Matrices of a linear model.  H is zero at first, and as long as nobody has given another one,
-        `update` refuses to take a measurement that would say nothing.
+        Matrices of a linear model.  H is initially zero; `update` raises an error until it is set.
     constraint : Membership or None
-        May be assigned; x, P that are assigned are taken as they are.
+        May be assigned.  It does not act on x and P that are assigned.
     Q, R : ndarray or None
         Matrices of the noise in the closed forms.
     y, S, SI, K : ndarray
-        Residual, its matrix and inverse, gain (closed forms).
+        Residual, its matrix and the inverse, and the gain (closed forms).
     log_likelihood, likelihood, mahalanobis : float
-        Of the latest z; only for "gaussian".
+        Fit of the latest z; for "gaussian" only.
     possibility : float
-        Possibility of the latest z, in [0, 1]: one minus the surprise.
+        Possibility of the latest z given the earlier ones, in [0, 1].
     z : ndarray
         The latest measurement, as a column.
 
     Raises
     ------
     ParameterError, ShapeError
-        Whatever is inadmissible is named.
+        If an argument is inadmissible; the message names it.
 
     Warns
     -----
@@ -174,17 +169,16 @@ class FuzzyRelationEstimator(Filter, Document):
     -----
     Layne and Passino, Fuzzy Sets and Systems 122 (2001) 45-72: equations (24) and (28),
     the latter with the joint relation of x and z instead of a Cartesian product.
-    For all t-norms but the product and the minimum, the result depends on the order of
-    several measurements of one instant.
+    With t-norms other than product and minimum, the result depends on the order of simultaneous
+    measurements.
 
     The closed form for Cauchy memberships and the Hamacher product is not robust: its
-    update is linear in z, and after a surprise P and the next gains are larger, so that
-    outliers draw x further than in a Kalman filter.  For noise with outliers take a Cauchy
-    ``measurement_noise`` on a grid (``points=``), or beside a Gaussian state, which leads to a
-    grid by itself.
+    update is linear in z, and an unlikely z increases P and the next gains, so that outliers move x
+    further than in a Kalman filter.  For outliers, use a Cauchy ``measurement_noise`` on a grid
+    (``points=``), or with a Gaussian state, which implies a grid.
 
-    `save` writes all memberships that are given by numbers, and what is known; it refuses
-    functions, and names them.
+    `save` stores all memberships that are given by numbers; for functions, it raises an error that names
+    them.
 
     Examples
     --------
@@ -301,22 +295,23 @@ class FuzzyRelationEstimator(Filter, Document):
         Parameters
         ----------
         u, B : array_like, optional
-            Linear models: control vector and its matrix (by default ``B``).
+            Linear models: control and its matrix (by default the attribute ``B``).
         F : array_like, optional
             Linear models: matrix for this step only.
         Q : Membership, sequence of (Membership or None), or array_like, optional
-            Process noise of this step only: a membership, as ``process_noise``; in the closed forms a matrix.
+            Process noise of this step only: a membership, as ``process_noise``, or a matrix in the closed
+            forms.
         **fx_arguments
-            With fx, everything that is given, but for a noise, reaches fx as a keyword argument.
+            With fx, all arguments except the noise are passed to fx.
 
         Raises
         ------
         ParameterError, ShapeError
-            fx returned a wrong shape, or NaN at a possible state; bad matrices.
+            If fx returns the wrong shape, or NaN at a possible state; if a matrix is inadmissible.
         EmptyIntersectionError
-            The constraint excludes all that is predicted (see ``on_empty``).
+            If the constraint excludes all predicted states (see ``on_empty``).
         SupportLostError
-            All states have left the domain.
+            If all states have left the domain.
         """
         noise = self._process_noise
         if Q is not None:
@@ -345,22 +340,22 @@ class FuzzyRelationEstimator(Filter, Document):
         Parameters
         ----------
         z : array_like or None
-            None or NaN where missing, also in part.
+            None if it is missing, NaN for a missing component.
         R : Membership, sequence of (Membership or None), or array_like, optional
-            Noise of this measurement only: a membership, as ``measurement_noise``; in the closed forms a
-            matrix.
+            Noise of this measurement only: a membership, as ``measurement_noise``, or a matrix in the closed
+            forms.
         H : array_like, optional
             Linear models: matrix for this measurement only.
         **hx_arguments
-            With hx, everything that is given, but for a noise, reaches hx as a keyword argument.
+            With hx, all arguments except the noise are passed to hx.
 
         Raises
         ------
         EmptyIntersectionError
-            No state is both possible and consistent with z (see ``on_empty``);
-            `UnreachableMeasurementError` if no state whatever is consistent with it.
+            If no possible state is consistent with z (see ``on_empty``); `UnreachableMeasurementError` if no
+            state at all is.
         ParameterError, ShapeError
-            z or what hx returned is inadmissible; bad matrices; neither H nor hx was ever given.
+            If z, a matrix or the value of hx is inadmissible, or neither H nor hx was set.
         """
         value = as_observation(z, self.dim_z)
         if value is None:
@@ -412,38 +407,37 @@ class FuzzyRelationEstimator(Filter, Document):
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
         resume: bool = False,
     ) -> FilterResult:
-        """Predict and update along a series, from where the estimator stands, and collect what it finds.
+        """Filter a series, starting from the current membership.
 
-        The estimator ends at the last observation, so that `step` continues the series.
+        The estimator ends at the last observation, so `step` continues the series.
 
         Parameters
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
         us : sequence of n controls, optional
-            Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
+            Passed to `predict` one by one.  A pandas index must equal that of ``zs``.
         Rs, Qs : sequence of n, optional
-            Noises of the single measurements and predictions, in any form that `update` and `predict` take:
-            memberships, or, in the closed forms, matrices; None in a list means that of the estimator.
+            Noise of each measurement and prediction, in any form that `update` and `predict` accept; None in
+            a list means that of the estimator.
         Fs, Hs : sequence of n, optional
-            Linear models: matrices of the single predictions (those of index k lead to observation k) and
-            measurements.
+            Linear models: matrix of each prediction (entry k leads to observation k) and of each measurement.
         fx_args, hx_args : sequence of n dict, optional
             Keyword arguments of each prediction and of each update.
         resume : bool
-            Go on from where the estimator stands, from where it starts in any case: a dated series has to
-            go on there, too.
+            Continue the series; the estimator always starts from its current membership, but the times of a
+            dated series are then checked as well.
 
         Returns
         -------
         FilterResult
-            With ``x``, ``P``, ``x_prior``, ``P_prior``, ``possibility``, ``lower``, ``upper`` and, of
+            With ``x``, ``P``, ``x_prior``, ``P_prior``, ``possibility``, ``lower``, ``upper`` and, for
             Gaussian memberships, ``log_likelihood``.
 
         Raises
         ------
         ShapeError, ParameterError, EmptyIntersectionError
-            As from `predict` and `update`; the estimator is then as it was before.
+            As from `predict` and `update`; the estimator is then unchanged.
 
         Examples
         --------
@@ -481,28 +475,28 @@ class FuzzyRelationEstimator(Filter, Document):
         by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter many series one after another, each as `filter` would; the estimator stays as it is.
+        """Filter many series, each as `filter` does; the estimator itself does not change.
 
         Parameters
         ----------
         zs, keep, by
             As in `fuzzykf.Filter.filter_many`; this filter also has ``possibility``, ``lower`` and ``upper``.
         us : array_like, mapping or None
-            Controls of one series, which count for all, up to the end of each; or of each its own, as an
-            array (series, n, dim_u) or a mapping.
+            Controls: the same for all series, or one set per series, as an array (series, n, dim_u) or a
+            mapping.
         Rs, Qs, Fs, Hs, fx_args, hx_args, resume
-            As in `filter`; the same for every series, up to the end of each.
+            As in `filter`; the same for every series.
 
         Returns
         -------
         FilterResult
             The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
-            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
+            that is shorter than others.  Names and index are kept, see `FilterResult.to_dataframe`.
 
         Raises
         ------
         ShapeError, ParameterError, EmptyIntersectionError
-            As from `filter`; a name in ``keep`` that is no field of this filter.
+            As from `filter`; if the filter does not have a field in ``keep``.
 
         Examples
         --------
@@ -530,50 +524,49 @@ class FuzzyRelationEstimator(Filter, Document):
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
         memory: float = MEMORY,
     ) -> FilterResult:
-        """Filter a series, and look back: what each state is given the whole of it.
+        """Smooth a series: estimate every state given all measurements.
 
         Parameters
         ----------
         zs, us, Rs, Qs, Fs, Hs, fx_args, hx_args
-            As in `filter`, which predicts first; the estimator ends at the last observation.
+            As in `filter`; the estimator ends at the last observation.
         memory : float
-            On a grid, how many bytes the lattices that are kept for the way back may take; by default
-            2^30.  If there are more, some are made again.
+            Memory for the grids of the forward pass, in bytes; by default 2^30.  If it is not enough, some
+            grids are computed twice.
 
         Returns
         -------
         FilterResult
-            ``x``, ``P``, ``lower`` and ``upper`` given the whole series; ``possibility`` and, of Gaussian
+            ``x``, ``P``, ``lower`` and ``upper`` given the whole series; ``possibility`` and, for Gaussian
             memberships, ``log_likelihood`` are those of the filter.
 
         Raises
         ------
         EmptyIntersectionError
-            As from `filter`; if later measurements exclude what earlier ones leave, and ``on_empty`` is
-            "raise".  Otherwise such a state is what the filter knew, and the way back begins there anew.
-            What "keep" skipped forward is skipped backward; what "reset" forgot is not told of what came
-            after.
+            As from `filter`; if later measurements exclude all states that earlier ones admit, and
+            ``on_empty``
+            is "raise".  Otherwise such a state keeps its filtered membership, and the backward pass restarts
+            there.  Measurements that "keep" skipped are skipped backward, too; a "reset" separates the
+            passes before and after it.
         ParameterError, ShapeError
-            As from `filter`; if a verb of a subclass assigns the membership, which the way back could not
-            follow; if ``memory`` is less than 16 lattices.
+            As from `filter`; if a subclass overrides `predict` or `update` and assigns the membership; if
+            ``memory`` is less than 16 grids.
 
         Warns
         -----
         SupportWarning
-            As from `filter`; if later measurements draw states to the edge of what the filter kept, which a
-            smaller ``floor`` would widen; in several dimensions under Hamacher's t-norm, if conflicts and
-            steep tails leave no digits of the differences that the way back takes.
+            As from `filter`; if later measurements move states to the edge of the filter's grid.  A smaller
+            ``floor`` makes it larger.
 
         Notes
         -----
-        With Gaussian memberships and the product it is the smoother of Rauch, Tung and Striebel.  Its
-        recursion holds for the other closed families too.  For Łukasiewicz it is that of quadratic forms
-        that are not cut at zero, so that what the filter excludes is excluded from ``lower`` and ``upper``.
-        Intervals and boxes are contracted, back over the prediction and, in several dimensions, forth again
-        until nothing is gained: every trajectory that explains all measurements stays within the bounds,
-        and those of a scalar are exact.  On a grid it is a convolution with the reflected noise, looked up
-        at the image of each node; for the minimum, which has no residuum, the membership of a state is the
-        minimum of what earlier and what later measurements say, divided by its peak.
+        With Gaussian memberships and the product, this is the Rauch-Tung-Striebel smoother; the same
+        recursion
+        holds for the other closed families.  Intervals and boxes are contracted backward and, in several
+        dimensions, repeatedly forward and backward: the bounds contain every trajectory that is consistent
+        with all measurements, and are exact for a scalar state.  On a grid, the backward pass is a
+        convolution with the reflected noise; for the minimum, the smoothed membership is the minimum of the
+        forward and the backward one, divided by its peak.
 
         Examples
         --------
@@ -590,7 +583,7 @@ class FuzzyRelationEstimator(Filter, Document):
 
     @property
     def is_closed_form(self) -> bool:
-        """Whether the membership is that of a quadratic form, with the attributes of a Kalman filter."""
+        """Whether the membership is a closed form, with the attributes of a Kalman filter."""
         return self.representation not in {"interval", "grid"}
 
     @property
@@ -619,7 +612,7 @@ class FuzzyRelationEstimator(Filter, Document):
 
     @property
     def membership(self) -> Membership:
-        """Membership of the state; assign one to go on from there."""
+        """Membership of the state; may be assigned."""
         return self._belief.as_membership()
 
     @membership.setter
@@ -631,23 +624,23 @@ class FuzzyRelationEstimator(Filter, Document):
 
     @property
     def lower(self) -> FloatArray:
-        """Lower bounds (dim_x,) of the states that are possible at all (grid: above the floor)."""
+        """Lower bounds (dim_x,) of the possible states (on a grid: above the floor)."""
         return narrowed(*self._belief.bounds(), self._constraint)[0]
 
     @property
     def upper(self) -> FloatArray:
-        """Upper bounds (dim_x,) of the states that are possible at all (grid: above the floor)."""
+        """Upper bounds (dim_x,) of the possible states (on a grid: above the floor)."""
         return narrowed(*self._belief.bounds(), self._constraint)[1]
 
     def defuzzify(self, method: Literal["centroid", "mean_of_maximum", "peak"] = "centroid") -> FloatArray:
-        """Turn the membership into one state.
+        """Return a point estimate of the state.
 
         Parameters
         ----------
         method : {"centroid", "mean_of_maximum", "peak"}
-            The centre of gravity is the robust choice.  The mean of the likeliest nodes
-            of a grid cannot be finer than its cells; the peak is that of a parabola
-            through the best node and its neighbours.
+            "centroid" is the most robust.  "mean_of_maximum" is the mean of the grid nodes of largest
+            membership, so its resolution is a cell; "peak" is that of a parabola through the best node and
+            its neighbours.
 
         Returns
         -------
@@ -656,7 +649,7 @@ class FuzzyRelationEstimator(Filter, Document):
         Raises
         ------
         ParameterError
-            If there is no such method.
+            If the method is unknown.
 
         Examples
         --------
@@ -715,7 +708,7 @@ class FuzzyRelationEstimator(Filter, Document):
 
     @property
     def process_noise(self) -> Membership:
-        """Membership of the process noise; assign one for noise that changes with time."""
+        """Membership of the process noise; assign a new one if it changes with time."""
         return self._current(self._process_noise)
 
     @process_noise.setter
@@ -724,7 +717,7 @@ class FuzzyRelationEstimator(Filter, Document):
 
     @property
     def measurement_noise(self) -> Membership:
-        """Membership of the measurement noise; assign one for noise that changes with time."""
+        """Membership of the measurement noise; assign a new one if it changes with time."""
         return self._current(self._measurement_noise)
 
     @measurement_noise.setter
@@ -748,9 +741,9 @@ class FuzzyRelationEstimator(Filter, Document):
 
     @property
     def constraint(self) -> Membership | None:
-        """What the state is known to satisfy at every step, None if nothing; assign one, or a box.
+        """Constraint on the state at every step, or None; a membership or a box may be assigned.
 
-        What is known now is combined with what is assigned.
+        The current membership is combined with it at once.
         """
         return self._constraint
 
@@ -765,7 +758,11 @@ class FuzzyRelationEstimator(Filter, Document):
     # ------------------------------------------------------------------ files
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the estimator, with all it knows, as plain values.
+        """Return settings and state of the estimator as plain values.
+
+        Returns
+        -------
+        dict
 
         Raises
         ------
@@ -776,7 +773,17 @@ class FuzzyRelationEstimator(Filter, Document):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make an estimator from what `to_dict` returned, in the state it was in."""
+        """Create an estimator from the output of `to_dict`, in the same state.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        FuzzyRelationEstimator
+        """
         return from_values(cls, values)
 
     @shown

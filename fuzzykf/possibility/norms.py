@@ -124,11 +124,11 @@ def _number(name: str, value: float) -> float:
 @reprs()
 @dataclass(frozen=True)
 class TNorm:
-    """A triangular norm, n-ary, with its generator where it has one.
+    """Triangular norm (t-norm), with its additive generator if it has one.
 
     The instances are `PRODUCT`, `MIN`, `LUKASIEWICZ` and `HAMACHER`; functions that
-    take a t-norm also take its name.  What a norm does follows from its scale and from
-    whether it is additive; the name is for people.
+    take a t-norm also take its name.  ``scale`` and ``additive`` determine the norm; ``name`` is for display
+    only.
 
     Attributes
     ----------
@@ -196,11 +196,21 @@ class TNorm:
 
     @property
     def generator(self) -> Callable[[ArrayLike], FloatArray] | None:
-        """The additive generator g, or None for the minimum, which has none."""
+        """The additive generator g; None for the minimum, which has none."""
         return self.cost if self.additive else None
 
     def cost(self, membership: ArrayLike) -> FloatArray:
-        """Costs of memberships: 0 for 1, and infinite (Lukasiewicz: 1) for 0."""
+        """Return costs of memberships: 0 for 1, and infinite (Lukasiewicz: 1) for 0.
+
+        Parameters
+        ----------
+        membership : array_like
+
+        Returns
+        -------
+        ndarray
+            Of the same shape.
+        """
         with np.errstate(invalid="ignore"):
             cost = from_membership(_floats("membership", membership), self.scale)
         if np.isnan(cost).any():
@@ -208,7 +218,17 @@ class TNorm:
         return cost + 0.0  # the logarithm of 1 is not to be -0
 
     def membership(self, cost: ArrayLike) -> FloatArray:
-        """Memberships of costs: the (pseudo-)inverse of `cost`."""
+        """Return memberships of costs: the (pseudo-)inverse of `cost`.
+
+        Parameters
+        ----------
+        cost : array_like
+
+        Returns
+        -------
+        ndarray
+            Of the same shape.
+        """
         with np.errstate(over="ignore"):
             membership = to_membership(_floats("cost", cost), self.scale)
         if (membership == np.inf).any():
@@ -216,7 +236,17 @@ class TNorm:
         return membership
 
     def cost_of_log(self, negative_log: FloatArray) -> FloatArray:
-        """Costs from minus the logarithms of memberships, which do not underflow."""
+        """Return costs from minus the logarithm of memberships, without underflow.
+
+        Parameters
+        ----------
+        negative_log : ndarray
+
+        Returns
+        -------
+        ndarray
+            Of the same shape.
+        """
         negative_log = _floats("negative_log", negative_log)
         if self.scale == "log":
             return negative_log
@@ -225,14 +255,25 @@ class TNorm:
 
     @cached_property
     def combine(self) -> np.ufunc:
-        """What makes the cost of two things together of their costs: the sum or the maximum."""
+        """The function that combines two costs: the sum or the maximum."""
         return np.add if self.additive else np.maximum
 
     def renormalise(self, cost: FloatArray, best: float) -> FloatArray:
-        """Costs after division of all memberships by that of the cost ``best``.
+        """Return costs after division of all memberships by that of the cost ``best``.
 
         For Hamacher and Lukasiewicz this is the factor 1/(1 + c) and 1/(1 - c) that
         widens or narrows the spread after a measurement of surprise c.
+
+        Parameters
+        ----------
+        cost : ndarray
+        best : float
+            Smallest cost.
+
+        Returns
+        -------
+        ndarray
+            Of the same shape.
         """
         cost, least = _floats("cost", cost), _number("best", best)
         if not 0.0 <= least < self.impossible:
@@ -247,7 +288,7 @@ class TNorm:
 
     @cached_property
     def impossible(self) -> float:
-        """Cost from which on the membership is zero."""
+        """Smallest cost with membership zero."""
         return 1.0 if self.scale == "complement" else np.inf
 
 
@@ -262,7 +303,7 @@ _DUALS = {"max": MIN, "probabilistic_sum": PRODUCT, "bounded_sum": LUKASIEWICZ}
 @reprs()
 @dataclass(frozen=True)
 class TConorm:
-    """A triangular conorm: how memberships of alternatives join.
+    """Triangular conorm (t-conorm), which joins memberships of alternatives.
 
     The instances are `MAX`, `PROBABILISTIC_SUM` and `BOUNDED_SUM`.  Each is the dual
     1 - T(1 - x, 1 - y, ...) of a t-norm.
@@ -272,15 +313,15 @@ class TConorm:
     name : str
         "max", "probabilistic_sum" or "bounded_sum".
     has_continuum_limit : bool
-        Whether joining ever more alternatives of a refined grid has a limit other
-        than 1.  Only the maximum has.
+        Whether the conorm of all nodes of a grid has a limit other than 1 as the grid is refined.  Only the
+        maximum has one.
     dual : TNorm
-        The t-norm; may be left out for the three names above.
+        The dual t-norm; may be omitted for the three names above.
 
     Raises
     ------
     ParameterError
-        If the dual of another name is left out.
+        If ``dual`` is omitted for another name.
 
     Notes
     -----

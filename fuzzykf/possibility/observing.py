@@ -64,23 +64,30 @@ class Linear(NamedTuple):
 @reprs("verdict", "level", "rank", "widths")
 @dataclass(frozen=True, eq=False)
 class Observability:
-    """What measurements show of the initial state.
+    """Observability of the initial state of a linear model, from `observability`.
 
     Attributes
     ----------
     level : float
-        Pairs of states count as told apart if they show the same measurements with a lower possibility.
+        Two states count as distinguished if the possibility that they give the same measurements is lower.
     gramian : ndarray, shape (m, m), or None
-        W of chi = g^-1((a - b)' W (a - b) / 2) after n measurements; None of bounded noise.
+        W in chi = g^-1((a - b)' W (a - b) / 2) after n measurements; None for bounded noise.
     rank : int
-        Number of directions that the measurements show.
+        Number of observable directions.
     unobservable : ndarray, shape (m - rank, m)
-        Directions of which they show nothing.
+        Unobservable directions.
     widths : ndarray, shape (n, m)
-        Largest |a_i - b_i| of pairs that 1, ..., n measurements may leave undecided; infinite where nothing
-        bounds it.
+        Largest |a_i - b_i| of states that 1, ..., n measurements need not distinguish; may be infinite.
     components : int
-        Number of pieces of the set of states that cannot be told from one; that of a linear model is convex.
+        Number of connected parts of the set of states that are not distinguished from a given one; 1 for a
+        linear model.
+
+    Examples
+    --------
+    >>> from fuzzykf import FuzzyRelationEstimator
+    >>> from fuzzykf.possibility import observability
+    >>> observability(FuzzyRelationEstimator(dim_x=1, dim_z=1, H=1.0, Q=1.0), 3).is_observable
+    True
     """
 
     level: float
@@ -97,12 +104,12 @@ class Observability:
 
     @property
     def is_observable(self) -> bool:
-        """Whether every direction is shown."""
+        """Whether every direction is observable."""
         return self.rank == int(self.widths.shape[1])
 
     @property
     def verdict(self) -> str:
-        """What was found, in words."""
+        """The result in words."""
         n, m = self.widths.shape
         times = f"{n} measurement{'s' if n > 1 else ''}"
         if self.is_observable:
@@ -116,7 +123,7 @@ class Observability:
         )
 
     def chi(self, a: ArrayLike, b: ArrayLike) -> float:
-        """How possible it is that two initial states show the same measurements.
+        """Possibility that two initial states give the same measurements.
 
         Parameters
         ----------
@@ -169,21 +176,28 @@ class Observability:
 @reprs("verdict", "level", "rank", "widths")
 @dataclass(frozen=True, eq=False)
 class Controllability:
-    """Where the noise takes a state that is known.
+    """Controllability by the process noise, from `controllability`.
 
     Attributes
     ----------
     level : float
     gramian : ndarray, shape (m, m), or None
-        Matrix of the membership that n predictions make of a known state; None of bounded noise.
+        Matrix of the membership of the state after n predictions from a known one; None for bounded noise.
     rank : int
-        Number of directions that the noise reaches.
+        Number of controllable directions.
     uncontrollable : ndarray, shape (m - rank, m)
-        Directions d in which it changes nothing: d' x follows from the start.
+        Uncontrollable directions d: d' x does not depend on the noise.
     center : ndarray, shape (m,)
-        The likeliest end.
+        State of largest membership after n predictions.
     widths : ndarray, shape (n, m)
-        How far from the likeliest end a state of that level may be after 1, ..., n predictions.
+        Largest deviation from the most possible state at that level, after 1, ..., n predictions.
+
+    Examples
+    --------
+    >>> from fuzzykf import FuzzyRelationEstimator
+    >>> from fuzzykf.possibility import controllability
+    >>> controllability(FuzzyRelationEstimator(dim_x=1, dim_z=1, H=1.0, Q=1.0), 3).is_controllable
+    True
     """
 
     level: float
@@ -204,7 +218,7 @@ class Controllability:
 
     @property
     def verdict(self) -> str:
-        """What was found, in words."""
+        """The result in words."""
         n, m = self.widths.shape
         times = f"{n} prediction{'s' if n > 1 else ''}"
         if self.is_controllable:
@@ -218,7 +232,7 @@ class Controllability:
         )
 
     def possibility(self, b: ArrayLike) -> float:
-        """How possible it is that the noise leads to a state.
+        """Possibility that the noise leads to a state.
 
         Parameters
         ----------
@@ -227,7 +241,7 @@ class Controllability:
         Returns
         -------
         float
-            0 outside of what it reaches.
+            0 for unreachable states.
 
         Examples
         --------
@@ -275,45 +289,45 @@ class Controllability:
 def observability(
     est: FuzzyRelationEstimator, n: int, level: float = 0.5, x: ArrayLike | None = None
 ) -> Observability | LocalObservability:
-    """Ask what n measurements show of the state at the first of them.
+    """Determine how well n measurements identify the state at the first of them.
 
     Parameters
     ----------
     est : FuzzyRelationEstimator
-        With a linear model, and noises of a closed family, or crisp, or, under the minimum, with cuts that
-        are boxes; its membership of the state does not matter then.  Or on a grid, with any model; the
-        states considered are those within its ``lower`` and ``upper``.  It stays as it is.  A
-        ``constraint`` of later steps is not taken into account.
+        Either with a linear model and noises of a closed family, crisp noises or, for the minimum, noises
+        whose cuts are boxes; its current membership then does not matter.  Or on a grid with any model;
+        states between ``lower`` and ``upper`` are considered.  It does not change.  A ``constraint`` of
+        later steps is ignored.
     n : int
         Number of measurements.
     level : float
-        In ]0, 1]: two states are told apart if they show the same measurements with a lower possibility.
-        With noises of one peak, level 1 is observability in the classical sense.
+        In ]0, 1]: two states are distinguished if the possibility that they give the same measurements is
+        lower.  For noises with a single peak, level 1 is classical observability.
     x : array_like, shape (m,) or (m, 1), optional
-        A state around which to ask, by default that of the estimator.  What a linear model shows is the same
-        around all.
+        State to distinguish from others, by default that of the estimator.  It does not matter for a linear
+        model.
 
     Returns
     -------
     Observability
-        Of a linear model.
+        For a linear model.
     LocalObservability
-        Of any other on a grid: what is not told from ``x`` by the measurements that it is likeliest to show.
-        That is less than what any measurements leave undecided: by a factor of 1/sqrt(2) in the closed
-        families, of 1/2 of bounded noise.
+        For other models, on a grid: states not distinguished from ``x`` by its most possible measurements.
+        Its widths are smaller than those over all measurements: by 1/sqrt(2) in the closed families, by 1/2
+        for bounded noise.
 
     Raises
     ------
     ParameterError, ShapeError
-        An argument is inadmissible; the model is not linear, or its noises are of other shapes, and the
-        estimator is not on a grid; the measurement noise has no spread in some direction; ``x`` is none of
-        the states considered.
+        If an argument is inadmissible; if the model is not linear, or its noises have other shapes, and the
+        estimator is not on a grid; if the measurement noise is zero in some direction; if ``x`` is outside
+        the grid.
 
     Notes
     -----
     For the closed families chi = g^-1((a - b)' W (a - b) / 2) with W <- H' R^-1 H + F' W (I + Q W)^-1 F, once
-    for each measurement.  For bounded noise and the minimum a linear program finds the largest differences
-    d_0 with |d_(k+1) - F d_k| and |H d_k| within the widths of the cuts.  Both bound all components if
+    per measurement.  For bounded noise and the minimum, a linear program finds the largest differences d_0
+    with |d_(k+1) - F d_k| and |H d_k| within the widths of the cuts.  In both cases, all widths are finite if
     and only if the classical rank condition holds.
 
     Examples
@@ -355,7 +369,7 @@ def observability(
 def controllability(
     est: FuzzyRelationEstimator, n: int, level: float = 0.5, x: ArrayLike | None = None
 ) -> Controllability:
-    """Ask where the noise of n predictions of a linear model takes a state that is known.
+    """Determine where the process noise of n predictions can move a known state (linear models).
 
     Parameters
     ----------
@@ -364,9 +378,9 @@ def controllability(
     n : int
         Number of predictions.
     level : float
-        In ]0, 1], that the widths belong to.
+        Level of the widths, in ]0, 1].
     x : array_like, shape (m,) or (m, 1), optional
-        The state at the start; by default zero.
+        Initial state; by default zero.
 
     Returns
     -------
@@ -379,8 +393,8 @@ def controllability(
 
     Notes
     -----
-    The Gramian is the matrix of n predictions of a `SingletonMembership`; to reach b has the possibility
-    g^-1(|b - F^n x|^2) in it.
+    The Gramian is the matrix of n predictions of a `SingletonMembership`; the possibility of reaching b is
+    g^-1(|b - F^n x|^2) in that metric.
 
     Examples
     --------

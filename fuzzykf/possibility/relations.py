@@ -57,19 +57,23 @@ def fuzzify(
     kind: Literal["singleton", "gaussian"] = "singleton",
     covariance: ArrayLike | None = None,
 ) -> Membership:
-    """Turn a crisp value into a fuzzy set around it.
+    """Return a fuzzy set around a crisp value.
 
     Parameters
     ----------
     point : array_like, shape (d,)
     kind : {"singleton", "gaussian"}
     covariance : array_like, shape (d, d), optional
-        Spread of a Gaussian.
+        Spread; for "gaussian" only.
+
+    Returns
+    -------
+    Membership
 
     Raises
     ------
     ParameterError
-        If the kind is unknown, or a Gaussian has no covariance (a singleton has one).
+        If the kind is unknown, or ``covariance`` is missing for "gaussian" or given for "singleton".
 
     Notes
     -----
@@ -198,20 +202,20 @@ def extend(
     fuzzy_set : array_like, shape (n_1, ..., n_r)
         Memberships of the elements, or of tuples of elements.
     images : array_like, shape (n_1, ..., n_r) or (n_1, ..., n_r, d)
-        Where the map takes them.
+        Images of the elements under the map.
     universe : array_like, shape (m,) or (m, d)
         Elements of the universe of the images.
     nearest : bool
-        Take each image for the nearest element of the universe.  On a discretised
-        continuum that leaves holes (elements without a pre-image, impossible for ever)
-        and loses motion slower than a cell; `FuzzyRelationEstimator` does neither.
+        Round each image to the nearest element of the universe.  On a discretised continuum, this leaves
+        elements without a pre-image, and loses motion slower than a cell; `FuzzyRelationEstimator` avoids
+        both.
     t_conorm : str or TConorm
-        Joins the memberships of all elements with the same image.
+        T-conorm that joins memberships of elements with the same image.
 
     Returns
     -------
     ndarray, shape (m,)
-        Zero where there is no pre-image.
+        Memberships of the images; zero where there is no pre-image.
 
     Raises
     ------
@@ -258,7 +262,7 @@ def extend(
 @reprs()
 @dataclass(frozen=True)
 class Rule:
-    """A rule of a fuzzy model: if X, U and W are in these fuzzy sets, then X' is in this one.
+    """Rule of a fuzzy model: if X, U and W are in given fuzzy sets, then X' is in another.
 
     Parameters
     ----------
@@ -270,13 +274,21 @@ class Rule:
     Notes
     -----
     Layne and Passino (2001), equations (14)-(17) and (21).
+
+    Examples
+    --------
+    >>> from fuzzykf import TriangularMembership
+    >>> from fuzzykf.possibility import Rule
+    >>> near, far = TriangularMembership(-1.0, 0.0, 1.0), TriangularMembership(0.0, 1.0, 2.0)
+    >>> Rule((near, near), far).relation([[0.0], [0.0], [0.5, 1.0]]).ravel()
+    array([0.5, 1. ])
     """
 
     antecedents: tuple[Membership, ...]
     consequent: Membership
 
     def relation(self, universes: Sequence[ArrayLike], t_norm: str | TNorm = "product") -> FloatArray:
-        """Cartesian product of the fuzzy sets of the rule on finite universes.
+        """Return the Cartesian product of the fuzzy sets on finite universes.
 
         Parameters
         ----------
@@ -284,10 +296,14 @@ class Rule:
             One for each antecedent, then that of the next state.
         t_norm : str or TNorm
 
+        Returns
+        -------
+        ndarray
+
         Raises
         ------
         ShapeError
-            If there are more or fewer universes than fuzzy sets.
+            If the number of universes differs from that of the fuzzy sets.
         """
         sets = (*self.antecedents, self.consequent)
         given = as_sequence("universes", universes)
@@ -300,7 +316,7 @@ class Rule:
 @reprs()
 @dataclass(frozen=True)
 class RuleBase:
-    """A fuzzy dynamic model as the union of rules.
+    """Fuzzy dynamic model: the union of rules.
 
     Parameters
     ----------
@@ -339,7 +355,7 @@ class RuleBase:
         t_norm: str | TNorm = "product",
         t_conorm: str | TConorm = "max",
     ) -> RuleBase:
-        """Make one rule for each combination of elements: state, input, disturbance.
+        """Create one rule for each combination of state, input and disturbance.
 
         Parameters
         ----------
@@ -348,8 +364,12 @@ class RuleBase:
         *elements : array_like, shapes (n,) or (n, d)
             Elements around which the rules are placed, for each argument of f.
         antecedent, consequent : callable
-            Fuzzify an element, and what f makes of it; `fuzzify` by default.
+            Fuzzify an element and its image; by default `fuzzify`.
         t_norm, t_conorm : str or TNorm, TConorm
+
+        Returns
+        -------
+        RuleBase
         """
         universes = [as_numbers("elements", e) for e in elements]
         rules = tuple(
@@ -362,12 +382,16 @@ class RuleBase:
         return cls(rules, t_norm, t_conorm)
 
     def relation(self, universes: Sequence[ArrayLike]) -> FloatArray:
-        """Union of the relations of all rules on finite universes.
+        """Return the union of the relations of all rules on finite universes.
 
         Parameters
         ----------
         universes : sequence of array_like
             Of the state, the input (if there is one), the disturbance, the next state.
+
+        Returns
+        -------
+        ndarray
 
         Raises
         ------
@@ -380,12 +404,12 @@ class RuleBase:
         return reduce(lambda a, b: union(a, b, t_conorm=self.t_conorm), relations)
 
     def predict(self, sets: Sequence[ArrayLike], universes: Sequence[ArrayLike]) -> FloatArray:
-        """Memberships of the next state: the composition of the product of the sets with the relation.
+        """Return the memberships of the next state.
 
         Parameters
         ----------
         sets : sequence of array_like
-            Memberships of the elements of all universes but the last.
+            Memberships on all universes but the last.
         universes : sequence of array_like
             As for `relation`.
 

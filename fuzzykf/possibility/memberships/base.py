@@ -28,15 +28,24 @@ __all__ = ["Membership", "as_components", "as_level", "as_levels", "as_points", 
 
 @reprs("dim")
 class Membership(ABC):
-    """A membership function m(x) in [0, 1] with peak 1 on a space of ``dim`` dimensions.
+    """Membership function m(x) in [0, 1] with peak 1, on vectors of ``dim`` components.
 
-    Memberships are immutable values.  A subclass sets ``dim`` and implements `_evaluate`
-    and `support`; it may override the rest where it knows better.
+    Memberships are immutable.  A subclass sets ``dim`` and implements ``_evaluate``, ``support`` and
+    ``peak``; it may override other methods for speed or accuracy.
 
     Attributes
     ----------
     dim : int
         Number of components of x.
+
+    Examples
+    --------
+    >>> from fuzzykf import GaussianMembership
+    >>> wide = GaussianMembership(0.0, 4.0)
+    >>> round(wide(2.0), 4)
+    0.6065
+    >>> wide.alpha_cut(0.5)
+    IntervalMembership(lower=[-2.35482005], upper=[2.35482005])
     """
 
     dim: int
@@ -47,17 +56,17 @@ class Membership(ABC):
 
     @abstractmethod
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the box around all points whose membership reaches ``level``.
+        """Return bounds of the points whose membership is at least ``level``.
 
         Parameters
         ----------
         level : float
-            In [0, 1]; 0 asks for the points that are possible at all.
+            In [0, 1]; 0 means all possible points.
 
         Returns
         -------
         lower, upper : ndarray, shape (dim,)
-            Infinite where unbounded.
+            Bounds; infinite where unbounded.
 
         Raises
         ------
@@ -101,27 +110,50 @@ class Membership(ABC):
         return float(value) if value.ndim == 0 else value
 
     def negative_log(self, x: FloatArray) -> FloatArray:
-        """Minus the logarithm of the memberships of points (..., dim); it may exceed 745."""
+        """Return minus the logarithm of the membership; it does not underflow.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., dim)
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         with np.errstate(divide="ignore"):
             return -np.log(self._evaluate(as_points(x, self.dim)))
 
     def cost(self, x: FloatArray, t_norm: TNorm) -> FloatArray:
-        """Memberships of points (..., dim) in the scale in which ``t_norm`` adds."""
+        """Return the membership on the scale in which ``t_norm`` is additive.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., dim)
+        t_norm : TNorm
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         return as_t_norm(t_norm).cost_of_log(self.negative_log(x))
 
     @property
     def is_bounded(self) -> bool:
-        """Whether only a bounded set of points is possible."""
+        """Whether the set of possible points is bounded."""
         lower, upper = self.support()
         return bool(np.isfinite(lower).all() and np.isfinite(upper).all())
 
     def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Bounds, component by component, of the points reaching each of many levels.
+        """Return bounds of the points that reach each of several levels.
+
+        Parameters
+        ----------
+        levels : ndarray, shape (n,)
 
         Returns
         -------
         lower, upper : ndarray, shape (n, dim)
-            Possibly wider than `support` would say.
+            Bounds, one row per level; they may be wider than those of `support`.
         """
         levels = as_levels("levels", levels)
         lower, upper = self.support(float(levels.min(initial=1.0)))
@@ -129,12 +161,16 @@ class Membership(ABC):
         return np.broadcast_to(lower, shape), np.broadcast_to(upper, shape)
 
     def alpha_cut(self, level: float) -> IntervalMembership:
-        """Return the (smallest box around the) set of points whose membership reaches ``level``.
+        """Return the alpha-cut: the points whose membership is at least ``level``, or the box around them.
 
         Parameters
         ----------
         level : float
             In ]0, 1].
+
+        Returns
+        -------
+        IntervalMembership
 
         Raises
         ------
@@ -146,18 +182,18 @@ class Membership(ABC):
         return IntervalMembership(*self.support(as_level("level", level)))
 
     def cut(self, level_or_bounds: float | Sequence[float] | Sequence[Sequence[float]]) -> CutMembership:
-        """Return the same membership, set to zero outside a cut.
+        """Return the same membership, set to zero outside a level set or a box.
 
         Parameters
         ----------
         level_or_bounds : float, (lo, hi) or ((lo, hi), ...)
-            A level in ]0, 1]: memberships below it become zero.  Bounds, one pair per
-            component: so do those outside the box, which must hold the peak.
+            A level in ]0, 1], below which memberships become zero; or bounds, one pair per component, outside
+            which they become zero.  The box must contain the peak.
 
         Returns
         -------
         CutMembership
-            It has ``lower`` and ``upper``, the bounds of what is left.
+            With the bounds ``lower`` and ``upper`` of the remaining points.
         """
         from fuzzykf.possibility.memberships.derived import CutMembership
 
@@ -171,10 +207,15 @@ class Membership(ABC):
         components : sequence of int
             In increasing order.
 
+        Returns
+        -------
+        Membership
+            Of ``len(components)`` dimensions.
+
         Raises
         ------
         ParameterError
-            If they are none, in another order, or not there.
+            If there are none, they are not increasing, or out of range.
         """
         from fuzzykf.possibility.memberships.derived import sampled
 
@@ -182,7 +223,7 @@ class Membership(ABC):
         return self if len(kept) == self.dim else sampled(self).project(kept)
 
     def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
-        """Draw the membership: in one dimension a curve above a band, in two a heat map.
+        """Draw the membership: a curve in one dimension, a heat map in two.
 
         Parameters
         ----------

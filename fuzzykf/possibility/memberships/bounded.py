@@ -23,20 +23,19 @@ __all__ = ["BoxMembership", "IntervalMembership", "SingletonMembership", "Triang
 
 @reprs("left", "peak", "right")
 class TriangularMembership(Membership):
-    """A triangle that rises from ``left`` to ``peak`` and falls to ``right``.
+    """Triangular membership that rises from ``left`` to ``peak`` and falls to ``right``.
 
-    In several dimensions the membership is the least of those of the components, a
-    pyramid, whose level sets are boxes.
+    In several dimensions, it is the minimum over the components, a pyramid whose level sets are boxes.
 
     Parameters
     ----------
     left, peak, right : float or array_like, shape (dim,)
-        left <= peak <= right, left < right.
+        Corners, with left <= peak <= right and left < right.
 
     Raises
     ------
     ShapeError, ParameterError
-        Wrong shape; not finite, or not in this order.
+        If the shape is wrong, or the corners are not finite or not in this order.
 
     Examples
     --------
@@ -72,19 +71,50 @@ class TriangularMembership(Membership):
         return np.asarray(np.clip(np.minimum(below, above), 0.0, 1.0).min(axis=-1))
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        """Return bounds of the points whose membership is at least ``level``.
+
+        Parameters
+        ----------
+        level : float
+            In [0, 1]; 0 means all possible points.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (dim,)
+            Bounds; infinite where unbounded.
+        """
         level = as_level("level", level, or_zero=True)
         lower = self.left + level * (self._peak - self.left)
         return lower, self.right - level * (self.right - self._peak)
 
     def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the points reaching each of many levels."""
+        """Return bounds of the points that reach each of several levels.
+
+        Parameters
+        ----------
+        levels : ndarray, shape (n,)
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (n, dim)
+            Bounds, one row per level.
+        """
         levels = as_levels("levels", levels)
         lower = self.left + np.outer(levels, self._peak - self.left)
         return lower, self.right - np.outer(levels, self.right - self._peak)
 
     def project(self, components: Sequence[int]) -> TriangularMembership:
-        """Return the membership of some components."""
+        """Return the membership of some components.
+
+        Parameters
+        ----------
+        components : sequence of int
+            In increasing order.
+
+        Returns
+        -------
+        TriangularMembership
+        """
         index = as_components(components, self.dim)
         return TriangularMembership(self.left[index], self._peak[index], self.right[index])
 
@@ -106,7 +136,7 @@ class IntervalMembership(Membership):
     Raises
     ------
     ShapeError, ParameterError
-        Wrong shape; not finite, or a negative width.
+        If the shape is wrong, a bound is not finite, or lower > upper.
 
     Notes
     -----
@@ -141,12 +171,33 @@ class IntervalMembership(Membership):
         return np.asarray(inside, dtype=np.float64)
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Return the bounds, whatever the level."""
+        """Return the bounds; they do not depend on the level.
+
+        Parameters
+        ----------
+        level : float
+            In [0, 1]; 0 means all possible points.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (dim,)
+            Bounds; infinite where unbounded.
+        """
         as_level("level", level, or_zero=True)
         return self.lower, self.upper
 
     def project(self, components: Sequence[int]) -> IntervalMembership:
-        """Return the membership of some components."""
+        """Return the membership of some components.
+
+        Parameters
+        ----------
+        components : sequence of int
+            In increasing order.
+
+        Returns
+        -------
+        IntervalMembership
+        """
         index = as_components(components, self.dim)
         return IntervalMembership(self.lower[index], self.upper[index])
 
@@ -157,6 +208,7 @@ class SingletonMembership(IntervalMembership):
     Parameters
     ----------
     point : float or array_like, shape (dim,)
+        The only possible point.
 
     Notes
     -----
@@ -184,15 +236,14 @@ class SingletonMembership(IntervalMembership):
 
 @reprs("lower", "upper")
 class BoxMembership(Membership):
-    """A crisp box that may be open to infinity: membership 1 inside, 0 outside.
+    """A crisp box that may be unbounded: membership 1 inside, 0 outside.
 
-    It says where a state has to be (a constraint); as the membership of a state or of a noise expect
-    `IntervalMembership`, whose bounds are finite.
+    Use it as the constraint of a state; for states and noises, use `IntervalMembership`, which is bounded.
 
     Parameters
     ----------
     lower, upper : float or array_like, shape (dim,)
-        Bounds, lower <= upper; -inf and inf where there is none.
+        Bounds, lower <= upper; -inf and inf where unbounded.
 
     Attributes
     ----------
@@ -202,7 +253,7 @@ class BoxMembership(Membership):
     Raises
     ------
     ShapeError, ParameterError
-        Wrong shape; NaN, or a negative width.
+        If the shape is wrong, a bound is NaN, or lower > upper.
 
     Examples
     --------
@@ -231,7 +282,7 @@ class BoxMembership(Membership):
 
     @property
     def peak(self) -> FloatArray:
-        """A point (dim,) inside: the center, or one beside the only bound."""
+        """A point (dim,) inside the box."""
         finite_lower, finite_upper = np.isfinite(self.lower), np.isfinite(self.upper)
         lower, upper = np.where(finite_lower, self.lower, 0.0), np.where(finite_upper, self.upper, 0.0)
         beside = np.where(finite_lower, lower + 1.0 + np.abs(lower), upper - 1.0 - np.abs(upper))
@@ -243,11 +294,32 @@ class BoxMembership(Membership):
         return np.asarray(inside, dtype=np.float64)
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        """Return bounds of the points whose membership is at least ``level``.
+
+        Parameters
+        ----------
+        level : float
+            In [0, 1]; 0 means all possible points.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (dim,)
+            Bounds; infinite where unbounded.
+        """
         as_level("level", level, or_zero=True)
         return self.lower, self.upper
 
     def project(self, components: Sequence[int]) -> BoxMembership:
-        """Return the membership of some components."""
+        """Return the membership of some components.
+
+        Parameters
+        ----------
+        components : sequence of int
+            In increasing order.
+
+        Returns
+        -------
+        BoxMembership
+        """
         index = as_components(components, self.dim)
         return BoxMembership(self.lower[index], self.upper[index])

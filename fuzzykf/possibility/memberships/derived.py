@@ -40,22 +40,23 @@ NODES = {1: 2001, 2: 201}
 
 @reprs("base", "level", "lower", "upper")
 class CutMembership(Membership):
-    """A membership set to zero outside a level set or a box; made by `Membership.cut`.
+    """Membership set to zero outside a level set or a box, from `Membership.cut`.
 
     Parameters
     ----------
     base : Membership
+        Membership to cut.
     level_or_bounds : float, (lo, hi) or ((lo, hi), ...)
         See `Membership.cut`.
 
     Attributes
     ----------
     base : Membership
-        What was cut.
+        Membership before the cut.
     level : float
-        Level below which memberships are zero; 0 if a box was cut out.
+        Level below which memberships are zero; 0 for a cut by bounds.
     lower, upper : ndarray, shape (dim,)
-        Bounds of what is left.
+        Bounds of the remaining points.
 
     Raises
     ------
@@ -116,29 +117,79 @@ class CutMembership(Membership):
         return np.where(self._kept(x, value, self.level), value, 0.0)
 
     def cost(self, x: FloatArray, t_norm: TNorm) -> FloatArray:
-        """Costs of the base inside the cut, of impossibility outside."""
+        """Return costs of the base inside the cut, and of impossible points outside.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., dim)
+        t_norm : TNorm
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         x, t_norm = as_points(x, self.dim), as_t_norm(t_norm)
         value = self.base._evaluate(x)
         return np.where(self._kept(x, value, self.level), self.base.cost(x, t_norm), t_norm.impossible)
 
     def negative_log(self, x: FloatArray) -> FloatArray:
-        """Minus the logarithms of the memberships."""
+        """Return minus the logarithm of the membership.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., dim)
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         x = as_points(x, self.dim)
         value = self.base._evaluate(x)
         return np.where(self._kept(x, value, self.level), self.base.negative_log(x), np.inf)
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        """Return bounds of the points whose membership is at least ``level``.
+
+        Parameters
+        ----------
+        level : float
+            In [0, 1]; 0 means all possible points.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (dim,)
+            Bounds; infinite where unbounded.
+        """
         lower, upper = self.base.support(max(as_level("level", level, or_zero=True), self.level))
         return np.maximum(lower, self.lower), np.minimum(upper, self.upper)
 
     def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the points reaching each of many levels."""
+        """Return bounds of the points that reach each of several levels.
+
+        Parameters
+        ----------
+        levels : ndarray, shape (n,)
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (n, dim)
+            Bounds, one row per level.
+        """
         lower, upper = self.base.reach(np.maximum(as_levels("levels", levels), self.level))
         return np.maximum(lower, self.lower), np.minimum(upper, self.upper)
 
     def project(self, components: Sequence[int]) -> Membership:
-        """Return the membership of some components: the supremum over the others."""
+        """Return the membership of some components: the supremum over the others.
+
+        Parameters
+        ----------
+        components : sequence of int
+            In increasing order.
+
+        Returns
+        -------
+        Membership
+        """
         if self.level > 0.0:
             return CutMembership(self.base.project(components), self.level)
         return super().project(components)
@@ -152,7 +203,7 @@ class JointMembership(Membership):
     components : sequence of Membership
         Each of dimension 1.
     t_norm : TNorm
-        How they combine.
+        T-norm that combines them.
 
     Examples
     --------
@@ -191,7 +242,17 @@ class JointMembership(Membership):
         return self.t_norm(*(c._evaluate(x[..., k : k + 1]) for k, c in enumerate(self.components)))
 
     def cost(self, x: FloatArray, t_norm: TNorm) -> FloatArray:
-        """Costs; combined without a detour over memberships where the t-norm is the same."""
+        """Return costs, without loss of accuracy if ``t_norm`` is that of the components.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., dim)
+        t_norm : TNorm
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         x, t_norm = as_points(x, self.dim), as_t_norm(t_norm)
         if t_norm != self.t_norm:
             return super().cost(x, t_norm)
@@ -199,17 +260,48 @@ class JointMembership(Membership):
         return reduce(t_norm.combine, costs)
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        """Return bounds of the points whose membership is at least ``level``.
+
+        Parameters
+        ----------
+        level : float
+            In [0, 1]; 0 means all possible points.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (dim,)
+            Bounds; infinite where unbounded.
+        """
         bounds = [component.support(level) for component in self.components]
         return np.concatenate([b[0] for b in bounds]), np.concatenate([b[1] for b in bounds])
 
     def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the points reaching each of many levels."""
+        """Return bounds of the points that reach each of several levels.
+
+        Parameters
+        ----------
+        levels : ndarray, shape (n,)
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (n, dim)
+            Bounds, one row per level.
+        """
         bounds = [component.reach(levels) for component in self.components]
         return np.hstack([b[0] for b in bounds]), np.hstack([b[1] for b in bounds])
 
     def project(self, components: Sequence[int]) -> JointMembership:
-        """Return the membership of some components."""
+        """Return the membership of some components.
+
+        Parameters
+        ----------
+        components : sequence of int
+            In increasing order.
+
+        Returns
+        -------
+        JointMembership
+        """
         return JointMembership([self.components[k] for k in as_components(components, self.dim)], self.t_norm)
 
     @shown
@@ -281,13 +373,25 @@ def as_box(membership: Membership) -> IntervalMembership | None:
 
 
 def sampled(membership: Membership, level: float = 1e-8) -> GridMembership:
-    """Sample a membership on a grid over its support.
+    """Return a membership sampled on a grid over its support.
 
     Parameters
     ----------
     membership : Membership
+        Membership to sample.
     level : float
-        Where the support is unbounded, memberships below this level are left out.
+        If the support is unbounded, memberships below this level are omitted.
+
+    Returns
+    -------
+    GridMembership
+
+    Examples
+    --------
+    >>> from fuzzykf import GaussianMembership
+    >>> from fuzzykf.possibility.memberships import sampled
+    >>> round(sampled(GaussianMembership(0.0, 1.0))(1.0), 3)
+    0.607
     """
     if not isinstance(membership, Membership):
         raise ParameterError(f"membership: got {brief(membership)}, expected a membership")

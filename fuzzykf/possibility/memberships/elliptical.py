@@ -39,9 +39,9 @@ LARGEST_SCALE = 1e154
 
 @reprs("center", "matrix")
 class EllipticalMembership(Membership):
-    """A decreasing function of the quadratic form q(x) = (x - center)' matrix^-1 (x - center).
+    """Base class: decreasing function of q(x) = (x - center)' matrix^-1 (x - center).
 
-    The matrix may be singular: points off its range have membership zero.
+    The matrix may be singular: points outside its range have membership zero.
 
     Attributes
     ----------
@@ -49,6 +49,13 @@ class EllipticalMembership(Membership):
         The peak.
     matrix : ndarray, shape (dim, dim)
         Positive semi-definite.
+
+    Examples
+    --------
+    >>> from fuzzykf import CauchyMembership
+    >>> from fuzzykf.possibility.memberships import EllipticalMembership
+    >>> isinstance(CauchyMembership(0.0, 1.0), EllipticalMembership)
+    True
     """
 
     #: Name of the closed family, as in `TNorm.family`.
@@ -66,7 +73,16 @@ class EllipticalMembership(Membership):
         return self.center
 
     def quadratic(self, x: FloatArray) -> FloatArray:
-        """Return q at points (..., dim), infinite off the range of a singular matrix."""
+        """Return the quadratic form q; infinite outside the range of a singular matrix.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., dim)
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         x = as_points(x, self.dim)
         with np.errstate(over="ignore", invalid="ignore"):
             value = self._quadratic(x)
@@ -90,7 +106,18 @@ class EllipticalMembership(Membership):
         return np.exp(-self.negative_log(x))
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        """Return bounds of the points whose membership is at least ``level``.
+
+        Parameters
+        ----------
+        level : float
+            In [0, 1]; 0 means all possible points.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (dim,)
+            Bounds; infinite where unbounded.
+        """
         at = np.array(as_level("level", level, or_zero=True))
         with np.errstate(divide="ignore", invalid="ignore"):
             half = np.sqrt(np.diag(self.matrix) * self._quadratic_at(at))
@@ -98,7 +125,17 @@ class EllipticalMembership(Membership):
         return self.center - half, self.center + half
 
     def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Bounds, component by component, of the points reaching each of many levels."""
+        """Return bounds of the points that reach each of several levels.
+
+        Parameters
+        ----------
+        levels : ndarray, shape (n,)
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (n, dim)
+            Bounds, one row per level.
+        """
         half = np.sqrt(np.outer(self._quadratic_at(as_levels("levels", levels)), np.diag(self.matrix)))
         return self.center - half, self.center + half
 
@@ -107,20 +144,42 @@ class EllipticalMembership(Membership):
         raise NotImplementedError
 
     def with_matrix(self, center: FloatArray, matrix: FloatArray) -> Self:
-        """Return a membership of the same kind with another center and matrix."""
+        """Return a membership of the same class with another center and matrix.
+
+        Parameters
+        ----------
+        center : ndarray, shape (dim,)
+        matrix : ndarray, shape (dim, dim)
+
+        Returns
+        -------
+        EllipticalMembership
+            Of the same class.
+        """
         new = type(self).__new__(type(self))
         EllipticalMembership.__init__(new, center, matrix)
         return new
 
     def project(self, components: Sequence[int]) -> Self:
-        """Return the membership of some components: that of the block of the matrix."""
+        """Return the membership of some components, with their block of the matrix.
+
+        Parameters
+        ----------
+        components : sequence of int
+            In increasing order.
+
+        Returns
+        -------
+        EllipticalMembership
+            Of the same class.
+        """
         index = as_components(components, self.dim)
         return self.with_matrix(self.center[index], self.matrix[np.ix_(index, index)])
 
 
 @reprs("mean", "covariance")
 class GaussianMembership(EllipticalMembership):
-    """The membership exp(-q/2), q = (x - mean)' covariance^-1 (x - mean).
+    """Gaussian membership exp(-q/2), with q = (x - mean)' covariance^-1 (x - mean).
 
     Parameters
     ----------
@@ -132,7 +191,7 @@ class GaussianMembership(EllipticalMembership):
     Raises
     ------
     ShapeError, ParameterError, NotPositiveDefiniteError
-        Wrong shape; not finite, not symmetric; a negative variance or eigenvalue.
+        If the shape is wrong, or the covariance is not finite, symmetric and positive semi-definite.
 
     Notes
     -----
@@ -166,7 +225,16 @@ class GaussianMembership(EllipticalMembership):
         return self.matrix
 
     def negative_log(self, x: FloatArray) -> FloatArray:
-        """Half the quadratic form."""
+        """Return q / 2.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., dim)
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         return 0.5 * self.quadratic(x)
 
     def _quadratic_at(self, level: FloatArray) -> FloatArray:
@@ -189,28 +257,28 @@ class _ScaledMembership(EllipticalMembership):
 
 @reprs("center", "scale")
 class CauchyMembership(_ScaledMembership):
-    """The membership 1 / (1 + q), q = |x - center|^2 / scale^2.
+    """Cauchy membership 1 / (1 + q), with q = |x - center|^2 / scale^2.
 
     Parameters
     ----------
     center : float or array_like, shape (dim,)
         The peak.
     scale : float or array_like
-        A number or a vector (dim,) of scales, not negative; or, as for the
+        A nonnegative number or vector (dim,) of scales; or, as for the
         multivariate t distribution, a positive semi-definite scale matrix
         (dim, dim) in squared units: q = (x - center)' scale^-1 (x - center).
 
     Raises
     ------
     ShapeError, ParameterError, NotPositiveDefiniteError
-        Wrong shape; not finite, negative.
+        If the shape is wrong, or the scale is not finite and nonnegative.
 
     Notes
     -----
     Layne and Passino (2001), equations (92) and (93).
 
-    Where state and noises are all of this shape and the t-norm is Hamacher's, the estimator has a
-    closed form, which is not robust to outliers; on a grid it is (see `FuzzyRelationEstimator`).
+    If state and noises all have this shape and the t-norm is Hamacher's, the estimator has a closed form.
+    That form is not robust to outliers; on a grid it is (see `FuzzyRelationEstimator`).
 
     Examples
     --------
@@ -221,7 +289,16 @@ class CauchyMembership(_ScaledMembership):
     family = "cauchy"
 
     def negative_log(self, x: FloatArray) -> FloatArray:
-        """log(1 + q)."""
+        """Return log(1 + q).
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., dim)
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         return np.log1p(self.quadratic(x))
 
     def _evaluate(self, x: FloatArray) -> FloatArray:
@@ -234,21 +311,21 @@ class CauchyMembership(_ScaledMembership):
 
 @reprs("center", "scale")
 class ParabolicMembership(_ScaledMembership):
-    """The membership max(0, 1 - q), q = |x - center|^2 / scale^2.
+    """Parabolic membership max(0, 1 - q), with q = |x - center|^2 / scale^2.
 
     Parameters
     ----------
     center : float or array_like, shape (dim,)
         The peak.
     scale : float or array_like
-        A number or a vector (dim,): the distances at which the membership becomes
-        zero, not negative; or a positive semi-definite matrix (dim, dim) in squared
+        A nonnegative number or vector (dim,): the distance at which the membership becomes
+        zero; or a positive semi-definite matrix (dim, dim) in squared
         units: q = (x - center)' scale^-1 (x - center).
 
     Raises
     ------
     ShapeError, ParameterError, NotPositiveDefiniteError
-        Wrong shape; not finite, negative.
+        If the shape is wrong, or the scale is not finite and nonnegative.
 
     Examples
     --------
@@ -259,7 +336,16 @@ class ParabolicMembership(_ScaledMembership):
     family = "parabolic"
 
     def negative_log(self, x: FloatArray) -> FloatArray:
-        """-log(1 - q)."""
+        """Return -log(1 - q); infinite for q >= 1.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., dim)
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         with np.errstate(divide="ignore"):
             return -np.log(self._evaluate(x))
 
@@ -267,10 +353,19 @@ class ParabolicMembership(_ScaledMembership):
         return np.maximum(0.0, 1.0 - self.quadratic(x))
 
     def cost(self, x: FloatArray, t_norm: TNorm) -> FloatArray:
-        """Costs; under Łukasiewicz the quadratic form itself, also where it exceeds 1.
+        """Return costs; for Łukasiewicz, the quadratic form itself, also above 1.
 
-        There a cost above one means impossible as much as one does, but quadratic
-        costs can be interpolated across the edge of the support without error.
+        All costs of at least one are impossible, but quadratic costs can be interpolated across the edge of
+        the support without error.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., dim)
+        t_norm : TNorm
+
+        Returns
+        -------
+        ndarray, shape (...)
         """
         t_norm = as_t_norm(t_norm)
         own = t_norm.additive and t_norm.scale == "complement"

@@ -36,15 +36,15 @@ SEARCH_NODES = {1: 4001, 2: 151, 3: 41}
 
 @reprs("axes", "values")
 class GridMembership(Membership):
-    """A membership given on the nodes of a grid, linear in between and zero outside.
+    """Membership given on the nodes of a grid, linear in between and zero outside.
 
     Parameters
     ----------
     axes : sequence of array_like
-        Increasing coordinates along each axis; an axis of length one is a
-        component that is known exactly.  In one dimension, a single array will do.
+        Increasing coordinates along each axis; an axis of length one means a
+        component that is known exactly.  In one dimension, a single array is enough.
     values : array_like, shape (n_1, ..., n_dim)
-        Memberships in [0, 1] of the nodes; the largest is 1.
+        Memberships of the nodes, in [0, 1] with maximum 1.
     normalise : bool
         Divide by the largest value.
 
@@ -56,7 +56,7 @@ class GridMembership(Membership):
     Raises
     ------
     ShapeError, ParameterError
-        Wrong shape; axes not increasing; values not in [0, 1], or never 1.
+        If shapes do not agree, an axis is not increasing, or values are not in [0, 1] with maximum 1.
 
     Examples
     --------
@@ -118,7 +118,18 @@ class GridMembership(Membership):
         return np.where(inside, np.minimum(value, 1.0), 0.0)
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        """Return bounds of the points whose membership is at least ``level``.
+
+        Parameters
+        ----------
+        level : float
+            In [0, 1]; 0 means all possible points.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (dim,)
+            Bounds; infinite where unbounded.
+        """
         level = as_level("level", level, or_zero=True)
         lower, upper = np.empty(self.dim), np.empty(self.dim)
         for k, axis in enumerate(self.axes):
@@ -129,7 +140,17 @@ class GridMembership(Membership):
         return lower, upper
 
     def project(self, components: Sequence[int]) -> GridMembership:
-        """Return the membership of some components: the largest over the others."""
+        """Return the membership of some components: the maximum over the others.
+
+        Parameters
+        ----------
+        components : sequence of int
+            In increasing order.
+
+        Returns
+        -------
+        GridMembership
+        """
         kept = as_components(components, self.dim)
         others = tuple(k for k in range(self.dim) if k not in kept)
         return GridMembership([self.axes[k] for k in kept], self.values.max(axis=others))
@@ -162,16 +183,16 @@ def _checked_values(values: FloatArray, normalise: bool) -> FloatArray:
 
 @reprs("function", "lower", "upper")
 class FunctionMembership(Membership):
-    """A membership given by any Python function with a bounded support.
+    """Membership given by any Python function with bounded support.
 
     Parameters
     ----------
     function : callable
-        Takes an array (n, dim) and returns n memberships in [0, 1]; in one dimension
-        an element-wise function such as ``lambda x: np.exp(-abs(x))`` will do, and so
-        will a function of a single number, which is called number by number.
+        Maps an array (n, dim) to n memberships in [0, 1].  In one dimension, it may also be an element-wise
+        function such as ``lambda x: np.exp(-abs(x))``, or a function of a single number, which is called
+        once per number.
     support : (lo, hi) or ((lo, hi), ...)
-        Outside this box the membership is zero, whatever the function says.
+        Bounds of the box outside which the membership is zero.
     normalise : bool
         Divide by the largest value.
 
@@ -183,12 +204,12 @@ class FunctionMembership(Membership):
     Raises
     ------
     ShapeError, ParameterError
-        Wrong shapes; an infinite or empty support; values outside [0, 1] or NaN;
-        a function that never reaches 1.
+        If shapes are wrong, the support is infinite or empty, or values are NaN, outside [0, 1], or never
+        1.
 
     Notes
     -----
-    The peak is sought on a grid and then polished by a local search; a peak narrower
+    The peak is found on a grid and refined by a local search; a peak narrower
     than 1/4000 of the support (1/150 in two dimensions, 1/40 in three) may be missed.
 
     Examples
@@ -289,7 +310,18 @@ class FunctionMembership(Membership):
         return value
 
     def support(self, level: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the points whose membership reaches ``level`` (see `Membership.support`)."""
+        """Return bounds of the points whose membership is at least ``level``.
+
+        Parameters
+        ----------
+        level : float
+            In [0, 1]; 0 means all possible points.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (dim,)
+            Bounds; infinite where unbounded.
+        """
         level = as_level("level", level, or_zero=True)
         if level == 0.0:
             return self.lower, self.upper
@@ -320,7 +352,17 @@ class FunctionMembership(Membership):
         return np.array([outside])
 
     def reach(self, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the whole support: nothing that a search on a grid may miss is left out."""
+        """Return the bounds of the whole support, for every level.
+
+        Parameters
+        ----------
+        levels : ndarray, shape (n,)
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (n, dim)
+            Bounds, one row per level.
+        """
         shape = (as_levels("levels", levels).size, self.dim)
         return np.broadcast_to(self.lower, shape), np.broadcast_to(self.upper, shape)
 
