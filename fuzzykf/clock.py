@@ -51,20 +51,21 @@ TIMES = " * "
 
 
 class InputColumns(Immutable):
-    """Columns of numbers with names, for those who have no table of pandas.
+    """Named columns of numbers, if pandas is not used.
 
-    What takes inputs takes it: ``fit(inputs=)``, ``filter(us=)``, ``forecast(us=)``, ``simulate(us=)``.
+    It can be passed as ``fit(inputs=)``, ``filter(us=)``, ``forecast(us=)`` and ``simulate(us=)``.
 
     Parameters
     ----------
     columns : iterable of str
-        Names, each of them once.
+        Distinct names.
     values : array_like, shape (n, k)
+        One column per name.
 
     Raises
     ------
     ParameterError, ShapeError
-        If a name stands twice, or there are not as many as columns.
+        If a name repeats, or the number of names is not that of columns.
 
     Examples
     --------
@@ -81,7 +82,12 @@ class InputColumns(Immutable):
         self._values = as_array("values", values, (None, len(self.columns)))
 
     def to_numpy(self) -> FloatArray:
-        """Return the numbers, (n, k); the array cannot be written to."""
+        """Return the numbers as a read-only array.
+
+        Returns
+        -------
+        ndarray, shape (n, k)
+        """
         return self._values
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
@@ -94,12 +100,12 @@ class InputColumns(Immutable):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of rows and of columns."""
+        """Numbers of rows and columns."""
         return len(self._values), len(self.columns)
 
     @property
     def ndim(self) -> int:
-        """Number of axes, two, as that of any table."""
+        """Number of axes, which is 2."""
         return 2
 
     def __getitem__(self, key: Any) -> Any:
@@ -123,32 +129,31 @@ def clock_inputs(
     workday: ArrayLike | bool | None = None,
     day_of_year: bool = False,
 ) -> Any:
-    """Make inputs of a clock: harmonics of the day and, if asked for, working days and the season.
+    """Return clock inputs: harmonics of the day and, optionally, working days and the season.
 
     Parameters
     ----------
     time : array_like of times, shape (n,), or table
-        In any form that `hour_of_day` takes, in any order, or a table with an index of times.  The hour is
-        that of the clock on the spot: of times with a zone or an offset the local one.
+        Times in any form of `hour_of_day`, in any order, or a table with an index of times.  For times with a
+        zone or an offset, the local hour counts.
     harmonics : int
-        How many harmonics of the day, at most 24; two columns each.
+        Number of daily harmonics, at most 24; two columns each.
     workday : bool, or array_like of bool, shape (n,), optional
-        True: Mondays to Fridays are working days.  Or which rows are of working days: so public holidays
-        can be told.  A column of 0 and 1, and its products with the first harmonic.
+        True for Mondays to Fridays, or a mask of the rows on working days, to include public holidays.  Adds
+        a column of 0 and 1, and its products with the first harmonic.
     day_of_year : bool
-        Whether the first harmonic of the year is wanted.  It takes several years to learn from: within half
-        a year it is little else than a trend.
+        Whether to add the first harmonic of the year.  Use it only with several years of data: within half a
+        year it is hardly more than a trend.
 
     Returns
     -------
     DataFrame or InputColumns
-        A DataFrame with the index of ``time`` if it has one, or is one; else columns with names and without
-        an index.
+        A DataFrame with the index of ``time`` if it has or is an index, else `InputColumns`.
 
     Raises
     ------
     ParameterError, ShapeError
-        If ``time`` is no row of times, ``workday`` has other rows, or no column is asked for.
+        If ``time`` is not a sequence of times, ``workday`` has another length, or there would be no column.
 
     See Also
     --------
@@ -156,9 +161,8 @@ def clock_inputs(
 
     Notes
     -----
-    The names say what the columns are made of, and a model that has learned with them remembers the names:
-    so the command line makes them again from the times.  ``clock_workday`` is that of the calendar; what the
-    caller has told is called ``workday``, which no clock can tell.
+    Column names define the columns, and a model stores the names, so the command line can compute them from
+    the times.  ``clock_workday`` is computed from the calendar; a given mask is called ``workday``.
 
     Examples
     --------

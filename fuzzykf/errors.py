@@ -33,68 +33,77 @@ class FuzzykfError(Exception):
 
 
 class ParameterError(FuzzykfError, ValueError):
-    """An argument has an inadmissible value; the message names the admissible range."""
+    """An argument has an inadmissible value; the message says what is admissible.
+
+    Examples
+    --------
+    >>> from fuzzykf import KalmanFilter
+    >>> try:
+    ...     KalmanFilter(dim_x=0, dim_z=1)
+    ... except ValueError as error:  # a ParameterError is a ValueError
+    ...     print(error)
+    dim_x: got 0, expected an integer of at least 1
+    """
 
 
 class ShapeError(ParameterError):
-    """An array has the wrong shape; the message names the expected one."""
+    """An array has the wrong shape; the message names the expected shape."""
 
 
 class NotPositiveDefiniteError(ParameterError):
-    """A matrix that has to be positive (semi-)definite is not.
+    """A matrix is not positive (semi-)definite, as it must be.
 
-    The message names the matrix, where it belongs (a pair of nodes, a step),
-    and the offending eigenvalue.
+    The message names the matrix, its place (a pair of nodes or a step) and the eigenvalue.
     """
 
 
 class NotStableError(ParameterError):
-    """Second moments that have to settle grow without bound; the message names the spectral radius."""
+    """Second moments diverge where a stationary law is needed; the message names the spectral radius."""
 
 
 class ClosenessWarning(UserWarning):
-    """A converted model is far from the one it stands for; the message says how far."""
+    """A converted model is a poor approximation; the message says how far it is from the optimum."""
 
 
 class EmptyIntersectionError(FuzzykfError, ValueError):
-    """Prediction and measurement exclude each other: no state is possible."""
+    """Prediction and measurement exclude each other, so no state is possible."""
 
 
 class UnreachableMeasurementError(EmptyIntersectionError):
-    """No state whatever can explain the measurement: it lies outside what hx can reach."""
+    """No state at all is consistent with the measurement: it is outside the range of hx."""
 
 
 class SupportLostError(FuzzykfError, ValueError):
-    """All possible states have left the fixed universe of a grid."""
+    """All possible states have left the fixed domain of a grid."""
 
 
 class HindsightWarning(UserWarning):
-    """Later observations move the states by more than the model admits; what is smoothed may be worse."""
+    """Later observations move states by more than the model admits; smoothing may be harmful."""
 
 
 class StepsWarning(UserWarning):
-    """A dated series lacks rows, or its steps are unequal; a model takes each row for one step."""
+    """A dated series has missing rows or unequal steps; a model counts each row as one step."""
 
 
 class SupportWarning(UserWarning):
-    """Possible states have left a grid at its edge, or a grid is too coarse for a measurement."""
+    """Possible states have left a grid, or the grid is too coarse for a measurement."""
 
 
 class SequenceError(FuzzykfError, RuntimeError):
-    """The verbs of a filter were called in an order that has no meaning."""
+    """Methods were called in an invalid order, such as update without predict."""
 
 
 class QuadratureError(FuzzykfError, ArithmeticError):
-    """A quadrature rule is too coarse for the law or for the data it meets."""
+    """A quadrature rule is too coarse for the law or the data."""
 
 
 class NumericalRangeError(FuzzykfError, ArithmeticError):
-    """A number is needed that double precision cannot hold, such as the density of an absurd observation."""
+    """A result exceeds the range of double precision, such as the density of an extreme observation."""
 
 
 class FileFormatError(FuzzykfError, ValueError):
-    """A file is damaged, foreign, or of a version that cannot be read."""
+    """A file is damaged, not from fuzzykf, or of a version that cannot be read."""
 
 
 class MissingDependencyError(FuzzykfError, ImportError):
-    """An optional package is needed; the message names the extra that brings it."""
+    """An optional package is missing; the message names the extra that installs it."""

@@ -90,10 +90,10 @@ def warn_of_hindsight(fields: Mapping[str, FloatArray], smoothed: FilterResult, 
     ratio = hindsight_ratio(x, P, smoothed.x, smoothed.P)
     if ratio > LARGEST:
         warnings.warn(
-            f"smooth: later observations move the states {ratio:.3g} times as much, in squares, as the model "
-            f"admits (at most {LARGEST:g} is expected): it is wrong, or the filter has lost the switch, and "
-            "what is smoothed may be worse than what is filtered; a law that fades or jumps, or GPB2 in "
-            "place of IMM, may help",
+            f"smooth: later observations move the states {ratio:.3g} times as far, in squares, as the model "
+            f"admits (expected at most {LARGEST:g}): the model is wrong, or the filter has lost the switch, "
+            "and smoothing may be worse than filtering; try a law that fades or jumps, or gpb2 instead of "
+            "imm",
             HindsightWarning,
             stacklevel=level,
         )

@@ -65,30 +65,28 @@ _PARTS = ("states", "observations", "units", "step")
 
 
 class Labels(Immutable):
-    """What a model remembers of the data that it was learned on.
-
-    Two of them are equal if all they know is.
+    """Names, units and time step of the data on which a model was learned.
 
     Parameters
     ----------
     states, observations : sequence of str, optional
-        Names of the components; None where they are not known.
+        Names of the components; None if unknown.
     units : mapping of str to str, optional
-        Units by name; not every name needs one.
+        Units by name; optional for each name.
     step : timedelta64 or timedelta, optional
-        How far rows are apart; a number of months is a length of its own.
+        Time between rows; may be a number of months.
 
     Attributes
     ----------
     states, observations : tuple of str, or None
     step : timedelta64 or None
-        In months, in seconds, or in the coarsest part of these that holds it.
+        In months, seconds or the coarsest exact fraction of a second.
 
     Raises
     ------
     ParameterError
-        If a name is empty, or stands twice among states or among observations; a unit belongs to none of
-        them; the step is none.
+        If a name is empty or repeats among states or observations, a unit belongs to no name, or the step is
+        inadmissible.
 
     Examples
     --------
@@ -119,7 +117,16 @@ class Labels(Immutable):
         return dict(self._units)
 
     def units_as(self, other: Labels) -> dict[str, str]:
-        """Return the units of components that the other may call otherwise, by its names."""
+        """Return the units of the components under the names of other labels.
+
+        Parameters
+        ----------
+        other : Labels
+
+        Returns
+        -------
+        dict of str to str
+        """
         pairs = ((self.states, other.states), (self.observations, other.observations))
         found = {}
         for here, there in pairs:
@@ -127,7 +134,15 @@ class Labels(Immutable):
         return {name: self.units[old] for name, old in found.items() if old in self.units}
 
     def with_unit(self, name: str) -> str:
-        """Return a name with its unit, as the title of a column has it.
+        """Return a name with its unit, for a column title.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        str
 
         Examples
         --------
@@ -138,7 +153,16 @@ class Labels(Immutable):
         return name if unit is None else f"{name} ({unit})"
 
     def facts(self, dim_x: int, dim_z: int) -> list[tuple[str, str]]:
-        """Return what stands in the tables of a model: how many components there are, their names, the step.
+        """Return numbers and names of components and the step, as pairs of text for tables.
+
+        Parameters
+        ----------
+        dim_x, dim_z : int
+            Numbers of components of state and observation.
+
+        Returns
+        -------
+        list of (str, str)
 
         Examples
         --------
@@ -156,7 +180,12 @@ class Labels(Immutable):
         return facts if self.step is None else [*facts, ("rows apart", spoken(self.step))]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values."""
+        """Return the labels as plain values.
+
+        Returns
+        -------
+        dict
+        """
         step = None
         if self.step is not None:
             step = {"count": int(self.step.astype(np.int64)), "unit": np.datetime_data(self.step.dtype)[0]}
@@ -169,12 +198,21 @@ class Labels(Immutable):
 
     @classmethod
     def from_dict(cls, values: Any) -> Labels:
-        """Make it from what `to_dict` returned.
+        """Create labels from the output of `to_dict`.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        Labels
 
         Raises
         ------
         ParameterError
-            If a part is missing, is no such part, or is unknown.
+            If a key is missing, unknown or has an inadmissible value.
         """
         if not isinstance(values, Mapping) or set(values) != set(_PARTS):
             raise ParameterError(f"labels: got {brief(values)}, expected {', '.join(_PARTS)}")

@@ -36,12 +36,12 @@ ROUNDING = 4.0
 
 
 def hour_of_day(time: Any) -> FloatArray:
-    """Hours since midnight on the clock on the spot, fractions included.
+    """Return the hours since local midnight, with fractions.
 
     Parameters
     ----------
     time : array_like of times, shape (n,)
-        In any form: see `DailyProfile.fit`; of times with a zone or an offset the local hour counts.
+        In any form of `DailyProfile.fit`; for times with a zone or an offset, the local hour counts.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def hour_of_day(time: Any) -> FloatArray:
     Raises
     ------
     ParameterError, ShapeError
-        If it is no row of times.
+        If it is not a sequence of times.
 
     Examples
     --------
@@ -64,21 +64,19 @@ def hour_of_day(time: Any) -> FloatArray:
 
 
 class Standardizer:
-    """Bring each column to mean zero and standard deviation one.
+    """Standardise columns to mean zero and standard deviation one.
 
     Attributes
     ----------
     mean_, scale_ : ndarray, shape (k,)
-        Mean and standard deviation of the columns of the training part; of one
-        column if it was flat.
+        Mean and standard deviation of the columns of the training data; (1,) for one-dimensional data.
     names_ : tuple of str, or None
-        Names of the columns, or of the Series, of the training part; None of an array.
+        Names of the columns, or of the Series, of the training data; None for an array.
 
     Notes
     -----
-    The models of fuzzykf standardise inside when they learn, and need no help.  A
-    covariance in standard units becomes one in the units of the data by multiplication
-    with ``np.outer(scale_, scale_)``.
+    Models standardise data internally, so this is not needed before ``fit``.  Multiply a covariance in
+    standard units by ``np.outer(scale_, scale_)`` to convert it to the units of the data.
 
     Examples
     --------
@@ -96,18 +94,23 @@ class Standardizer:
     names_: tuple[str, ...] | None = None
 
     def fit(self, values: Numbers) -> Self:
-        """Learn mean and standard deviation.
+        """Learn mean and standard deviation of each column.
 
         Parameters
         ----------
         values : array_like, shape (n,) or (n, k)
-            The training part; NaN where missing.
+            Training data; NaN where missing.
+
+        Returns
+        -------
+        Standardizer
+            The object itself.
 
         Raises
         ------
         ShapeError, ParameterError
-            If ``values`` has another shape, is infinite, two columns have one name, or a column is empty or
-            constant: all of its numbers are one, but for the last digits that double precision has there.
+            If ``values`` has the wrong shape or is infinite, two columns have the same name, or a column is
+            empty or constant up to rounding.
         """
         names = _learned_names(values)
         self.mean_, self.scale_ = mean_and_scale("values", as_columns("values", values))
@@ -120,17 +123,21 @@ class Standardizer:
         Parameters
         ----------
         values : array_like, shape (n,) or (n, k)
-            Of a table with names the columns of the training part are taken, and come back in the order in
-            which they were learned.  An array, a Series and columns 0, 1, 2, ... go by position.  A pandas
-            object comes back as one.
+            Columns of a table are matched by name and returned in the order of the training data; arrays,
+            Series and columns 0, 1, 2, ... go by position.
+
+        Returns
+        -------
+        ndarray, Series or DataFrame
+            Of the type and shape of ``values``.
 
         Raises
         ------
         SequenceError
-            If nothing has been fitted.
+            If `fit` was not called.
         ShapeError, ParameterError
-            If ``values`` lacks a column of the training part, has more or fewer where they go by position,
-            or is infinite.
+            If ``values`` lacks a column of the training data, has the wrong number of columns, or is
+            infinite.
 
         Examples
         --------
@@ -145,12 +152,17 @@ class Standardizer:
         return _like(values, (columns - self.mean_) / self.scale_, positions)
 
     def inverse_transform(self, values: Numbers) -> Any:
-        """Return values in standard units in the units of the training part.
+        """Return values in standard units, converted to the units of the training data.
 
         Parameters
         ----------
         values : array_like, shape (n,) or (n, k)
             As in `transform`.
+
+        Returns
+        -------
+        ndarray, Series or DataFrame
+            Of the type and shape of ``values``.
         """
         positions, columns = self._columns(values)
         return _like(values, columns * self.scale_ + self.mean_, positions)
@@ -161,6 +173,11 @@ class Standardizer:
         Parameters
         ----------
         values : array_like, shape (n,) or (n, k)
+
+        Returns
+        -------
+        ndarray, Series or DataFrame
+            Of the type and shape of ``values``.
         """
         return self.fit(values).transform(values)
 
@@ -176,35 +193,32 @@ class Standardizer:
 
 
 class DailyProfile:
-    """Take from a series its mean at each time of day, on working days and on other days.
+    """Subtract the mean at each time of day, on working days and on other days.
 
-    What is left is the surprise of the day, which is harder to restore and usually what
-    matters.
+    The remainder, the deviation from the usual day, is harder to estimate and often what matters.
 
     Parameters
     ----------
     slot : float, optional
-        Hours that share one mean; a day has to hold a whole number of slots.  By default
-        the step between rows, if it divides the day and is not below a second, else one hour.
+        Length of a time slot with one mean, in hours; it must divide the day.  By default
+        the step between rows, if it divides the day and is at least a second, else one hour.
 
     Attributes
     ----------
     slot_ : float
-        Hours that share one mean.
+        Length of a time slot, in hours.
     means_ : ndarray, shape (2, slots) or (2, slots, k)
         Means on other days (first row) and on working days, in the unit of the series;
-        NaN where the training part has no row.
+        NaN where the training data have no row.
     names_ : tuple of str, or None
-        Names of the columns, or of the Series, of the training part; None of an array.
+        Names of the columns, or of the Series, of the training data; None for an array.
     has_offsets_ : bool
-        Whether the times of the training part had a zone, or an offset from Greenwich.
+        Whether the training times have a zone or a UTC offset.
 
     Notes
     -----
-    The hour and the day are those that the clock on the spot shows.  So times of another zone are taken as
-    its clock shows them: a profile that was learned in Melbourne gives what was usual there at eight in the
-    morning for eight in the morning in Berlin.  Of times without a zone nobody knows whose clock they are:
-    they do not go together with times that have one, and are refused.
+    Hour and day are local.  A profile learned in Melbourne therefore applies its value for eight in the
+    morning to eight in the morning in Berlin.  Times with and without a zone cannot be mixed.
 
     Examples
     --------
@@ -231,25 +245,29 @@ class DailyProfile:
         self.slot = slot
 
     def fit(self, values: Numbers, time: Any = None, workday: Numbers | None = None) -> Self:
-        """Average the values of each time of day and kind of day.
+        """Average the values at each time of day, for working days and other days.
 
         Parameters
         ----------
         values : array_like, shape (n,) or (n, k)
-            The training part; NaN where missing.
+            Training data; NaN where missing.
         time : array_like of times, shape (n,), optional
-            datetime64, datetime objects, text of ISO 8601, or a Series or an index of pandas, each later
-            than the one before; by default the index of ``values``, or the coordinate of a DataArray.  The
-            hour and the day are those of the clock on the spot: of times with a zone or an offset the local
-            ones, of others what they say.
+            datetime64, datetime objects, ISO 8601 text, or a pandas Series or index, in increasing order; by
+            default the index of ``values``, or the coordinate of a DataArray.  For times with a zone or an
+            offset, hour and day are local.
         workday : array_like of bool, shape (n,), optional
-            By default Mondays to Fridays.
+            Working days; by default Mondays to Fridays.
+
+        Returns
+        -------
+        DailyProfile
+            The object itself.
 
         Raises
         ------
         ShapeError, ParameterError
-            If lengths differ, a value is infinite, two columns have one name, there are no times, or one is
-            not later than the one before it.
+            If lengths differ, a value is infinite, two columns have the same name, or times are missing or do
+            not increase.
         """
         check_aligned(values=values, time=time, workday=workday)
         names = _learned_names(values)
@@ -277,15 +295,19 @@ class DailyProfile:
         Parameters
         ----------
         time, workday
-            As in `fit`; here the times may be in any order.
+            As in `fit`; times may be in any order.
+
+        Returns
+        -------
+        ndarray, shape (n,) or (n, k)
 
         Raises
         ------
         SequenceError
-            If nothing has been fitted.
+            If `fit` was not called.
         ParameterError
-            If the training part had no row of that time and kind of day, or one of the two has times with a
-            zone or an offset, and the other has not.
+            If the training data have no row at that time and kind of day, or only one of both has times with
+            a zone or an offset.
         """
         _check_fitted(self, "means_")
         check_aligned(time=time, workday=workday)
@@ -306,29 +328,38 @@ class DailyProfile:
         return found
 
     def transform(self, values: Numbers, time: Any = None, workday: Numbers | None = None) -> Any:
-        """Return the values less the profile.
+        """Return the values minus the profile.
 
         Parameters
         ----------
         values, time, workday
-            As in `fit`.  Of a table with names the columns of the training part are taken, and come back in
-            the order in which they were learned.  An array, a Series and columns 0, 1, 2, ... go by
-            position.  A pandas object comes back as one.
+            As in `fit`.  Columns of a table are matched by name and returned in the order of the training
+            data; arrays, Series and columns 0, 1, 2, ... go by position.
+
+        Returns
+        -------
+        ndarray, Series or DataFrame
+            Of the type and shape of ``values``.
 
         Raises
         ------
         SequenceError, ShapeError, ParameterError
-            As from `fit` and `at`; or if a column of the training part is missing.
+            As from `fit` and `at`; if a column of the training data is missing.
         """
         return self._shift(values, time, workday, -1.0)
 
     def inverse_transform(self, values: Numbers, time: Any = None, workday: Numbers | None = None) -> Any:
-        """Add the profile to what is left after `transform`, such as a filtered state.
+        """Add the profile to values, such as filtered states of the transformed series.
 
         Parameters
         ----------
         values, time, workday
             As in `transform`.
+
+        Returns
+        -------
+        ndarray, Series or DataFrame
+            Of the type and shape of ``values``.
         """
         return self._shift(values, time, workday, 1.0)
 
@@ -339,6 +370,11 @@ class DailyProfile:
         ----------
         values, time, workday
             As in `fit`.
+
+        Returns
+        -------
+        ndarray, Series or DataFrame
+            Of the type and shape of ``values``.
         """
         return self.fit(values, time, workday).transform(values, time, workday)
 

@@ -178,16 +178,17 @@ def step_note(
         return None
     place = f"index of {column}" if is_index else f"column {column}"
     empty = "of NaN (asfreq, reindex)" if is_index else "with empty cells"
-    remedy = f"a model knows steps of one length: give missing times a row {empty}"
+    remedy = f"a model has a fixed time step: add rows {empty} for missing times"
     if steps.step is None and apart.min() == apart.max():
         return (
-            f"rows without a time stand where none is missing ({place}), and a model takes each for "
-            "one step more: remove them, or give them their times"
+            f"rows without a time occur where no step is missing ({place}), and a model counts each as a "
+            f"step: "
+            "remove them, or fill in their times"
         )
     if steps.step is None:
         return (
-            f"the steps between rows last from {spoken(apart.min())} to {spoken(apart.max())} "
-            f"({place}), and {remedy}"
+            f"the steps between rows vary from {spoken(apart.min())} to {spoken(apart.max())} ({place}); "
+            f"{remedy}"
         )
     names = times.clock if shown is None else shown
     after = np.flatnonzero(steps.missing)
@@ -198,7 +199,7 @@ def step_note(
     told = f"{rows} missing ({place}, steps of {spoken(steps.step)}): {', '.join(places)}{more}"
     told += f"; {remedy}"
     if not times.has_offsets and any(_may_be_spring(times, row, steps.step) for row in after.tolist()):
-        told += " (where clocks were put forward nothing is missing: times with offsets show it)"
+        told += " (if clocks were put forward there, no row is missing; use times with UTC offsets)"
     return told
 
 

@@ -191,12 +191,12 @@ def _about_training(fit: Any) -> list[tuple[str, str]]:
     training = getattr(fit, "training", None)
     if training is None:
         return []
-    kept, after = f"the {training.kept} fit was kept", f" after {training.n_iterations} iterations"
-    widened = f", noise of the state widened {training.inflation:g} times" if training.inflation > 1.0 else ""
+    kept, after = f"kept the {training.kept} fit", f" after {training.n_iterations} iterations"
+    widened = f", state noise widened {training.inflation:g} times" if training.inflation > 1.0 else ""
     scores = (
-        f"{training.score_filter:.3f} for the filter{after}{widened}, {training.score_joint:.3f} jointly "
-        f"(standard error of the difference {training.standard_error:.2g}); mean of "
-        f"{training.n_kept_back:,} states kept back"
+        f"filter fit {training.score_filter:.3f}{after}{widened}, joint fit {training.score_joint:.3f} "
+        f"(standard error of the difference {training.standard_error:.2g}); mean over "
+        f"{training.n_kept_back:,} validation states"
     )
     return [("objective", f"filter; {kept}"), ("log score of the state", scores)]
 

@@ -427,7 +427,7 @@ def test_it_warns_of_a_model_that_is_wrong(name):
         f = IMMEstimator(filters, [0.5, 0.5], M)
     else:
         f = SwitchingKalmanFilter(SwitchingStateSpace(M, F, H, Q, 0.49, x0=[0.0, 1.0], P0=P))
-    with pytest.warns(HindsightWarning, match="worse than what is filtered") as said:
+    with pytest.warns(HindsightWarning, match="worse than filtering") as said:
         f.smooth_lag(zs, 30)
     assert said[0].filename == __file__
     f.smooth_lag(zs, 0)  # nothing moves

@@ -49,7 +49,7 @@ def test_it_warns_of_a_hard_switch_where_a_sensor_fades(method) -> None:
 def test_of_few_observations_nothing_is_said() -> None:
     hard = SwitchingKalmanFilter(SwitchingStateSpace(HARD, **PARTS))
     truth = faded()[1]
-    with pytest.warns(HindsightWarning, match="worse than what is filtered"):
+    with pytest.warns(HindsightWarning, match="worse than filtering"):
         hard.smooth(truth.y)
     assert not warns(hard, truth.y[: FEWEST - 1])[1]
 

@@ -232,7 +232,7 @@ def test_periods_that_are_missing_are_told():
 def test_the_index_of_unequal_steps_still_has_to_go_on():
     f = linear()
     uneven = pd.Series([1.0, 2.0, 3.0], HOURS[[0, 1, 4]] + pd.to_timedelta([0, 3, 5], unit="min"))
-    with pytest.warns(StepsWarning, match="the steps between rows last from"):
+    with pytest.warns(StepsWarning, match="the steps between rows vary from"):
         f.filter(uneven)
     with pytest.raises(ParameterError, match="so that resume expects a later time next"):
         f.filter(uneven[:1], resume=True)

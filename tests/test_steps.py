@@ -96,8 +96,8 @@ def test_rows_without_a_time_are_no_gap() -> None:
     [
         (
             ["2014-01-01T00:00", "2014-01-01T01:00", "2014-01-01T02:00", "2014-01-01T05:00"],
-            "2 rows are missing (column t, steps of 1:00:00): 2 after 2014-01-01T02:00:00; a model knows "
-            "steps of one length: give missing times a row with empty cells",
+            "2 rows are missing (column t, steps of 1:00:00): 2 after 2014-01-01T02:00:00; a model has "
+            "a fixed time step: add rows with empty cells for missing times",
         ),
         (
             ["2014-01", "2014-02", "2014-03", "2014-05"],
@@ -109,12 +109,12 @@ def test_rows_without_a_time_are_no_gap() -> None:
         ),
         (
             ["2014-01-01T00:00", "2014-01-01T00:07", "2014-01-01T01:00"],
-            "the steps between rows last from 0:07:00 to 0:53:00 (column t), and a model knows",
+            "the steps between rows vary from 0:07:00 to 0:53:00 (column t); a model has",
         ),
         (
             # The clocks of Berlin were put forward, and nothing is missing.
             ["2014-03-30T00:00", "2014-03-30T01:00", "2014-03-30T03:00", "2014-03-30T04:00"],
-            "(where clocks were put forward nothing is missing: times with offsets show it)",
+            "(if clocks were put forward there, no row is missing; use times with UTC offsets)",
         ),
         (pd.date_range("2014", periods=4, freq="7ns").delete(2), "steps of 7 nanoseconds"),
     ],
@@ -133,7 +133,7 @@ def test_the_hint_at_spring_is_given_only_there() -> None:
 def test_a_row_without_a_time_where_none_is_missing_is_told_as_such():
     stamps = ["2024-01-01T00:00", "2024-01-01T01:00", "", "2024-01-01T02:00", "2024-01-01T03:00"]
     note = step_note(read_times(stamps, gaps=True), "time")
-    assert note.startswith("rows without a time stand where none is missing (column time)")
+    assert note.startswith("rows without a time occur where no step is missing (column time)")
     del stamps[3]  # now one is
     assert step_note(read_times(stamps, gaps=True), "time") is None
 

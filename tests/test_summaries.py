@@ -145,6 +145,6 @@ def test_a_state_and_an_observation_of_one_name_are_told_apart_and_warned_of(cas
     told = [one for one in fit.warnings if "are both called" in one]
     assert len(told) == bool(both)
     for name in both:
-        assert f"a state and an observation are both called {name!r}: the name cannot tell" in told[0]
+        assert f"a state and an observation are both called {name!r}: a filter cannot detect" in told[0]
     (table,) = (one for one in fit.summary().tables if one.title == "regimes")
     assert list(table.header[2:]) == means

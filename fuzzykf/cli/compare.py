@@ -70,8 +70,7 @@ def command(
         Path | None,
         typer.Argument(
             metavar="[DATA.csv]",
-            help="Delimited text with a line of names; without it, a series that comes with the package "
-            "(see --data).",
+            help="CSV file with column names in the first line. Omit it to use packaged data (see --data).",
             show_default=False,
         ),
     ] = None,
@@ -79,51 +78,50 @@ def command(
         SourceName | None,
         typer.Option(
             "--data",
-            help="A series that comes with the package, in place of a file. victoria: hourly electricity "
-            "demand, given the temperature, in Victoria, 2014, which is also what is compared if nothing is "
-            "said. weather: relative humidity, given the temperature, every hour at an airport of New York, "
-            "2013, with gaps.",
+            help="Packaged data, instead of a file. victoria (default): electricity demand from "
+            "temperature, hourly, Victoria, 2014. weather: relative humidity from temperature, "
+            "hourly, an airport of New York, 2013, with gaps.",
             show_default=False,
         ),
     ] = None,
     state: Annotated[
         str | None,
-        typer.Option("--state", metavar="COL", help="Column to be restored.", show_default=False),
+        typer.Option("--state", metavar="COL", help="Column to estimate.", show_default=False),
     ] = None,
     obs: Annotated[
         str | None,
-        typer.Option("--obs", metavar="COL", help="Column it is restored from.", show_default=False),
+        typer.Option("--obs", metavar="COL", help="Column to estimate it from.", show_default=False),
     ] = None,
     train: Annotated[
         float,
-        typer.Option(metavar="FRACTION", help="Share of the rows, from the beginning, to learn on at first."),
+        typer.Option(metavar="FRACTION", help="Share of the rows used for training before the first fold."),
     ] = 0.5,
     folds: Annotated[
         int,
         whole_option(
             1,
-            help="Folds into which the other rows are cut; before each, all methods learn anew on all rows "
-            "before it.",
+            help="Number of folds of the other rows. All methods are trained again before each fold, "
+            "on all earlier rows.",
         ),
     ] = 5,
     jobs: Annotated[
         int | None,
         whole_option(
             1,
-            help="Processes between which the folds are shared; results do not depend on it. By default as "
-            "many as processors, if there is much to do.",
+            help="Number of processes for the folds; results do not depend on it. Default: the "
+            "number of processors, if worthwhile.",
             show_default=False,
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for comparison.csv and comparison.png.")
+        Path, typer.Option(metavar="DIR", help="Directory for comparison.csv and comparison.png.")
     ] = Path("fuzzykf-compare"),
     report: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE.html",
-            help="Write a page with the table, an interactive picture and the settings as well; it needs no "
-            "network (5 MB).",
+            help="Also write an HTML page with table, interactive plot and settings; it works "
+            "offline (5 MB).",
             show_default=False,
         ),
     ] = None,
@@ -136,40 +134,39 @@ def command(
         bool | None,
         typer.Option(
             "--profile/--no-profile",
-            help="Take the mean of the state at each time of day, on working days and on other days "
-            "(column workday, else Monday to Friday), from it. Learned on the learning part. "
-            "By default only for the packaged data victoria.",
+            help="Subtract the daily profile: the mean state at each time of day, on working days "
+            "and on other days (column workday, else Monday to Friday), from the training rows. "
+            "Default: only for victoria.",
             show_default=False,
         ),
     ] = None,
     switch: Annotated[
         SwitchSource,
         typer.Option(
-            help="Where the switch of the learning part comes from. learned: it is hidden, and each model "
-            "learns it. Else by a rule: the hours in which the state is lowest (0) and highest (1), or the "
-            "quantiles of 20 % (0) and 80 % (1) of the observation."
+            help="Switch of the training rows. learned: hidden, learned with each model. clock: 0 in "
+            "the hours in which the state is lowest, 1 where it is highest. quantiles: 0 below the "
+            "20 % quantile of the observation, 1 above the 80 % quantile."
         ),
     ] = SwitchSource.LEARNED,
     law: Annotated[
         Law,
         typer.Option(
-            help="Family of the law of the fuzzy switch. auto: the one of best log score on rolling "
-            "blocks of the learning part (fmc1, if the switch is not learned)."
+            help="Law of the fuzzy switch. auto: the one with the best log score on validation rows "
+            "(fmc1 if the switch is not learned)."
         ),
     ] = Law.AUTO,
     nodes: Annotated[
         int,
         whole_option(
             0,
-            help="Values of the fuzzy switch between 0 and 1; the time of a step grows as (nodes + 2)^2.",
+            help="Number of nodes between 0 and 1; the time per step is proportional to (nodes + 2)^2.",
         ),
     ] = 5,
     also: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Compare one more candidate: hard3, fmc1, ... (an unknown name is answered with those that "
-            "there are); may be repeated.",
+            help="Additional candidate, such as hard3 or fmc1 (an unknown name lists all); may be repeated.",
             show_default=False,
         ),
     ] = None,
@@ -177,16 +174,16 @@ def command(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Say how far this candidate is behind the winners, and how sure that is; it joins the "
-            "table, if it is not there anyway. May be repeated.",
+            help="Report how far this candidate is behind the winners, with intervals; it is added "
+            "if necessary. May be repeated.",
             show_default=False,
         ),
     ] = None,
 ) -> None:
     """Compare filters with fuzzy and hard switches, IMM, Kalman filter and regressions on one series.
 
-    The methods learn on the first rows, where state and observation are known, and see the observation
-    alone on those after them, fold by fold. Prints a table, and writes it with a picture.
+    The methods are trained on the first rows, with state and observation, and tested on later rows, from
+    the observation alone, fold by fold. Prints a table and writes it with a plot.
     """
     from fuzzykf import comparison
     from fuzzykf.comparison.report import check_installed, report_page
@@ -297,15 +294,15 @@ def _settings(
         "data": source.title,
         "state": source.state_column,
         "observation": source.observation_column,
-        "rows": f"{len(task.state):,}: the first {task.n_train:,} to learn on, {task.n_test:,} to compare on",
-        "folds": f"{len(result.folds)}, each learned anew on all rows before it",
-        "daily profile of the state": "taken away" if task.profile else "left in",
+        "rows": f"{len(task.state):,}: {task.n_train:,} for training, {task.n_test:,} for testing",
+        "folds": f"{len(result.folds)}, trained again before each fold, on all earlier rows",
+        "daily profile of the state": "subtracted" if task.profile else "not subtracted",
         "switch": task.switch_source,
         "law of the fuzzy switch": str(options["--law"]),
-        "values of the fuzzy switch": f"0, 1 and {options['--nodes']} between them",
+        "nodes of the fuzzy switch": f"{options['--nodes']} between 0 and 1",
         "bootstrap": f"blocks of {result.block_length} steps, seed {options['--seed']}",
         "made with": f"fuzzykf {__version__}, NumPy {np.__version__}, Python {platform.python_version()}",
-        "to repeat it": shlex.join(words),
+        "command": shlex.join(words),
     }
 
 

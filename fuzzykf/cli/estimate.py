@@ -48,16 +48,14 @@ __all__ = [
 FILTER_EXAMPLE = "Example: fuzzykf filter model.json new.csv -o filtered.csv"
 SMOOTH_EXAMPLE = "Example: fuzzykf smooth model.json new.csv -o smoothed.csv"
 
-Model = Annotated[
-    Path, typer.Argument(metavar="MODEL.json", help="A model that fuzzykf fit, or save(), has written.")
-]
+Model = Annotated[Path, typer.Argument(metavar="MODEL.json", help="Model from fuzzykf fit or save().")]
 Data = Annotated[
     Path,
     typer.Argument(
         metavar="DATA.csv",
-        help="Delimited text with a line of names, rows as far apart as those that were learned on; "
-        "empty cells where something is missing. Inputs are found by the names that the model remembers; "
-        "those of a clock are made of the times.",
+        help="CSV file with column names in the first line, with the time step of the training data; "
+        "empty cells are missing values. Inputs are found by name; clock inputs are computed from "
+        "the times.",
     ),
 ]
 Obs = Annotated[
@@ -65,8 +63,8 @@ Obs = Annotated[
     typer.Option(
         "--obs",
         metavar="COL",
-        help="Column of the observation, in place of the one that the model was learned on; repeated in the "
-        "order in which they were learned.",
+        help="Column of the observation, if its name differs from the training data; repeat it in "
+        "the order of the training columns.",
         show_default=False,
     ),
 ]
@@ -75,7 +73,7 @@ Index = Annotated[
     typer.Option(
         "--index",
         metavar="COL",
-        help="Column to keep beside the results; by default the time, if there is one.",
+        help="Column to copy to the results. Default: the time, if there is one.",
         show_default=False,
     ),
 ]
@@ -83,8 +81,8 @@ Nodes = Annotated[
     int | None,
     whole_option(
         0,
-        help="Values of a fuzzy switch between two classes; by default 5, or as many as fades have room for, "
-        "or what the law was learned on.",
+        help="Number of nodes between two classes. Default: that of the training if the law depends "
+        "on it, else 5, or as many as fades have room for.",
         show_default=False,
     ),
 ]
@@ -97,8 +95,8 @@ Formulas = Annotated[
     bool,
     typer.Option(
         "--formulas",
-        help="Write what is kept beside the results as it is. Without it, text that a spreadsheet would "
-        "compute (it begins with =, +, - or @, and is no number) gets an apostrophe in front.",
+        help="Copy text unchanged. Otherwise, text that a spreadsheet would compute (starting with "
+        "=, +, - or @) is preceded by an apostrophe.",
     ),
 ]
 
@@ -119,8 +117,8 @@ def filter_command(
 ) -> None:
     """Estimate the state of each row from its observation and the earlier ones.
 
-    Writes a row for each row of the data: estimate, standard deviation, interval, switch, and the log-density
-    of the observation given the earlier ones (an empty cell where nothing was observed).
+    Writes one row per row of the data: estimate, standard deviation, interval, switch, and log-density of the
+    observation given the earlier ones (empty if the observation is missing).
     """
     reading = Reading(time, time_format, sep, decimal)
     _run("filter", model, data, obs or [], output, index, nodes, level, formulas, reading)
@@ -140,9 +138,9 @@ def smooth_command(
     sep: Sep = None,
     decimal: Decimal = None,
 ) -> None:
-    """Estimate the state of each row from all observations, earlier and later ones.
+    """Estimate the state of each row from all earlier and later observations.
 
-    Writes what filter writes, and the most likely path of the switch.
+    Writes the columns of filter, and the most likely path of the switch.
     """
     reading = Reading(time, time_format, sep, decimal)
     _run("smooth", model, data, obs or [], output, index, nodes, level, formulas, reading)

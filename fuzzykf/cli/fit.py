@@ -69,8 +69,8 @@ def command(
         Path,
         typer.Argument(
             metavar="DATA.csv",
-            help="Delimited text with a line of names, rows in the order of time, equally far apart; "
-            "empty cells where something is missing.",
+            help="CSV file with column names in the first line. Rows are in time order, at equal "
+            "steps; empty cells are missing values.",
         ),
     ],
     state: Annotated[
@@ -90,8 +90,7 @@ def command(
         typer.Option(
             "--unit",
             metavar="COL=UNIT",
-            help="Unit of a column that is named by --state or --obs, which the model remembers; may be "
-            "repeated.",
+            help="Unit of a state or observation column, stored in the model; may be repeated.",
             show_default=False,
         ),
     ] = None,
@@ -105,16 +104,15 @@ def command(
         Kind,
         typer.Option(
             "--model",
-            help="pairwise: state and observation follow one another, and filtering is exact; ssm: a "
-            "state-space model, one motion of the state and a sensor for each class, whose filter is "
-            "corrected by every observation. Some of the states may be missing.",
+            help="pairwise: model of state and observation with an exact filter. ssm: state-space "
+            "model with one state equation and a sensor per class; each observation corrects the "
+            "state. States may be missing in part.",
         ),
     ] = Kind.PAIRWISE,
     law: Annotated[
         Law | None,
         typer.Option(
-            help="Family of the law of a fuzzy switch between two classes; unless said otherwise fmc1, and "
-            "fade with --model ssm.",
+            help="Law of a fuzzy switch between two classes. Default: fmc1, or fade with --model ssm.",
             show_default=False,
         ),
     ] = None,
@@ -123,16 +121,15 @@ def command(
         typer.Option(
             "--fades",
             metavar="A-B,...",
-            help="Fades of a switch between any number of classes, from class to class: 0-1,1-2,2-0 is a "
-            "ring of three. Classes are called in the order of the mean of the first observation, as far "
-            "as the fades leave that open.",
+            help="Fades between any number of classes: 0-1,1-2,2-0 is a ring of three. If the fades "
+            "do not determine it, classes are numbered by the mean of the first observation.",
             show_default=False,
         ),
     ] = None,
     jumps: Annotated[
         str | None,
         typer.Option(
-            "--jumps", metavar="A-B,...", help="Jumps beside --fades or --edges.", show_default=False
+            "--jumps", metavar="A-B,...", help="Jumps, in addition to --fades or --edges.", show_default=False
         ),
     ] = None,
     edges: Annotated[
@@ -140,8 +137,7 @@ def command(
         typer.Option(
             "--edges",
             metavar="A-B,...",
-            help="Pairs of classes between which the switch moves there and back, without a direction (the "
-            "law graph).",
+            help="Pairs of classes between which the switch moves gradually in both directions (law graph).",
             show_default=False,
         ),
     ] = None,
@@ -149,7 +145,7 @@ def command(
         float | None,
         typer.Option(
             metavar="STEPS",
-            help="Steps at a class from which the search for fades begins; 50 unless said otherwise.",
+            help="Initial mean number of steps at a class, for fades. Default: 50.",
             show_default=False,
         ),
     ] = None,
@@ -157,7 +153,7 @@ def command(
         float | None,
         typer.Option(
             metavar="STEPS",
-            help="Steps of a fade from which the search begins; 10 unless said otherwise.",
+            help="Initial mean number of steps of a fade. Default: 10.",
             show_default=False,
         ),
     ] = None,
@@ -177,24 +173,24 @@ def command(
     form: Annotated[
         Form,
         typer.Option(
-            help="Form of the Gaussian part; covariance, that of the paper, is for one state and one "
-            "observation; auto learns both and takes the one of smaller BIC."
+            help="Form of the Gaussian part. covariance: that of the paper, for one state and one "
+            "observation. auto: learn both, keep the one with the smaller BIC."
         ),
     ] = Form.AUTO,
     objective: Annotated[
         Objective,
         typer.Option(
-            help="What is raised: joint, the likelihood of state and observation; filter, what the filter "
-            "says of the state from the observation alone. The last fifth of the states is then kept back, "
-            "and decides when to stop and whether the joint fit is better."
+            help="Objective. joint: likelihood of state and observation. filter: log score of the "
+            "state under the filter, with the last fifth of the states for validation; the joint fit "
+            "is kept unless the filter fit is better there."
         ),
     ] = Objective.JOINT,
     state_feedback: Annotated[
         bool,
         typer.Option(
             "--state-feedback/--no-state-feedback",
-            help="Whether the state may depend on the one before it. Without, its filter cannot drift, and "
-            "states that were measured now and then will do.",
+            help="Whether the state may depend on the previous state. Without, the filter cannot "
+            "drift, and single measured states are enough.",
         ),
     ] = True,
     inputs: Inputs = None,
@@ -209,8 +205,8 @@ def command(
         int | None,
         whole_option(
             0,
-            help="Values of a fuzzy switch between two classes; 5, or as many as fades have room for, unless "
-            "said otherwise. No fade is learned to be shorter.",
+            help="Number of nodes between two classes. Default: 5, or as many as fades have room "
+            "for. A learned fade is not shorter.",
             show_default=False,
         ),
     ] = None,
@@ -218,27 +214,26 @@ def command(
         float,
         typer.Option(
             metavar="FRACTION",
-            help="Share of the rows, from the beginning, to learn on; the others test the filter.",
+            help="Share of the rows used for training; the others test the filter.",
         ),
     ] = 1.0,
     starts: Annotated[
-        int, whole_option(1, help="Guesses of the switch to begin from; more than 4 are random.")
+        int, whole_option(1, help="Number of initial guesses of the switch; beyond 4 they are random.")
     ] = 4,
     seed: Annotated[int, whole_option(0, help="Seed of the random starts.")] = 0,
     max_iter: Annotated[int, whole_option(1, help="Largest number of iterations.")] = 500,
     tolerance: Annotated[
-        float, typer.Option(help="Gain in log-likelihood per row and iteration at which to stop.")
+        float, typer.Option(help="Stop when an iteration gains less than this in log-likelihood per row.")
     ] = 1e-6,
     time: Time = None,
     time_format: TimeFormat = None,
     sep: Sep = None,
     decimal: Decimal = None,
 ) -> None:
-    """Learn a switching model from rows in which the state was measured, and write it to a file.
+    """Learn a switching model from rows with measured state, and write it to a file.
 
-    The switch is hidden: it is learned with the parameters, by maximum likelihood. Prints how well the
-    model describes the data, and what they cannot support. The model remembers the names of the columns, and
-    how far the rows are apart.
+    The switch is hidden and learned with the parameters, by maximum likelihood. Prints the quality of fit,
+    and warns about what the data do not support. The model stores column names and time step.
     """
     with report_errors():
         units = _units(unit or [], [*(state or []), *(obs or [])])
@@ -351,9 +346,9 @@ def _print(
     if fit.training is not None:
         training = fit.training
         lines.append(
-            f"The {training.kept} fit was kept: of {training.n_kept_back:,} states kept back the log score "
-            f"is {training.score_filter:.4g} for the filter and {training.score_joint:.4g} jointly (standard "
-            f"error of the difference {training.standard_error:.2g})."
+            f"Kept the {training.kept} fit: log score {training.score_filter:.4g} for the filter fit and "
+            f"{training.score_joint:.4g} for the joint fit on {training.n_kept_back:,} validation states "
+            f"(standard error of the difference {training.standard_error:.2g})."
         )
     lines += lines_of_inputs(fit)
     numbers = model.named_parameters() if hasattr(model, "named_parameters") else {}

@@ -69,7 +69,7 @@ def command(
             1,
             "--steps",
             "-n",
-            help="How many steps ahead of the last row; by default as many as --inputs-ahead has rows.",
+            help="Number of steps after the last row. Default: the number of rows of --inputs-ahead.",
             show_default=False,
         ),
     ] = None,
@@ -78,8 +78,8 @@ def command(
         typer.Option(
             "--inputs-ahead",
             metavar="FILE",
-            help="The inputs of the steps ahead, in a file like DATA.csv, a row for each step. The inputs of "
-            "a clock are made without.",
+            help="CSV file with the inputs of the steps ahead, one row per step. Clock inputs are "
+            "computed without it.",
             show_default=False,
         ),
     ] = None,

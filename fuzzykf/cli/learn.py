@@ -116,6 +116,6 @@ def judge_filter(
     inside = ((lower <= truth) & (truth <= upper))[known].mean()
     scored = log_score(found, truth, np.ones(1))[known.any(axis=1)].mean()
     return (
-        f"On the {counted(len(truth), 'row')} after these, from the observation alone: RMSE {rmse}; "
-        f"the intervals of 90 % hold {100 * inside:.1f} % of the states; log score {scored:.4g} per row."
+        f"Test on the {counted(len(truth), 'row')} that follow: RMSE {rmse}; 90 % intervals contain "
+        f"{100 * inside:.1f} % of the states; log score {scored:.4g} per row."
     ), learned.notes

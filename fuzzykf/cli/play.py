@@ -18,17 +18,15 @@ EXAMPLE = "Example: fuzzykf play --port 8765 --no-browser"
 def command(
     port: Annotated[
         int,
-        typer.Option(
-            min=0, max=65535, metavar="PORT", help="Where to listen on 127.0.0.1; 0 takes any that is free."
-        ),
+        typer.Option(min=0, max=65535, metavar="PORT", help="Port on 127.0.0.1; 0 means any free port."),
     ] = 0,
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Whether to open the page in a browser.")
     ] = True,
 ) -> None:
-    """Play with a switch that fades: sliders move it, and the estimates of three filters follow.
+    """Explore a fading switch: move sliders and see the estimates of three filters.
 
-    Dwell, length of a fade, contrast and noise can be moved. The page is served to this machine alone,
+    Sliders set dwell time, fade length, contrast and noise. The page is served on this machine only,
     until Ctrl-C. Needs plotly: pip install 'fuzzykf[cli,report]'.
     """
     with report_errors():

@@ -36,9 +36,9 @@ Time = Annotated[
     typer.Option(
         "--time",
         metavar="COL",
-        help="Column with the time of each row; by default the first of "
-        f"{', '.join(TIME_COLUMNS)} that there is, or a first column of times without a name. "
-        f"{NONE}: none, whatever columns there are.",
+        help="Column with the time of each row. Default: the first of "
+        f"{', '.join(TIME_COLUMNS)} in the file, or an unnamed first column of times. "
+        f"{NONE}: ignore times.",
         show_default=False,
     ),
 ]
@@ -47,8 +47,8 @@ TimeFormat = Annotated[
     typer.Option(
         "--time-format",
         metavar="FORMAT",
-        help="How times are written that are not as in 2014-01-31T16:30 (ISO 8601): %d.%m.%Y %H:%M or the "
-        "like, unix (seconds since 1970) or unix_ms.",
+        help="Format of times, if it is not ISO 8601 (2014-01-31T16:30): a pattern such as %d.%m.%Y "
+        "%H:%M, unix (seconds since 1970) or unix_ms.",
         show_default=False,
     ),
 ]
@@ -57,8 +57,7 @@ Sep = Annotated[
     typer.Option(
         "--sep",
         metavar="CHAR",
-        help="What separates cells: , ; | tab. By default what cuts all rows into as many cells as there are "
-        "names.",
+        help="Separator of cells: , ; | or tab. Default: found from the file.",
         show_default=False,
     ),
 ]
@@ -67,7 +66,7 @@ Decimal = Annotated[
     typer.Option(
         "--decimal",
         metavar="CHAR",
-        help="What separates decimals: a point or a comma. By default what the numbers show.",
+        help="Decimal separator: point or comma. Default: found from the numbers.",
         show_default=False,
     ),
 ]

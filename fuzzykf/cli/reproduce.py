@@ -39,7 +39,7 @@ def command(
         int | None,
         whole_option(
             2,
-            help="Independent runs, also with --quick; by default those of each experiment.",
+            help="Number of independent runs, also with --quick. Default: that of each experiment.",
             show_default=False,
         ),
     ] = None,
@@ -48,8 +48,8 @@ def command(
         Path,
         typer.Option(
             metavar="DIR",
-            help="Folder for a table (CSV), a record (JSON) and a picture (PNG) of each experiment. "
-            "Work that is done is kept in it, so that an interrupted run goes on.",
+            help="Directory for a table (CSV), a record (JSON) and a figure (PNG) of each "
+            "experiment. An interrupted run continues from there.",
         ),
     ] = Path("fuzzykf-reproduce"),
     quick: Annotated[bool, typer.Option("--quick", help="Fewer runs, for a quick look.")] = False,
@@ -58,15 +58,15 @@ def command(
         typer.Option(
             metavar="DIR",
             envvar="FUZZYKF_DATA",
-            help="Folder of measured data that are not part of the package. "
-            "Without them, all leaves out what needs them, and says so.",
+            help="Directory of measured data that are not part of the package. Without it, 'all' "
+            "skips the experiments that need them.",
             show_default=False,
         ),
     ] = None,
 ) -> None:
-    """Make the tables and figures of the papers again, and compare them with what was printed.
+    """Reproduce the tables and figures of the papers, and compare them with the printed values.
 
-    The verdict on each number is that of a statistical test, at 5 % for each experiment as a whole:
+    The verdict on each number is a statistical test, at 5 % for each experiment as a whole:
     reproduced, reproduced with a correction, or not reproduced.
     """
     with report_errors():

@@ -45,16 +45,14 @@ ROWS = 1000
 
 
 def command(
-    model: Annotated[
-        Path, typer.Argument(metavar="MODEL.json", help="A model that fuzzykf fit, or save(), has written.")
-    ],
+    model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="Model from fuzzykf fit or save().")],
     n: Annotated[
         int | None,
         whole_option(
             1,
             "-n",
             metavar="ROWS",
-            help="Number of rows; 1000, or as many as --inputs-from has, unless said otherwise.",
+            help="Number of rows. Default: 1000, or the number of rows of --inputs-from.",
             show_default=False,
         ),
     ] = None,
@@ -64,8 +62,8 @@ def command(
         typer.Option(
             "--inputs-from",
             metavar="DATA.csv",
-            help="The inputs of a model that has some, by their names, a row for each row to draw; those of "
-            "a clock are made of its times.",
+            help="CSV file with the inputs of the model, one row per row to simulate; clock inputs "
+            "are computed from its times.",
             show_default=False,
         ),
     ] = None,
@@ -74,8 +72,8 @@ def command(
         typer.Option(
             "--start",
             metavar="TIME",
-            help="Time of the first row, such as 2014-01-31T16:30, for a model whose inputs are all those of "
-            "a clock; the others are as far apart as those that were learned on.",
+            help="Time of the first row, such as 2014-01-31T16:30, for a model with clock inputs "
+            "only. The time step is that of the training data.",
             show_default=False,
         ),
     ] = None,
@@ -89,8 +87,8 @@ def command(
         bool,
         typer.Option(
             "--formulas",
-            help="Write names of columns as they are. Without it, one that a spreadsheet would compute (it "
-            "begins with =, +, - or @, and is no number) gets an apostrophe in front.",
+            help="Write column names unchanged. Otherwise, a name that a spreadsheet would compute "
+            "(starting with =, +, - or @) is preceded by an apostrophe.",
         ),
     ] = False,
     time: Time = None,

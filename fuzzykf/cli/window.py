@@ -41,8 +41,7 @@ Inputs = Annotated[
     typer.Option(
         "--inputs",
         metavar="COL,...",
-        help="Columns of what is known at all times, beside the observation: no cell may be empty. May be "
-        "repeated.",
+        help="Columns of known inputs; no cell may be empty. May be repeated.",
         show_default=False,
     ),
 ]
@@ -50,46 +49,46 @@ Clock = Annotated[
     bool,
     typer.Option(
         "--clock",
-        help="Let hour and working day (column workday, else Monday to Friday) be inputs. The other commands "
-        "know by the names in the model that these are made of the times, and need no option.",
+        help="Use hour and working day (column workday, else Monday to Friday) as inputs. The other "
+        "commands compute them from the times, without an option.",
     ),
 ]
 Harmonics = Annotated[
     int | None,
     whole_option(
         0,
-        help=f"Harmonics of the day, with --clock; {HARMONICS} unless said otherwise. 0: working days alone.",
+        help=f"Number of daily harmonics, with --clock. Default: {HARMONICS}. 0: working days only.",
         show_default=False,
     ),
 ]
 Order = Annotated[
     int,
-    whole_option(1, metavar="L", help="How many observations before a row have coefficients of their own."),
+    whole_option(1, metavar="L", help="Number of lagged observations in the equations."),
 ]
 Blocks = Annotated[
     str | None,
     typer.Option(
         "--blocks",
         metavar="N,...",
-        help="Lengths of blocks of still earlier observations, of which means are taken: 3,6,12.",
+        help="Lengths of blocks of older observations, whose means are used: 3,6,12.",
         show_default=False,
     ),
 ]
 Hinges = Annotated[
     int,
     whole_option(
-        0, help="Knots, at quantiles of the observation, at which the dependence on it may bend; 0: none."
+        0,
+        help="Number of knots, at quantiles of the observation, of a piecewise-linear dependence "
+        "on it; 0: none.",
     ),
 ]
-Products = Annotated[
-    bool, typer.Option("--products", help="Let each input change what the observation means.")
-]
+Products = Annotated[bool, typer.Option("--products", help="Add the products of inputs and observation.")]
 FeaturesOption = Annotated[
     Features | None,
     typer.Option(
         "--features",
-        help="auto: learn with none, lags, hinges, both, and both with products, and take what scores best "
-        "on the states kept back; with --objective filter.",
+        help="auto: try none, lags, hinges, both, and both with products; keep the best log score on "
+        "validation rows. Needs --objective filter.",
         show_default=False,
     ),
 ]
@@ -157,7 +156,7 @@ def lines_of_inputs(fit: FitResult[Any]) -> list[str]:
     lines += [f"Features: {_without_name(facts['features'])}."] if "features" in facts else []
     if fit.score_of_features:
         told = (f"{_without_name(one)} {score:.4g}" for one, score in fit.score_of_features.items())
-        lines.append(f"Log score of the states kept back, by features: {'; '.join(told)}.")
+        lines.append(f"Log score on validation states, by features: {'; '.join(told)}.")
     return lines
 
 

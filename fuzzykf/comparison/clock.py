@@ -22,11 +22,12 @@ __all__ = ["Clock"]
 @reprs()
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """What the clock and the calendar on the spot show at each row.
+    """Local time and working days of each row.
 
     Attributes
     ----------
     times : Times
+        Times of the rows.
     workday : ndarray of bool, shape (n,)
         Whether it is a working day.
 
@@ -43,7 +44,17 @@ class Clock:
 
     @classmethod
     def of(cls, times: Times, workday: BoolArray | None = None) -> Self:
-        """Take the days of the calendar, Mondays to Fridays as working days unless they are given."""
+        """Create a clock; by default Mondays to Fridays are working days.
+
+        Parameters
+        ----------
+        times : Times
+        workday : ndarray of bool, shape (n,), optional
+
+        Returns
+        -------
+        Clock
+        """
         return cls(times, as_workdays(workday, times.clock))
 
     def __len__(self) -> int:

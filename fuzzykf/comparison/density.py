@@ -39,24 +39,25 @@ ROUNDING = 1e-9
 @reprs("weights", "means", "covariances")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NormalMixture:
-    """A mixture of M normal laws of the state at each of n steps.
+    """Mixture of M normal distributions of the state at each of n steps.
 
     p(x_n) = sum over k of w_nk N(x_n; m_nk, P_nk)
 
     Parameters
     ----------
     weights : array_like, shape (n, M)
-        At least 0, with the sum 1 at each step.
+        Nonnegative weights that sum to one at each step.
     means : array_like, shape (n, M, m)
+        Means of the components.
     covariances : array_like, shape (n, M, m, m)
-        In the units of the means.  They may be singular.
+        Covariances of the components; may be singular.
 
     Raises
     ------
     ShapeError
         If the shapes do not agree.
     ParameterError
-        If something is not finite, weights are none, or a variance is negative.
+        If a value is not finite, weights are inadmissible, or a variance is negative.
 
     Examples
     --------
@@ -107,15 +108,24 @@ class NormalMixture:
 
     @classmethod
     def of(cls, result: FilterResult, rows: slice = slice(None)) -> Self:
-        """Take the law of the state given each node, of a result that was filtered with ``keep_nodes=True``.
+        """Create the mixture over nodes of a filter result with ``keep_nodes=True``.
 
-        Mean and covariance given a node are those of the filter; given its node the state is a mixture
-        itself, in whose place stands the normal law of the same mean and covariance.
+        The distribution given a node is approximated by a normal one with the same mean and covariance.
+
+        Parameters
+        ----------
+        result : FilterResult
+        rows : slice
+            Steps to use; by default all.
+
+        Returns
+        -------
+        NormalMixture
 
         Raises
         ------
         ParameterError
-            If the result does not hold them.
+            If the result does not have the nodes.
         """
         found: Any = result
         if found.mu is None or found.node_x is None or found.node_P is None:
@@ -126,7 +136,16 @@ class NormalMixture:
 
     @classmethod
     def normal(cls, mean: FloatArray, std: FloatArray) -> Self:
-        """Return one normal law at each step, of independent components; both have the shape (n, m)."""
+        """Create a single normal distribution with independent components at each step.
+
+        Parameters
+        ----------
+        mean, std : ndarray, shape (n, m)
+
+        Returns
+        -------
+        NormalMixture
+        """
         variances = np.asarray(std)[..., None] ** 2 * np.eye(np.shape(std)[-1])
         return cls(
             weights=np.ones((len(mean), 1)), means=np.asarray(mean)[:, None], covariances=variances[:, None]
@@ -134,7 +153,19 @@ class NormalMixture:
 
     @classmethod
     def pooled(cls, parts: Sequence[NormalMixture], weights: Sequence[float]) -> Self:
-        """Mix mixtures of the same steps: sum over j of weight_j p_j, a linear opinion pool."""
+        """Create the linear opinion pool of mixtures: the sum over j of weight_j p_j.
+
+        Parameters
+        ----------
+        parts : sequence of NormalMixture
+            Of the same steps.
+        weights : sequence of float
+            Nonnegative, with sum one.
+
+        Returns
+        -------
+        NormalMixture
+        """
         shares = [weight * one.weights for weight, one in zip(weights, parts, strict=True)]
         return cls(
             weights=np.concatenate(shares, axis=1),
@@ -144,7 +175,17 @@ class NormalMixture:
 
     @classmethod
     def joined(cls, parts: Sequence[NormalMixture]) -> Self:
-        """Let stretches follow one another; where one has fewer components, others have no weight."""
+        """Concatenate mixtures in time; missing components get weight zero.
+
+        Parameters
+        ----------
+        parts : sequence of NormalMixture
+            Of consecutive steps.
+
+        Returns
+        -------
+        NormalMixture
+        """
         most = max(one.n_components for one in parts)
 
         def filled(array: FloatArray) -> FloatArray:
@@ -163,7 +204,7 @@ class NormalMixture:
 
     @property
     def n_components(self) -> int:
-        """Number of normal laws at each step, M."""
+        """Number of components M at each step."""
         return int(self.weights.shape[1])
 
     @property
@@ -172,28 +213,33 @@ class NormalMixture:
         return int(self.means.shape[2])
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
-        """Return mean and standard deviation of each component of the state, of shape (n, m)."""
+        """Return mean and standard deviation of each component of the state.
+
+        Returns
+        -------
+        mean, std : ndarray, shape (n, m)
+        """
         mean, covariance = mixture_moments(self.weights, self.means, self.covariances)
         return mean, np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
 
     def log_density(self, x: ArrayLike) -> FloatArray:
-        """Return the logarithm of the density of the states ``x``, jointly of their components.
+        """Return the joint log-density of states.
 
         Parameters
         ----------
         x : array_like, shape (n, m)
-            NaN where unknown: the density is that of the others, 0 where there is none.
+            States.  NaN where unknown: the density is that of the known components, and 0 if there is none.
 
         Returns
         -------
         ndarray of shape (n,)
-            Infinite where a component without spread is right; minus infinity where all laws are without
-            spread and wrong.
+            Infinite if a component with zero variance is exact, minus infinity if all components have zero
+            variance and are wrong.
 
         Raises
         ------
         ShapeError
-            If ``x`` has another shape.
+            If ``x`` has the wrong shape.
         """
         states = as_numbers("x", x)
         if states.shape != (len(self), self.dim_x):
@@ -211,12 +257,21 @@ class NormalMixture:
         return total
 
     def interval(self, level: float = 0.9) -> tuple[FloatArray, FloatArray]:
-        """Return the ends of the central interval of each component: quantiles, each of shape (n, m).
+        """Return the central interval of each component, by quantiles.
+
+        Parameters
+        ----------
+        level : float
+            Nominal coverage, between 0 and 1.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (n, m)
 
         Raises
         ------
         ParameterError
-            If ``level`` is outside ]0, 1[.
+            If ``level`` is not between 0 and 1.
         """
         tail = _tail(level)
         std = np.sqrt(np.diagonal(self.covariances, axis1=-2, axis2=-1))
@@ -252,7 +307,7 @@ def normal_interval(mean: FloatArray, std: FloatArray, level: float = 0.9) -> tu
     Raises
     ------
     ParameterError
-        If ``level`` is outside ]0, 1[.
+        If ``level`` is not between 0 and 1.
     """
     half = normal_quantile(1.0 - _tail(level)) * std
     return mean - half, mean + half

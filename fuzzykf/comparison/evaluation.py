@@ -72,12 +72,18 @@ ModelScore = Score
 @reprs()
 @dataclass(frozen=True)
 class Fold:
-    """Rows that one round learns on, and the rows after them that it is judged on.
+    """Training rows of one fold, and the test rows after them.
 
     Attributes
     ----------
     begin, split, end : int
-        Rows ``begin`` to ``split - 1`` are learned on, ``split`` to ``end - 1`` held out.
+        Rows ``begin`` to ``split - 1`` are for training, ``split`` to ``end - 1`` for testing.
+
+    Examples
+    --------
+    >>> from fuzzykf.comparison import Fold
+    >>> Fold(begin=0, split=300, end=360)
+    Fold(begin=0, split=300, end=360)
     """
 
     begin: int
@@ -87,23 +93,36 @@ class Fold:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ModelComparison:
-    """What `compare_models` found.
+    """Scores and verdict of `compare_models`.
 
     Attributes
     ----------
     scores : tuple of Score
-        In the order of the candidates, without those that failed.
+        Scores in the order of the candidates, without those that failed.
     failures : mapping of str to str
-        Candidates that could not be learned in some fold, and why.
+        Candidates that failed in some fold, with the reason.
     folds : tuple of Fold
     fold_rmse : ndarray, shape (folds, candidates)
-        The error of each of `scores` in each fold.
+        RMSE of each of ``scores`` in each fold.
     learned : tuple of mapping
-        For each fold, what each candidate learned; see `fuzzykf.comparison.Learned`.
+        For each fold, the trained candidates by name; see `fuzzykf.comparison.Learned`.
     baseline_rmse : float
-        Error of somebody who always answers the mean of the part learned on.
+        RMSE of the mean of the training rows.
     block_length : int
-        Steps in a block of the bootstrap.
+        Number of steps in a block of the bootstrap.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import compare_models
+    >>> rng = np.random.default_rng(0)
+    >>> y = rng.normal(size=600)
+    >>> x = np.abs(y) + 0.1 * rng.normal(size=600)
+    >>> found = compare_models(x, y, rng, candidates=["kalman", "piecewise"])
+    >>> found.best, found.is_certain
+    ('piecewise', True)
+    >>> len(found.folds), found.fold_rmse.shape
+    (5, (5, 2))
     """
 
     scores: tuple[Score, ...]
@@ -116,36 +135,40 @@ class ModelComparison:
 
     @property
     def ranked(self) -> tuple[Score, ...]:
-        """The scores, least error first."""
+        """The scores, lowest RMSE first."""
         return tuple(sorted(self.scores, key=lambda score: score.rmse))
 
     @property
     def best(self) -> str:
-        """The candidate of least error."""
+        """Name of the candidate with the lowest RMSE."""
         return self.ranked[0].name
 
     @property
     def is_certain(self) -> bool:
-        """Whether the lead of the best candidate exceeds its uncertainty."""
+        """Whether the lead of the best candidate on RMSE is significant."""
         return len(self.scores) > 1 and self.ranked[1].difference_low > 0.0
 
     @property
     def best_on_log_score(self) -> str:
-        """The candidate of the largest log score of the state."""
+        """Name of the candidate with the highest log score of the state."""
         return by_log_score(self.scores)[0].name
 
     @property
     def is_certain_on_log_score(self) -> bool:
-        """Whether the lead of the candidate of the largest log score exceeds its uncertainty."""
+        """Whether the lead of the best candidate on log score is significant."""
         return len(self.scores) > 1 and by_log_score(self.scores)[1].log_score_behind_low > 0.0
 
     def verdict(self, unit: str = "") -> str:
-        """Say what wins on error and what on log score, and whether the differences are significant.
+        """Describe the winners on RMSE and on log score, and whether their leads are significant.
 
         Parameters
         ----------
         unit : str
-            Unit of the state.
+            Unit of the state, for the text.
+
+        Returns
+        -------
+        str
         """
         given: Any = unit
         if not isinstance(given, str):
@@ -160,14 +183,18 @@ class ModelComparison:
         return " ".join(filter(None, sentences))
 
     def against(self, rival: str, unit: str = "") -> str:
-        """Say how far a candidate is behind the winners, on error and on log score, and how sure that is.
+        """Describe how far a candidate is behind the winners, on RMSE and on log score, with intervals.
 
         Parameters
         ----------
         rival : str
             Name of the candidate.
         unit : str
-            Unit of the state.
+            Unit of the state, for the text.
+
+        Returns
+        -------
+        str
 
         Raises
         ------
@@ -184,7 +211,12 @@ class ModelComparison:
         return about_rival(self.scores, rival, label, unit)
 
     def notes(self) -> dict[str, tuple[str, ...]]:
-        """Return what a reader should know before trusting a candidate: notes of its last fold."""
+        """Return warnings about each candidate, from its last fold.
+
+        Returns
+        -------
+        dict of str to tuple of str
+        """
         return {name: learned.notes for name, learned in self.learned[-1].items() if learned.notes}
 
     def to_dataframe(self, *, by_fold: bool = False) -> pd.DataFrame:
@@ -194,6 +226,10 @@ class ModelComparison:
         ----------
         by_fold : bool
             Return the RMSE of each candidate (columns) in each fold (rows) instead.
+
+        Returns
+        -------
+        pandas.DataFrame
 
         Raises
         ------

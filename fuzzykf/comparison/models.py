@@ -65,46 +65,43 @@ def compare_models(
 ) -> ModelComparison:
     """Compare models of a state by the error of their filters on later, held-out data.
 
-    The rows after the first part are cut into ``n_folds`` stretches.  Before each of them all
-    candidates learn anew, on earlier rows alone; then they restore its states from its
-    observations (and a few before, to be under way).  All errors together, a state each, make
-    the score.
+    The rows after the first part are split into ``n_folds`` folds.  Before each fold, all candidates are
+    trained on the earlier rows only; then they estimate its states from its observations and a few
+    earlier ones.  The errors of all folds together make the score.
 
     Parameters
     ----------
     x, y : array_like, shapes (n, m) and (n, q), or (n,)
-        States and observations, in the order of time; NaN where missing.  Rows without x do not count for
-        learning, nor for the scores; rows without y are gaps, which filters cross.
+        States and observations, in time order; NaN where missing.  Rows without x are not used in training
+        and scores; rows without y are gaps.
     rng : numpy.random.Generator
         For the bootstrap.
     candidates : sequence of str or Candidate
-        By name: "kalman", "hard2", "fmc1", ..., see `fuzzykf.comparison.candidate_names` and
-        `fuzzykf.comparison.candidate`; your own: a `fuzzykf.comparison.Candidate`.  With ``inputs``
-        "pool-inputs" joins those of the default.
+        Names such as "kalman", "hard2" or "fmc1" (see `fuzzykf.comparison.candidate_names`), or your own
+        `fuzzykf.comparison.Candidate`.  With ``inputs``, the default includes "pool-inputs".
     n_folds : int
-        Stretches that are held out, one after the other.
+        Number of held-out folds.
     first : float
-        Share of the rows that the first fold learns on.
+        Share of the rows used for training before the first fold.
     window : {"expanding", "sliding"}
-        Learn on all earlier rows, or on as many of the latest as the first fold has: better
-        where the system itself changes.
+        Train on all earlier rows, or on the latest ones, as many as for the first fold: better
+        if the system changes.
     profile : bool
-        Take its daily profile from x, learned anew in each fold (see `DailyProfile`).
+        Subtract the daily profile from x, learned again in each fold (see `DailyProfile`).
     time, workday : array_like, shape (n,), optional
-        For the profile, and for candidates that know the time of day ("boosting", "daily-profile"); for the
-        profile by default the index of x, and Mondays to Fridays.  Times are read as in
-        `DailyProfile.fit`, and have to increase, whether there is a profile or not.
+        For the profile, and for candidates that use the time of day ("boosting", "daily-profile").  For the
+        profile, the default is the index of x, and Mondays to Fridays.  Times are read as in
+        `DailyProfile.fit` and must increase.
     inputs : array_like, shape (n, k) or (n,), optional
-        What is known at all times beside the clock: calendar, control, forecasts of others.  Seen by
-        "hard2-inputs", "pool-inputs" and "pool-boosting", by regressions and by boosting; other candidates
-        have no use for them.
+        Known variables besides the clock: calendar, controls, external forecasts.  Used by "hard2-inputs",
+        "pool-inputs" and "pool-boosting", regressions and boosting; ignored by other candidates.
     n_nodes, max_iter, tolerance
         As in `CGOFMSModel.fit`.
     n_resamples : int
-        Resamples of the bootstrap.
+        Number of bootstrap resamples.
     n_jobs : int
-        Processes between which the folds are shared; results do not depend on it.  With more than one, a
-        script keeps its work below ``if __name__ == "__main__"``, as always with `multiprocessing`.
+        Number of processes for the folds; results do not depend on it.  With more than one, protect scripts
+        by ``if __name__ == "__main__"``, as usual with ``multiprocessing``.
     progress : bool, optional
         Whether to show a progress bar (needs rich).  By default one appears after two seconds if
         standard error is a terminal, or in a notebook.
@@ -112,13 +109,13 @@ def compare_models(
     Returns
     -------
     ModelComparison
-        With ``.verdict()``, ``.to_dataframe()``, ``.best``, ``.failures``, ...
+        With ``verdict()``, ``to_dataframe()``, ``best`` and ``failures``.
 
     Raises
     ------
     ShapeError, ParameterError
         If shapes do not agree, a name is unknown, there are too few rows, or one of several columns
-        of x is constant in the part that the first fold learns on.
+        of x is constant in the training rows of the first fold.
     FuzzykfError
         If no candidate could be learned.
     MissingDependencyError
@@ -127,9 +124,10 @@ def compare_models(
     Notes
     -----
     Intervals come from a circular block bootstrap of the squared errors, with the same blocks for
-    all candidates.  They tell how much an error would vary over other stretches of this kind,
-    and know nothing of what no fold has seen.  The best of many candidates looks a little better
-    than it is: judge the winner on data that were kept out of the comparison altogether.
+    all candidates.  They describe the variation over similar data, not over conditions that no fold
+    contains.  The best of
+    many candidates looks slightly better than it is: test the winner on data that were not part of the
+    comparison.
 
     Examples
     --------

@@ -24,24 +24,22 @@ __all__ = ["plot_comparison"]
 def plot_comparison(
     comparison: Comparison, *, state_label: str = "state", unit: str = "", steps: int = 336
 ) -> Figure:
-    """Draw the two methods of least error: the whole restored part, an excerpt, and the switch.
-
-    The excerpt has the band of 90 % of the best.  The switch is that of the two best methods that have one.
+    """Plot a comparison: all test rows, an excerpt with intervals, and the switch.
 
     Parameters
     ----------
     comparison : Comparison
     state_label : str
-        What the state is.
+        Name of the state.
     unit : str
         Unit of the state.
     steps : int
-        Steps of the excerpt, which is taken from the middle.
+        Number of steps of the excerpt, from the middle.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Not registered with pyplot, so that nothing has to be closed.
+        Not registered with pyplot, so it need not be closed.
 
     Raises
     ------

@@ -40,15 +40,14 @@ LEARNED = "hidden, learned with each model"
 @reprs()
 @dataclass(frozen=True)
 class ClockSwitch:
-    """A switch that follows the clock: 0 where a series is lowest, 1 where it is highest.
+    """Switch that follows the clock: 0 in the hours of lowest values, 1 in those of highest.
 
-    In between it moves linearly (section VII of the 2020 paper, where the hours were
-    set by hand).
+    It is linear in between (section VII of the 2020 paper, in which the hours are chosen by hand).
 
     Attributes
     ----------
     low, high : float
-        Hours of the day at which the plateaus of 0 and of 1 begin; each lasts four hours.
+        Hours of the day at which the plateaus at 0 and 1 start; each lasts four hours.
 
     Examples
     --------
@@ -63,19 +62,23 @@ class ClockSwitch:
 
     @classmethod
     def learn(cls, time: Any, values: FloatArray) -> Self:
-        """Find the four hours in which ``values`` are lowest, and highest, on average.
+        """Find the four hours with the lowest and with the highest mean of ``values``.
 
         Parameters
         ----------
         time : array_like of times, shape (n,)
-            As in `DailyProfile.fit`; the hours are those of the clock on the spot.
+            As in `DailyProfile.fit`; hours are in local time.
         values : ndarray, shape (n,)
-            NaN where missing.
+            Values of the series; NaN where missing.
+
+        Returns
+        -------
+        ClockSwitch
 
         Raises
         ------
         ParameterError
-            If some window of four hours has no row.
+            If a window of four hours has no row.
         """
         known = ~np.isnan(values)
         hour, values = hour_of_day(time)[known], values[known]
@@ -109,22 +112,22 @@ class ClockSwitch:
 
 
 def quantile_switch(learning: FloatArray) -> tuple[float, float]:
-    """Levels of an observation below which a switch is 0 and above which it is 1.
+    """Return the quantiles of an observation below which the switch is 0 and above which it is 1.
 
     Parameters
     ----------
     learning : ndarray, shape (n,)
-        The observation in the part to learn on.
+        Observation in the training rows.
 
     Returns
     -------
     low, high : float
-        Its quantiles of 20 % and 80 %.
+        Its 20 % and 80 % quantiles.
 
     Raises
     ------
     ParameterError
-        If the two coincide, but for rounding.
+        If the two are equal up to rounding.
 
     Examples
     --------
@@ -147,25 +150,29 @@ def quantile_switch(learning: FloatArray) -> tuple[float, float]:
 @reprs()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
-    """A series cut into a part to learn on and a part to be restored, which folds divide.
+    """A series, split into training and test rows.
 
     Attributes
     ----------
     state, observation : ndarray, shape (n,)
-        NaN where missing.  The methods learn on the first ``n_train`` rows, and in later folds on those
-        after them too; of the others they see the observation alone.
+        State and observation; NaN where missing.  Methods are trained on the first ``n_train`` rows, and in
+        later folds on more; of the test rows, they see the observation only.
     n_train : int
-        Rows to learn on at first.
+        Number of training rows before the first fold.
     switch : ndarray, shape (n,), or None
-        The switch, if it is given on the rows to learn on; else it is learned as well.
+        The switch in the training rows, if it is given; otherwise it is learned.
     switch_source : str
-        Where the switch comes from, in words.
+        Description of the source of the switch.
     time : ndarray of datetime64, shape (n,), or None
-        What the clock on the spot shows, for the axis of pictures.
+        Local time, for plots.
     profile : DailyProfile or None
-        What was taken from the state, if anything; learned on the first ``n_train`` rows.
+        Daily profile to subtract from the state; learned on the first ``n_train`` rows.
     clock : Clock or None
-        Times and kinds of day, for methods that know them.
+        Times and working days, for methods that use them.
+
+    See Also
+    --------
+    prepare : Create a task; with an example.
     """
 
     state: FloatArray
@@ -179,17 +186,22 @@ class Task:
 
     @property
     def n_test(self) -> int:
-        """Rows to be restored."""
+        """Number of test rows."""
         return len(self.state) - self.n_train
 
     def target(self, split: int, end: int) -> FloatArray:
-        """Return the state of the first ``end`` rows, less the profile of those before ``split``.
+        """Return the state of the first ``end`` rows, minus the profile of the rows before ``split``.
 
         Parameters
         ----------
         split : int
-            Rows to learn on, at least ``n_train``.  Without a profile it does not matter.
+            Number of training rows, at least ``n_train``.  Ignored without a profile.
         end : int
+            Number of rows to return.
+
+        Returns
+        -------
+        ndarray, shape (end,)
         """
         state = self.state[:end]
         if self.profile is None or self.clock is None:
@@ -211,27 +223,24 @@ def prepare(
     profile: bool = False,
     switch: Literal["learned", "clock", "quantiles"] = "learned",
 ) -> Task:
-    """Cut a series in two and learn, on the first part, what the methods start from.
+    """Split a series into training and test rows, and learn profile and switch on the former.
 
     Parameters
     ----------
     state, observation : array_like, shape (n,)
-        What is to be restored, and what it is restored from; NaN where missing.
+        The state to estimate, and the observation to estimate it from; NaN where missing.
     train : float
-        Share of the rows, from the beginning, to learn on at first.
+        Share of the rows used for training before the first fold.
     time : array_like of times, shape (n,), optional
-        Needed by the profile and by the switch that follows the clock; read as in `DailyProfile.fit`.
+        Times of the rows, as in `DailyProfile.fit`; needed for a profile and for ``switch="clock"``.
     workday : array_like of bool, shape (n,), optional
-        By default Mondays to Fridays.
+        Working days; by default Mondays to Fridays.
     profile : bool
-        Take the mean of the state at each time of day, on working days and on other
-        days, from the state.
+        Subtract the daily profile of the state (see `DailyProfile`).
     switch : {"learned", "clock", "quantiles"}
-        Where the switch of the learning part comes from.  "learned": it is hidden, and every
-        model learns it with its parameters.  Else it is given: by the clock
-        (`ClockSwitch`, learned on the state before the profile is taken from it), or by
-        the observation, 0 below its quantile of 20 %, 1 above that of 80 %, linear
-        in between.
+        Switch of the training rows.  "learned": hidden, learned with each model.  "clock": `ClockSwitch`,
+        learned on the state before the profile is subtracted.  "quantiles": 0 below the 20 % quantile of
+        the observation, 1 above its 80 % quantile, linear in between.
 
     Returns
     -------
@@ -242,9 +251,19 @@ def prepare(
     ShapeError
         If the columns differ in length.
     ParameterError
-        If ``train`` is no share, leaves too few rows on either side, a column is
-        constant or missing in the rows to learn on, a time is needed and not given, one is not later than
-        the one before it, or the observation is to make the switch and has gaps.
+        If ``train`` is not a share or leaves too few rows on either side; if a column is constant or missing
+        in the training rows; if times are needed and missing, or do not increase; if the observation
+        defines the switch and has gaps.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf.comparison import prepare
+    >>> rng = np.random.default_rng(0)
+    >>> y = rng.normal(size=400)
+    >>> task = prepare(np.abs(y), y, train=0.75)
+    >>> task.n_train, task.n_test
+    (300, 100)
     """
     check_aligned(state=state, observation=observation, time=time, workday=workday)
     x = _series("state", state, None)

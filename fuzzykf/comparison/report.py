@@ -45,22 +45,22 @@ def report_page(
     unit: str = "",
     settings: Mapping[str, str] | None = None,
 ) -> str:
-    """Return a comparison as a page of HTML that holds all it needs.
+    """Return a comparison as a self-contained HTML page.
 
     Parameters
     ----------
     comparison : Comparison
     title : str
-        What the data are.
+        Title of the page.
     state_label, unit : str
-        What the state is, and its unit.
+        Name and unit of the state.
     settings : mapping of str to str, optional
-        What a reader needs to repeat the comparison, for the last section.
+        Settings of the comparison, for the last section.
 
     Returns
     -------
     str
-        To be written as UTF-8.  Five megabytes of it are plotly.js.
+        HTML, to be written as UTF-8; 5 MB, mostly plotly.js.
 
     Raises
     ------
@@ -69,8 +69,7 @@ def report_page(
 
     Notes
     -----
-    Texts may hold any characters: they are escaped.  The page forbids the browser to load
-    anything (Content-Security-Policy).
+    All text is escaped, and the Content-Security-Policy of the page forbids loading anything.
     """
     page: str = _template().render(
         title=title,

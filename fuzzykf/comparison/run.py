@@ -59,17 +59,18 @@ RIVALS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Comparison(ModelComparison):
-    """The scores of all methods on one task, and how far the best two are apart.
+    """Scores of all methods on one task.
 
-    All of a `ModelComparison`, and:
+    A `ModelComparison`, with further attributes:
 
     Attributes
     ----------
     task : Task
+        The task.
     restorations : tuple of Restoration
-        What each method said, of all folds one after the other.
+        Estimates of each method, for all folds one after the other.
     truth : ndarray, shape (n_test,)
-        The states that were held out; less their profile, if there is one, that of each fold.
+        States of the test rows, minus the profile of each fold if there is one.
     """
 
     task: Task
@@ -78,26 +79,26 @@ class Comparison(ModelComparison):
 
     @property
     def second(self) -> str:
-        """The method of the next to least RMSE."""
+        """Name of the method with the second lowest RMSE."""
         return self.ranked[1].name
 
     @property
     def difference(self) -> float:
-        """RMSE of ``second`` less that of ``best``."""
+        """RMSE of ``second`` minus that of ``best``."""
         return self.ranked[1].difference
 
     @property
     def difference_low(self) -> float:
-        """Lower end of its interval of 95 % by the paired block bootstrap."""
+        """Lower bound of its 95 % interval, by the paired block bootstrap."""
         return self.ranked[1].difference_low
 
     @property
     def difference_high(self) -> float:
-        """Upper end of this interval."""
+        """Upper bound of this interval."""
         return self.ranked[1].difference_high
 
     def verdict(self, unit: str = "") -> str:
-        """Say what wins on error and what on log score, and whether the differences are significant.
+        """Describe the winners on RMSE and on log score, and whether their leads are significant.
 
         Parameters
         ----------
@@ -116,7 +117,7 @@ class Comparison(ModelComparison):
         return " ".join(filter(None, sentences))
 
     def against(self, rival: str, unit: str = "") -> str:
-        """Say how far a method is behind the winners, on error and on log score, and how sure that is.
+        """Describe how far a method is behind the winners, on RMSE and on log score, with intervals.
 
         Parameters
         ----------
@@ -134,20 +135,24 @@ class Comparison(ModelComparison):
 
 
 def main_methods(law: str = "auto", *, times: bool = True) -> tuple[Candidate, ...]:
-    """Return the candidates that `compare` sets side by side, in the order of its table.
+    """Return the default methods of `compare`, in the order of its table.
 
     Parameters
     ----------
     law : {"auto", "fmc1", "fmc2", "free"}
-        Family of the law of the fuzzy switch; "auto" is the one whose filter gives the state the best
-        log score on rolling blocks of the learning part, which takes some times as long.
+        Law of the fuzzy switch; "auto" chooses the one with the best log score on rolling blocks of the
+        training rows, which takes several times as long.
     times : bool
-        Whether the times of the rows are known; without them the mean of the time of day is left out.
+        Whether the times of the rows are known; if not, the mean by time of day is omitted.
+
+    Returns
+    -------
+    tuple of Candidate
 
     Raises
     ------
     ParameterError
-        If ``law`` is none of these.
+        If ``law`` is unknown.
     MissingDependencyError
         If filterpy or scikit-learn is not installed.
     """
@@ -180,16 +185,15 @@ def compare(
     n_jobs: int = 1,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Restore the held-out rows of a task by several methods, fold by fold, and score them.
+    """Estimate the states of the test rows by several methods, fold by fold, and score them.
 
-    The rows after the first ``n_train`` are cut into folds.  Before each of them all methods learn anew,
-    on all rows before it; then they restore its states from its observations.  All errors together make
-    the scores.
+    The rows after the first ``n_train`` are split into folds.  Before each fold, all methods are trained on
+    all earlier rows; then they estimate its states from its observations.  The errors of all folds together
+    make the scores.
 
-    The methods are `OFSRFilter` on fuzzy switches, `CGOMSMFilter` on two hard regimes, with and without
-    memory of the state, `IMMEstimator` on one linear model per regime, filterpy's KalmanFilter on the
-    best single linear model, regressions on the observation and on earlier ones, straight and
-    piecewise-linear, gradient boosting, and the mean of the time of day.
+    The default methods are `OFSRFilter` with a fuzzy switch, `CGOMSMFilter` with two hard regimes, both with
+    and without state feedback, `IMMEstimator` with one linear model per regime, filterpy's KalmanFilter,
+    linear and piecewise-linear regressions with lags, gradient boosting, and the mean by time of day.
 
     Parameters
     ----------
@@ -199,36 +203,39 @@ def compare(
     methods : sequence of str or Candidate
         By default those of `main_methods`; see `candidate_names`.
     n_folds : int
-        Folds of equal size; 1 learns once, on the first part alone.
+        Number of folds of equal size; with 1, methods are trained once.
     n_nodes : int
-        Nodes of the fuzzy switch between 0 and 1; time grows with the steps between them.
+        Number of nodes of the fuzzy switch between 0 and 1.
     n_resamples : int
         Resamples of the bootstrap.
     n_jobs : int
-        Processes between which the folds are shared; results do not depend on it.  With more than one, a
-        script keeps its work below ``if __name__ == "__main__"``, as always with `multiprocessing`.
+        Number of processes for the folds; results do not depend on it.  With more than one, protect scripts
+        by ``if __name__ == "__main__"``, as usual with ``multiprocessing``.
     progress : callable
-        Is told the name of each piece of work before it begins: all pieces of all methods in all
-        folds, and the bootstrap.
+        Called with the name of each piece of work before it starts.
 
     Returns
     -------
     Comparison
-        A method that fails in some fold is not in it, but in its ``failures``.
+        Methods that fail in some fold are in its ``failures``.
 
     Raises
     ------
     ParameterError
-        If there are more folds than rows to hold out, or fewer than 50 states of them are known.
+        If there are more folds than test rows, or fewer than 50 known states in them.
     MissingDependencyError
         If filterpy, or a package that a method needs, is not installed.
     FuzzykfError
-        If fewer than two methods can be learned.
+        If fewer than two methods can be trained.
+
+    See Also
+    --------
+    compare_models : The same for arrays; with an example.
 
     Notes
     -----
-    The log-likelihoods are those of the same observations, in the same unit, given the
-    earlier ones, so they may be compared; regressions have none.
+    Log-likelihoods of all methods are of the same observations, so they can be compared; regressions define
+    none.
     """
     check_generator(rng)
     as_count("n_resamples", n_resamples, 100)
@@ -257,12 +264,25 @@ def compare(
 
 
 def worthwhile_jobs(task: Task, n_folds: int) -> int:
-    """Return between how many processes it pays to share the folds: no more than there are processors.
+    """Return a useful number of processes for the folds, at most the number of processors.
 
     Parameters
     ----------
     task : Task
     n_folds : int
+        Number of folds.
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf.comparison import prepare, worthwhile_jobs
+    >>> y = np.random.default_rng(0).normal(size=400)
+    >>> worthwhile_jobs(prepare(np.abs(y), y), n_folds=5)
+    1
     """
     if task.switch is not None or len(task.state) < MANY_ROWS:
         return 1
@@ -317,13 +337,13 @@ def _joined(parts: Sequence[HeldOut], name: str) -> Restoration:
 def score(
     task: Task, restorations: tuple[Restoration, ...], rng: np.random.Generator, *, n_resamples: int = 2000
 ) -> Comparison:
-    """Score what methods said of the part to be restored, learned on the first part alone.
+    """Score estimates of the test rows by methods that were trained on the training rows only.
 
     Parameters
     ----------
     task : Task
     restorations : tuple of Restoration
-        Two at least.
+        Estimates of at least two methods.
     rng : numpy.random.Generator
         For the bootstrap.
     n_resamples : int
@@ -336,9 +356,13 @@ def score(
     Raises
     ------
     ParameterError
-        If there is one restoration alone, or two have one name, or one is incomplete or of another length,
-        or a standard deviation is NaN, infinite or below 0, or ``n_resamples`` is less than 100:
-        quantiles of 2.5 % would mean nothing.
+        If there are fewer than two restorations, names repeat, or one is incomplete or has the wrong length;
+        if a standard deviation is negative or not finite; if ``n_resamples`` is less than 100, too few for
+        2.5 % quantiles.
+
+    See Also
+    --------
+    compare : Train methods and score them.
     """
     check_generator(rng)
     names = [one.name for one in restorations]

@@ -44,48 +44,50 @@ COLUMNS = ("RMSE", "95 %\ninterval", "90 %\ncovers", "log\nscore", "95 %\ninterv
 @reprs()
 @dataclass(frozen=True, kw_only=True)
 class Score(Named):
-    """How well one candidate restored the held-out states.
+    """Scores of one candidate on the test rows.
 
     Attributes
     ----------
     name, title : str
-        Of the candidate; the name is the title unless said otherwise.
+        Name and title of the candidate.
     rmse : float
-        Root mean squared error: in the unit of the state if it has one component, else in
-        standard deviations of each (in the first part learned on).
+        Root mean squared error, in the unit of the state; for several components, in standard deviations of
+        each in the first training rows.
     rmse_low, rmse_high : float
-        Its interval of 95 % by the block bootstrap.
+        95 % interval of ``rmse``, by the block bootstrap.
     difference : float
-        RMSE less that of the best candidate.
+        RMSE minus that of the best candidate.
     difference_low, difference_high : float
-        Its interval of 95 % by the paired block bootstrap.
+        95 % interval of ``difference``, by the paired block bootstrap.
     coverage : float
-        Share of the states inside the candidate's own interval of nominal 90 %.
+        Share of the states inside the 90 % intervals of the candidate.
     log_score : float
-        Mean over the known states of their log-density under the law that the candidate claims, in the
-        unit of `rmse`: a mixture of normal laws if it tells one (`Estimates.density`), jointly of several
-        components; else the normal law of its mean and standard deviation, of several components the sum,
-        as if they were independent.  Larger is better.
+        Mean log-density of the known states, in the unit of ``rmse``; larger is better.  The density is the
+        mixture of the candidate if it has one (`Estimates.density`), otherwise normal with its mean and
+        standard deviation and independent components.
     log_score_standard_error : float
-        Of it, by the block bootstrap, with the blocks of `rmse`; NaN if it is infinite.
+        Standard error of ``log_score``, by the block bootstrap; NaN if the score is infinite.
     log_score_low, log_score_high : float
-        Its interval of 95 % by the same bootstrap.
+        95 % interval of ``log_score``, by the block bootstrap.
     log_score_behind : float
-        The largest log score of all candidates less this one.
+        Highest log score of all candidates minus this one.
     log_score_behind_low, log_score_behind_high : float
-        Its interval of 95 % by the paired bootstrap.
+        95 % interval of ``log_score_behind``, by the paired block bootstrap.
     normal_log_score : float
-        The log score under the normal law of mean and standard deviation, whatever is claimed.
+        Log score under a normal distribution with mean and standard deviation of the candidate.
     density : {"normal", "mixture"}
-        What `log_score` and `coverage` are of: one normal law at each step, or a mixture of several.
+        Kind of density behind ``log_score`` and ``coverage``.
     log_likelihood : float or None
-        Mean over the steps of the log-density of each held-out observation given the earlier
-        ones; from a candidate that has no law of the observation None in a `Comparison`, and
-        NaN in a `ModelComparison`.
+        Mean log-density per step of the test observations given the earlier ones.  If the candidate defines
+        none, None in a `Comparison` and NaN in a `ModelComparison`.
     seconds : float
-        Time of learning, over all folds.
+        Time of training, over all folds.
     microseconds : float
-        Time of one step; NaN where it is not measured.
+        Time of one step; NaN if not measured.
+
+    See Also
+    --------
+    ModelComparison.to_dataframe : All scores as a table.
     """
 
     rmse: float
@@ -150,7 +152,7 @@ def behind(score: Score) -> str:
 
 
 def block_length(series: FloatArray) -> int:
-    """Length of the blocks with which to bootstrap the mean of a dependent series.
+    """Choose the block length for a bootstrap of the mean of a dependent series.
 
     The rule of Politis and White (2004) for the circular block bootstrap, with the
     correction of Patton, Politis and White (2009).
@@ -214,9 +216,9 @@ def _finite(name: str, value: ArrayLike, ndim: int) -> FloatArray:
 def circular_block_means(
     series: FloatArray, length: int, n_resamples: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Means of series drawn anew by the circular block bootstrap.
+    """Return means of series, resampled by the circular block bootstrap.
 
-    All columns share their blocks, so that differences between columns are paired.
+    All columns share the blocks, so that differences between columns are paired.
 
     Parameters
     ----------
@@ -237,8 +239,15 @@ def circular_block_means(
 
     Notes
     -----
-    Politis and Romano (1992).  Sums over blocks are differences of running sums, so
-    the cost does not depend on the length of the blocks.
+    Politis and Romano (1992).  Sums over blocks are differences of cumulative sums, so
+    the cost does not depend on the block length.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf.comparison import circular_block_means
+    >>> circular_block_means(np.ones((10, 2)), 3, 5, np.random.default_rng(0)).shape
+    (5, 2)
     """
     check_generator(rng)
     series = _finite("series", series, 2)
@@ -292,17 +301,21 @@ def significance(is_certain: bool) -> str:
 @reprs()
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
-    """Root mean squared errors of several methods on the same steps, and their resamples.
+    """RMSE of several methods on the same steps, with bootstrap resamples.
 
     Attributes
     ----------
     rmse : ndarray, shape (k,)
     resampled : ndarray, shape (n_resamples, k)
-        All methods share their blocks, so that differences are paired.
+        All methods share the blocks, so that differences are paired.
     block_length : int
         Steps in a block.
     beside : ndarray, shape (n_resamples, j)
-        Resampled means of other figures of the same steps, from the same blocks; none unless given.
+        Resampled means of other quantities of the same steps, from the same blocks.
+
+    See Also
+    --------
+    bootstrap_rmse : Create one; with an example.
     """
 
     rmse: FloatArray
@@ -311,7 +324,17 @@ class Bootstrap:
     beside: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
     def difference(self, a: int, b: int) -> tuple[float, float]:
-        """Return the interval of 95 % of the RMSE of method ``a`` less that of ``b``."""
+        """Return the 95 % interval of the RMSE of method ``a`` minus that of ``b``.
+
+        Parameters
+        ----------
+        a, b : int
+            Indices of the methods.
+
+        Returns
+        -------
+        lower, upper : float
+        """
         low, high = np.quantile(self.resampled[:, a] - self.resampled[:, b], LIMITS)
         return float(low), float(high)
 
@@ -323,7 +346,7 @@ def bootstrap_rmse(
     *,
     beside: FloatArray | None = None,
 ) -> Bootstrap:
-    """Resample root mean squared errors by the circular block bootstrap.
+    """Resample RMSEs by the circular block bootstrap.
 
     Parameters
     ----------
@@ -332,20 +355,31 @@ def bootstrap_rmse(
     n_resamples : int
     rng : numpy.random.Generator
     beside : ndarray, shape (n, j), optional
-        Other figures of the same steps, whose means are resampled with the same blocks; they have
-        no say in how long these are.
+        Other quantities of the same steps, whose means are resampled with the same blocks; they do not affect
+        the block length.
 
     Returns
     -------
     Bootstrap
-        With blocks of the length that the most dependent column needs.
+        With the block length of the most dependent column.
 
     Raises
     ------
     ParameterError
-        If ``n_resamples`` is less than 100: quantiles of 2.5 % would mean nothing.
+        If ``n_resamples`` is less than 100, too few for 2.5 % quantiles.
     ShapeError
-        If ``beside`` has another number of rows.
+        If ``beside`` has the wrong number of rows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf.comparison import bootstrap_rmse
+    >>> rng = np.random.default_rng(0)
+    >>> errors = rng.normal(size=(500, 2)) * [1.0, 2.0]
+    >>> found = bootstrap_rmse(errors**2, 200, rng)
+    >>> lower, upper = found.difference(1, 0)
+    >>> 0.0 < lower < upper
+    True
     """
     n_resamples = as_count("n_resamples", n_resamples, 100)
     squared = _finite("squared", squared, 2)

@@ -1,4 +1,4 @@
-"""What wins, on error and on log score, whether the lead is significant, and a likely reason: in words."""
+"""Verdict in words: the winner on RMSE and on log score, its significance, and a likely reason."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def by_log_score(scores: Sequence[Score]) -> list[Score]:
 
 
 def about_error(ranked: Sequence[Score], label: Literal["name", "title"], unit: str) -> str:
-    """Say which candidate errs least, and whether the next one is behind it by more than chance."""
+    """Say which candidate has the lowest RMSE, and whether its lead is significant."""
     space = f" {unit}" if unit else ""
     best, *others = ranked
     told = f"{best.rmse:.4g}{space} (95 % interval {best.rmse_low:#.3g} to {best.rmse_high:#.3g})"
@@ -81,10 +81,10 @@ def about_log_score(scores: Sequence[Score], label: Literal["name", "title"]) ->
     if np.isfinite(best.log_score_low):
         told += f" (95 % interval {best.log_score_low:.3f} to {best.log_score_high:.3f})"
     if best.density == "mixture":
-        told += ", of the mixture of normal laws that it claims"
+        told += ", for its mixture of normal distributions"
     second = others[0]
     if not np.isfinite(second.log_score):
-        return f"{told}. No other has a finite one."
+        return f"{told}. No other log score is finite."
     return (
         f"{told}. Next is {getattr(second, label)}, {second.log_score_behind:.2g} behind (95 % interval "
         f"{second.log_score_behind_low:.2g} to {second.log_score_behind_high:.2g}): "
@@ -117,12 +117,12 @@ def about_rival(scores: Sequence[Score], rival: str, label: Literal["name", "tit
 
 
 def about_baseline(rmse: float, unit: str) -> str:
-    """Say what somebody errs who always answers the mean of the rows learned on."""
+    """Say the RMSE of the mean of the training rows."""
     return f"Baseline (training mean): RMSE {rmse:.4g}{f' {unit}' if unit else ''}."
 
 
 def about_likelihood(scores: Sequence[Score]) -> str:
-    """Say under which candidate the observations are likeliest; empty where none has a law of them."""
+    """Say which candidate gives the observations the highest likelihood; empty if none defines one."""
     likelihood = np.array([score.log_likelihood for score in scores], dtype=np.float64)
     if len(scores) < 2 or np.isnan(likelihood).all():
         return ""

@@ -24,11 +24,12 @@ def about_task(comparison: Comparison, unit: str) -> str:
     """Say what was learned on and compared on, and how hard the task is."""
     task, folds = comparison.task, comparison.folds
     when = "" if task.time is None else f", from {task.time[task.n_train].astype('datetime64[m]')}"
-    rows = f"Learned on {task.n_train:,} rows, compared on {task.n_test:,}{when}"
+    rows = f"Trained on {task.n_train:,} rows, tested on {task.n_test:,}{when}"
     if len(folds) > 1:
         rows = (
-            f"Learned on {task.n_train:,} rows at first, compared on {task.n_test:,} in {len(folds)} folds"
-            f"{when}; before each fold learned anew on all rows before it"
+            f"Trained on at least {task.n_train:,} rows, tested on {task.n_test:,} in {len(folds)} "
+            f"folds{when}; "
+            "trained again before each fold, on all earlier rows"
         )
     return f"{rows}. Switch: {task.switch_source}. {about_baseline(comparison.baseline_rmse, unit)}"
 
@@ -37,14 +38,14 @@ def about_intervals(comparison: Comparison) -> str:
     """Say where intervals, log scores and log-likelihoods come from."""
     folds = "" if len(comparison.folds) == 1 else "over all folds, "
     mixtures = [score.title for score in comparison.scores if score.density == "mixture"]
-    normal = "under the normal law of the method's mean and standard deviation"
+    normal = "under a normal distribution with the mean and standard deviation of the method"
     if mixtures:
-        others = f"; of others {normal}" if len(mixtures) < len(comparison.scores) else ""
-        normal = f"under the mixture of normal laws that a method claims ({'; '.join(mixtures)}){others}"
+        others = f"; of the others {normal}" if len(mixtures) < len(comparison.scores) else ""
+        normal = f"under the mixture of normal distributions of the method ({'; '.join(mixtures)}){others}"
     return (
         f"Intervals of 95 %: block bootstrap, {folds}blocks of {comparison.block_length} steps. Log score: "
-        f"log-density of the state {normal}. Log-likelihoods of the "
-        "observations do not stand here: regressions define no likelihood."
+        f"log-density of the state {normal}. "
+        "Log-likelihoods of the observations are not shown: regressions define no likelihood."
     )
 
 

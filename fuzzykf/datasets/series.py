@@ -41,14 +41,18 @@ class Victoria:
     Attributes
     ----------
     time : ndarray of datetime64[s], shape (n,)
-        Beginning of each interval, in Australian Eastern Standard Time (UTC+10) all
-        year: in summer the clocks of Melbourne are an hour ahead of it.
+        Start of each interval, in Australian Eastern Standard Time (UTC+10) all
+        year; local time in summer is one hour later.
     demand : ndarray, shape (n,)
         Mean demand during the interval, in gigawatts.
     temperature : ndarray, shape (n,)
         Temperature in Melbourne, in degrees Celsius.
     workday : ndarray of bool, shape (n,)
         False on Saturdays, Sundays and public holidays.
+
+    See Also
+    --------
+    load_victoria : Load the data; with an example.
     """
 
     time: NDArray[np.datetime64]
@@ -70,6 +74,10 @@ class Building:
         Outdoor air temperature, in degrees Fahrenheit.
     power : ndarray, shape (n,)
         Power drawn by the building, in kilowatts.
+
+    See Also
+    --------
+    load_building : Load the data.
     """
 
     time: NDArray[np.datetime64]
@@ -89,7 +97,11 @@ class Traffic:
     speed : ndarray, shape (n,)
         Mean speed of the vehicles, in miles per hour.
     occupancy : ndarray, shape (n,)
-        Share of time in which a vehicle stood over the sensor, in per cent.
+        Share of time in which a vehicle was over the sensor, in per cent.
+
+    See Also
+    --------
+    load_traffic : Load the data.
     """
 
     time: NDArray[np.datetime64]
@@ -100,21 +112,24 @@ class Traffic:
 @reprs()
 @dataclass(frozen=True, eq=False)
 class Weather:
-    """Weather at an airport of New York in 2013, every hour; NaN where it was not reported.
+    """Hourly weather at an airport of New York in 2013; NaN where missing.
 
     Attributes
     ----------
     time : ndarray of datetime64[s], shape (n,)
-        Every hour, in Coordinated Universal Time: five hours ahead of the clocks of New York in winter,
-        four in summer.
+        Hours in UTC: five hours ahead of local time in winter, four in summer.
     temperature, dew_point : ndarray, shape (n,)
-        In degrees Celsius, to about half a degree.
+        In degrees Celsius, rounded to about half a degree.
     humidity : ndarray, shape (n,)
         Relative humidity, in per cent.
     wind_speed : ndarray, shape (n,)
         In miles per hour.
     pressure : ndarray, shape (n,)
-        At sea level, in hectopascals; it is missing ten times as often as the rest.
+        At sea level, in hectopascals; missing ten times as often as the rest.
+
+    See Also
+    --------
+    load_weather : Load the data; with an example.
     """
 
     time: NDArray[np.datetime64]
@@ -126,13 +141,12 @@ class Weather:
 
 
 def load_victoria(*, hourly: bool = False) -> Victoria:
-    """Load the demand for electricity and the temperature in Victoria in 2014.
+    """Load electricity demand and temperature in Victoria, 2014.
 
     Parameters
     ----------
     hourly : bool
-        Give means over full hours (8,760 rows) instead of the half-hourly values of
-        the file (17,520 rows).
+        Return hourly means (8,760 rows) instead of half-hourly values (17,520 rows).
 
     Returns
     -------
@@ -164,20 +178,19 @@ def load_victoria(*, hourly: bool = False) -> Victoria:
 def load_weather(
     station: Literal["JFK", "EWR"] = "JFK", folder: str | os.PathLike[str] | None = None
 ) -> Weather:
-    """Load a year of weather at an airport: a humidity sensor to lose, and others to restore it from.
+    """Load a year of hourly weather at an airport, to estimate humidity from other sensors.
 
-    The hours are complete from 1 January, 6:00, to 30 December 2013, 23:00 (8,730 rows).  There are 24 of
-    which nothing is known; wind speed is missing in 27, pressure in 855.  Humidity follows from temperature
-    and dew point, so that whoever wants to restore it leaves the dew point out.
+    The hours are complete from 1 January, 6:00, to 30 December 2013, 23:00 (8,730 rows).  All values are
+    missing in 24 rows, wind speed in 27, pressure in 855.  Humidity follows from temperature and dew point,
+    so omit the dew point to estimate it.
 
     Parameters
     ----------
     station : {"JFK", "EWR"}
-        The airport: John F. Kennedy, or Newark; the numbers above are those of the first.  The file of
-        Newark, ``weather_ewr_2013.csv.gz``, is not part of the package.
+        Airport: John F. Kennedy (the numbers above) or Newark.  The file of Newark,
+        ``weather_ewr_2013.csv.gz``, is not part of the package.
     folder : path-like, optional
-        Where the file of Newark is; by default the folder that the environment variable ``FUZZYKF_DATA``
-        names.
+        Directory of the file of Newark; by default the environment variable ``FUZZYKF_DATA``.
 
     Returns
     -------
@@ -186,9 +199,9 @@ def load_weather(
     Raises
     ------
     ParameterError
-        If the station is none of these, or a folder is given for the one in the package.
+        If the station is unknown, or ``folder`` is given for JFK.
     FileNotFoundError
-        If no folder is given or named for Newark, or it does not hold the file.
+        If the directory of Newark is not given or does not contain the file.
 
     Notes
     -----
@@ -222,8 +235,7 @@ def load_building(folder: str | os.PathLike[str] | None = None) -> Building:
     Parameters
     ----------
     folder : path-like, optional
-        Where the file is; by default the folder that the environment variable
-        ``FUZZYKF_DATA`` names.
+        Directory of the file; by default the environment variable ``FUZZYKF_DATA``.
 
     Returns
     -------
@@ -232,7 +244,7 @@ def load_building(folder: str | os.PathLike[str] | None = None) -> Building:
     Raises
     ------
     FileNotFoundError
-        If no folder is given or named, or it does not hold the file.
+        If the directory is not given or does not contain the file.
 
     Notes
     -----
@@ -251,8 +263,7 @@ def load_traffic(folder: str | os.PathLike[str] | None = None) -> Traffic:
     Parameters
     ----------
     folder : path-like, optional
-        Where the file is; by default the folder that the environment variable
-        ``FUZZYKF_DATA`` names.
+        Directory of the file; by default the environment variable ``FUZZYKF_DATA``.
 
     Returns
     -------
@@ -261,7 +272,7 @@ def load_traffic(folder: str | os.PathLike[str] | None = None) -> Traffic:
     Raises
     ------
     FileNotFoundError
-        If no folder is given or named, or it does not hold the file.
+        If the directory is not given or does not contain the file.
 
     Notes
     -----

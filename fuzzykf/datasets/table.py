@@ -51,23 +51,22 @@ MAX_BYTES = 1 << 28
 
 @dataclass(frozen=True, repr=False)
 class Table:
-    """The columns of a file of delimited text.
+    """Columns of a CSV file, from `read_table`.
 
     Attributes
     ----------
     source : str
-        Where the table comes from, for messages.
+        Name of the source, for messages.
     columns : mapping of str to tuple of str
-        The text of each column, by its name in the first line.
+        Text of the cells of each column, by name.
     decimal : str
-        What separates the decimals of numbers, "." or ",".
+        Decimal separator, "." or ",".
     lines : sequence of int, optional
-        The line of the file in which each row begins, for messages; by default the rows follow
-        one line of names.
+        Line of the file in which each row starts, for messages; by default rows follow a single header line.
     has_index : bool
-        Whether the first column had no name, and is called "index" here.
+        Whether the first column has no name in the file, and is called "index" here.
     notes : tuple of str
-        What was found out and not told: separators, comments, lines without cells, columns left out.
+        What was inferred: separators, comments, blank lines, omitted columns.
 
     Examples
     --------
@@ -102,16 +101,20 @@ class Table:
         return f"{type(self).__name__} of {rows} from {cut(self.source, 60)!r}: {names}{more}"
 
     def text(self, name: str) -> tuple[str, ...]:
-        """Return one column as it is written in the file.
+        """Return one column as text.
 
         Parameters
         ----------
         name : str
 
+        Returns
+        -------
+        tuple of str
+
         Raises
         ------
         ParameterError
-            If there is no such column; the message lists those that there are.
+            If there is no such column; the message lists the columns.
         """
         if name not in self.columns:
             raise ParameterError(
@@ -120,25 +123,25 @@ class Table:
         return self.columns[name]
 
     def numbers(self, name: str, *, gaps: bool = False) -> FloatArray:
-        """Return one column as finite numbers.
+        """Return one column as numbers.
 
         Parameters
         ----------
         name : str
         gaps : bool
-            Let cells be empty, or a spelling of "missing", and return NaN for them.
+            Whether empty cells and spellings of "missing" are allowed; they become NaN.
 
         Returns
         -------
-        ndarray of shape (n,)
+        ndarray, shape (n,)
 
         Raises
         ------
         ParameterError
             If there is no such column.
         FileFormatError
-            If a cell is empty (unless there may be gaps), is not a number, or is infinite;
-            the message names the line of the file.
+            If a cell is empty (without ``gaps``), is not a number, or is infinite; the message names the
+            line.
         """
         values = np.empty(len(self))
         number = _NUMBERS[self.decimal]
@@ -166,46 +169,49 @@ class Table:
         return "expected a number"
 
     def times(self, name: str, *, format: str | None = None) -> NDArray[np.datetime64]:
-        """Return one column as increasing times, as a clock on the spot shows them.
+        """Return one column as increasing local times.
 
-        An offset from Greenwich (``+10:00``) counts for the order of the rows and is
-        then dropped, so that the hour of the day is the local one.
+        UTC offsets (``+10:00``) are used to check the order and then dropped, so that the hour of the day is
+        the local one.
 
         Parameters
         ----------
         name : str
         format : str, optional
-            How times are written that are not those of ISO 8601: as `datetime.strptime` has it, or
-            "unix" and "unix_ms" for seconds and milliseconds since 1970, whose clock is that of UTC.
+            Format of times, if it is not ISO 8601: a pattern of `datetime.strptime`, or "unix" or "unix_ms"
+            for seconds or milliseconds since 1970 in UTC.
 
         Returns
         -------
         ndarray of datetime64[s], shape (n,)
-            Or of a finer unit, where there are parts of seconds.
+            Of a finer unit if there are fractions of seconds.
 
         Raises
         ------
         ParameterError
-            If there is no such column, or the format is none.
+            If there is no such column, or the format is invalid.
         FileFormatError
-            If a cell is no such time, only some cells have an offset, or a row is not later
-            than the one before it.
+            If a cell is not a time in this format, only some cells have an offset, or times do not increase.
         """
         return self.read_times(name, format=format).clock
 
     def read_times(
         self, name: str, *, format: str | None = None, gaps: bool = False, ordered: bool = True
     ) -> Times:
-        """Return one column as times, with what the clock shows and when that was in UTC.
+        """Return one column as times, both local and in UTC.
 
         Parameters
         ----------
         name, format
             As in `times`.
         gaps : bool
-            Let cells be empty, or a spelling of "missing", and return NaT for them.
+            Whether empty cells and spellings of "missing" are allowed; they become NaT.
         ordered : bool
-            Whether each has to be later than the one before it.
+            Whether times must increase.
+
+        Returns
+        -------
+        Times
 
         Raises
         ------
@@ -240,47 +246,56 @@ def read_table(
     decimal: str | None = None,
     max_bytes: int | None = None,
 ) -> Table:
-    """Read a file of delimited text whose first line names the columns.
+    r"""Read a CSV file with column names in the first line.
 
-    There is a row for each row of the file: one whose cells are all empty is a row as well, at the end
-    too.  A line with nothing in it at all between two rows is a row in which everything is missing
-    (the table notes it); at the end of the file it is none.  A first column without a name, as pandas
-    writes an index, is called "index", unless another is; all other columns without a name are left out
-    (and noted).
+    Rows with empty cells only are kept, also at the end.  A blank line between rows is a row of missing
+    values; blank lines at the end are ignored.  A first column without a name, as pandas writes an index, is
+    called "index" if no other is; other columns without a name are omitted.
 
-    Before the names there may be a line ``sep=;``, as Excel has it, and lines of comments that begin with
-    ``#``; both are noted.  Missing is written as nothing, NA, N/A, <NA>, #N/A, nan, null or none.
-    Nothing separates thousands: where a number shows that something does (``1.234,5``) the file is refused,
-    and where it may be so (``1.234`` and the like throughout, between semicolons) a note says how it was
+    The names may be preceded by a line ``sep=;``, as from Excel, and by comment lines that start with ``#``.
+    Missing values are empty, NA, N/A, <NA>, #N/A, nan, null or none.  Thousands separators are not supported:
+    numbers such as ``1.234,5`` are an error, and a note tells how ambiguous numbers such as ``1.234`` were
     read.
 
     Parameters
     ----------
     path : path-like
-        The file, in UTF-8; compressed by gzip if its name ends in ``.gz``.
+        File in UTF-8; compressed by gzip if its name ends in ``.gz``.
     sep : str, optional
-        What separates cells, one character; by default that of comma, semicolon, tab and bar which
-        cuts all rows into as many cells as there are names.
+        Separator of cells, one character; by default comma, semicolon, tab or bar, whichever splits all rows
+        into as many cells as there are names.
     decimal : {".", ","}, optional
-        What separates decimals; by default found in the cells if these are not separated by commas.
+        Decimal separator; by default inferred if cells are not separated by commas.
     max_bytes : int, optional
-        How much it may hold, unpacked; by default 256 MiB, or what the environment variable
-        FUZZYKF_MAX_BYTES says.
+        Largest admissible size, uncompressed; by default the environment variable FUZZYKF_MAX_BYTES, or else
+        256 MiB.
 
     Returns
     -------
     Table
-        Its ``notes`` say what was found out, if it is not commas between cells and points in numbers.
+        Its ``notes`` tell what was inferred, such as separators.
 
     Raises
     ------
     OSError
         If the file is missing or cannot be opened.
     FileFormatError
-        If it is no such table: no text, no rows, a column with the name of another, or a row with more
-        or fewer cells than names; if it is too large, or can be read in two ways.
+        If it is not such a table: not text, no rows, duplicate column names, or a row with more or fewer
+        cells than names; if it is too large or ambiguous.
     ParameterError
-        If ``sep`` or ``decimal`` is none, or they are the same.
+        If ``sep`` or ``decimal`` is inadmissible, or they are equal.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from fuzzykf.datasets import read_table
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "meters.csv"
+    ...     _ = file.write_text("time,load\n2014-01-01T00:00,3.9\n2014-01-01T01:00,4.1\n")
+    ...     table = read_table(file)
+    >>> table.numbers("load")
+    array([3.9, 4.1])
     """
     path = Path(as_path(path))
     asked = Dialect(sep, decimal).checked()

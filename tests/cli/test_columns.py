@@ -49,7 +49,7 @@ def test_unequal_steps_are_noted(write) -> None:
     assert "2 rows are missing (column time, steps of 1:00:00): 2 after 2014-01-01T01:00;" in note
     lines[1] = "2014-01-01T00:13,1"
     (note,) = read_rows(write(*lines), {"--obs": ["a"]}, None).notes
-    assert "last from 0:47:00 to 3:00:00 (column time)" in note
+    assert "vary from 0:47:00 to 3:00:00 (column time)" in note
     # What is no time of ISO 8601 may be kept all the same.
     rows = read_rows(write("who,a", "monday,1", "monday,2"), {"--obs": ["a"]}, "who")
     assert (list(rows.index), rows.notes) == (["monday", "monday"], [])

@@ -160,9 +160,7 @@ def test_it_prints_the_table_it_writes_with_a_picture_and_a_verdict(write, tmp_p
     assert re.search(r"Baseline \(training mean\): RMSE [\d.]+\.", printed)
     assert re.search(r"lags: \d+ \(chosen from 0-\d+ on 3 rolling blocks", printed)
     assert "regressions define no likelihood" in printed
-    assert (
-        "Learned on 120 rows at first, compared on 120 in 2 folds, from 2014-01-11T00:00; before" in printed
-    )
+    assert "Trained on at least 120 rows, tested on 120 in 2 folds, from 2014-01-11T00:00; trained" in printed
     assert "Switch: the clock, 0 from" in printed
     assert (out / "comparison.png").read_bytes().startswith(b"\x89PNG\r\n")
 
@@ -316,7 +314,7 @@ def test_without_a_file_it_runs_on_the_packaged_data(plain, tmp_path, monkeypatc
     assert result.exit_code == 0, result.output
     printed = " ".join(result.output.split())
     assert "Victoria, 2014, hourly means: demand, less its daily profile" in printed
-    assert "Learned on 4,380 rows at first, compared on 4,380 in 2 folds, from 2014-07-02T12:00" in printed
+    assert "Trained on at least 4,380 rows, tested on 4,380 in 2 folds, from 2014-07-02T12:00" in printed
     assert " GW" in printed
     table = table_of(tmp_path / "out" / "comparison.csv")
     assert [row["method"] for row in table] == ["OFSRFilter", "KalmanFilter (filterpy)", "linear regression"]
@@ -339,7 +337,7 @@ def test_a_lost_humidity_sensor_is_restored_from_the_temperature_across_gaps(
     printed = " ".join(result.output.split())
     assert "New York (JFK), 2013, hourly weather: relative humidity" in printed
     assert "less its daily profile" not in printed
-    assert "compared on 180, from 2013-02-26T17:00" in printed  # standard time of New York
+    assert "tested on 180, from 2013-02-26T17:00" in printed  # standard time of New York
     table = table_of(tmp_path / "out" / "comparison.csv")
     titles = ["OFSRFilter", "KalmanFilter (filterpy)", "linear regression", "mean of the time of day"]
     assert [row["method"] for row in table] == [*titles, "CGOMSMFilter, K = 1"]

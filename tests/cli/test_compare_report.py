@@ -76,11 +76,11 @@ def report(data):
 def test_the_page_has_the_settings_and_the_numbers_of_the_table(report) -> None:
     page = report.read_text(encoding="utf-8")
     for setting in (
-        "240: the first 120 to learn on, 120 to compare on",
-        "2, each learned anew on all rows before it",
+        "240: 120 for training, 120 for testing",
+        "2, trained again before each fold, on all earlier rows",
         "seed 3",
-        "left in",
-        "0, 1 and 5 between",
+        "not subtracted",
+        "5 between 0 and 1",
     ):
         assert setting in page
     with (report.parents[1] / "out" / "comparison.csv").open(encoding="utf-8", newline="") as file:
@@ -91,7 +91,7 @@ def test_the_page_has_the_settings_and_the_numbers_of_the_table(report) -> None:
 
 
 def test_the_command_on_the_page_repeats_the_comparison(report, tmp_path) -> None:
-    found = re.search(r"<dt>to repeat it</dt><dd>(.*?)</dd>", report.read_text(encoding="utf-8"), re.DOTALL)
+    found = re.search(r"<dt>command</dt><dd>(.*?)</dd>", report.read_text(encoding="utf-8"), re.DOTALL)
     program, *command = shlex.split(unescape(found[1]))
     assert program == "fuzzykf"
     result = CliRunner().invoke(app, [*command, "--out", str(tmp_path / "again")])

@@ -130,7 +130,7 @@ def test_fit_prints_how_features_score_and_takes_the_best(write, tmp_path) -> No
     words = "--state load --obs t --inputs wind --features auto --objective filter"
     result, printed = run("fit", write(), *words.split(), *QUICK, "-o", tmp_path / "model.json")
     assert result.exit_code == 0, printed
-    told = printed.partition("Log score of the states kept back, by features: ")[2].partition(". Law")[0]
+    told = printed.partition("Log score on validation states, by features: ")[2].partition(". Law")[0]
     scores = {one.rpartition(" ")[0]: float(one.rpartition(" ")[2]) for one in told.split("; ")}
     assert "none" in scores
     assert len(scores) == 5

@@ -317,7 +317,7 @@ def test_the_log_score_of_a_mixture_is_that_of_its_density() -> None:
     assert (two.density, line.density) == ("mixture", "normal")
     assert line.normal_log_score == pytest.approx(line.log_score)
     assert "two has the highest log score" in found.verdict()
-    assert "), of the mixture of normal laws that it claims. Next is line" in found.verdict()
+    assert "), for its mixture of normal distributions. Next is line" in found.verdict()
 
 
 def test_several_components_count_in_their_standard_deviations() -> None:

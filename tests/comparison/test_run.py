@@ -185,7 +185,7 @@ def test_what_was_said_of_all_folds_scores_as_it_did_fold_by_fold(two_regimes) -
     assert (hard.density, found.scores[1].density) == ("mixture", "normal")
     lower, upper = found.restorations[0].interval(0.9)
     assert hard.coverage == np.mean((lower <= found.truth) & (found.truth <= upper))
-    assert "state under the mixture of normal laws that a method claims (CGOMSMFilter); of others" in (
+    assert "state under the mixture of normal distributions of the method (CGOMSMFilter); of the others" in (
         about_intervals(found)
     )
 

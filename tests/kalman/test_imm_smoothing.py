@@ -152,7 +152,7 @@ def test_it_warns_of_a_bank_that_is_wrong(method):
     for f in filters:
         f.x, f.P = np.array([[0.0], [1.0]]), np.diag([1.0, 0.0])
     imm = IMMEstimator(filters, [0.5, 0.5], [[0.98, 0.02], [0.02, 0.98]], method=method)
-    with pytest.warns(HindsightWarning, match="worse than what is filtered") as said:
+    with pytest.warns(HindsightWarning, match="worse than filtering") as said:
         imm.smooth(zs)
     assert said[0].filename == __file__
 

@@ -45,27 +45,26 @@ def _quiet(_: str) -> None:
 @reprs()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LearningPart:
-    """Data to learn on, and how long the learning of a hidden switch may take.
+    """Training data, and settings of the search for a hidden switch.
 
     Attributes
     ----------
     x, y : ndarray, shapes (n, m) and (n, q)
         States and observations, NaN where missing.
     r : ndarray, shape (n,), or None
-        The switch, if it is given; else it is learned as well.
+        The switch, if it is given; otherwise it is learned.
     clock : Clock or None
-        Hours and days of the rows, if they are known.
+        Times and working days of the rows, if known.
     inputs : ndarray, shape (n, k), or None
-        What else is known at all times, of later rows as well.
+        Other known variables, also for later rows.
     n_nodes : int
-        Nodes of a fuzzy switch between 0 and 1; time grows with the steps between them.
+        Number of nodes of a fuzzy switch between 0 and 1.
     max_iter : int
         Largest number of iterations.
     tolerance : float
-        Gain in log-likelihood per observation at which to stop; the error of the filter
-        settles long before the likelihood does.
+        Stop when an iteration gains less than this in log-likelihood per observation.
     progress : callable
-        Is told the name of each further piece of work before it begins.
+        Called with the name of each further piece of work before it starts.
     """
 
     x: FloatArray
@@ -84,14 +83,33 @@ class LearningPart:
         return len(self.x)
 
     def first(self, n: int) -> LearningPart:
-        """Return the first ``n`` rows as a part of their own."""
+        """Return the first ``n`` rows as training data.
+
+        Parameters
+        ----------
+        n : int
+
+        Returns
+        -------
+        LearningPart
+        """
         r = None if self.r is None else self.r[:n]
         clock = None if self.clock is None else self.clock[:n]
         inputs = None if self.inputs is None else self.inputs[:n]
         return replace(self, x=self.x[:n], y=self.y[:n], r=r, clock=clock, inputs=inputs, _learned={})
 
     def once(self, key: Hashable, learn: Callable[[], Any]) -> Any:
-        """Return what ``learn`` returns; a second call with this key returns the same, without learning."""
+        """Return ``learn()``; a second call with the same key returns the stored result.
+
+        Parameters
+        ----------
+        key : hashable
+        learn : callable
+
+        Returns
+        -------
+        object
+        """
         if key not in self._learned:
             self._learned[key] = learn()
         return self._learned[key]
@@ -99,10 +117,21 @@ class LearningPart:
     def fuzzy(
         self, law: str, *, state_feedback: bool = True, objective: str = "joint"
     ) -> FitResult[CGOFMSModel]:
-        """Learn a fuzzy model with a law of this family; without `state_feedback` its Axx is zero.
+        """Learn a fuzzy model; a second call returns the stored result.
 
-        A second call returns the same.  For the objective "filter" a switch is hidden, also where it is
-        given.
+        With the objective "filter", a given switch is ignored and learned as hidden.
+
+        Parameters
+        ----------
+        law : str
+            Family of the law.
+        state_feedback : bool
+        objective : {"joint", "filter"}
+            As in `CGOFMSModel.fit`.
+
+        Returns
+        -------
+        FitResult
         """
         from fuzzykf.switching import CGOFMSModel
 
@@ -125,10 +154,21 @@ class LearningPart:
         inputs: FloatArray | None = None,
         features: Any = None,
     ) -> FitResult[CGOMSModel]:
-        """Learn a model of so many hard regimes (two names of one number); a second call returns the same.
+        """Learn a model with hard regimes; a second call returns the stored result.
 
-        A given switch, of two regimes, is rounded; for the objective "filter" it is hidden.  Without
-        `state_feedback` Axx is zero.  Inputs (n, k) and features are as in `CGOMSModel.fit`.
+        A given switch between two regimes is rounded.  With the objective "filter", it is ignored and learned
+        as hidden.
+
+        Parameters
+        ----------
+        n_switches, n_regimes : int
+            Number of regimes, under either name.
+        state_feedback, objective, inputs, features
+            As in `CGOMSModel.fit`.
+
+        Returns
+        -------
+        FitResult
         """
         from fuzzykf.switching import CGOMSModel
         from fuzzykf.switching.models.base import given_regimes
@@ -166,20 +206,26 @@ def _numerical(fit: Callable[[], Any]) -> Any:
 @reprs()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimates:
-    """What a method says of a stretch of observations, each from it and the earlier ones.
+    """Filtered estimates of a method for consecutive observations.
 
     Attributes
     ----------
     mean, std : ndarray, shape (n, m)
-        Estimate of the state, and the standard deviation that the method claims.
+        Estimate of the state, and its standard deviation.
     log_likelihood : ndarray, shape (n,), or None
-        Logarithm of the density of each observation given the earlier ones; None from a
-        method that has no law of the observation.
+        Log-density of each observation given the earlier ones; None if the method defines none.
     switch : ndarray, shape (n,), or None
-        Posterior mean of the switch; there is none between more than two classes.
+        Posterior mean of the switch; None for more than two classes.
     density : NormalMixture or None
-        The density of the state, where the method claims more than mean and standard deviation; then log
-        score and coverage are those of it.  None: a normal law, of independent components.
+        Density of the state, for log score and coverage.  None means normal with independent components.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf.comparison import Estimates
+    >>> lower, upper = Estimates(mean=np.zeros((1, 1)), std=np.ones((1, 1))).interval(0.95)
+    >>> upper.round(2)
+    array([[1.96]])
     """
 
     mean: FloatArray
@@ -189,12 +235,21 @@ class Estimates:
     density: NormalMixture | None = None
 
     def interval(self, level: float = 0.9) -> tuple[FloatArray, FloatArray]:
-        """Return the ends of the central interval of each component, of the shape of `mean`.
+        """Return the central interval of each component.
+
+        Parameters
+        ----------
+        level : float
+            Nominal coverage, between 0 and 1.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (n, m)
 
         Raises
         ------
         ParameterError
-            If ``level`` is outside ]0, 1[.
+            If ``level`` is not between 0 and 1.
         """
         if self.density is None:
             return normal_interval(self.mean, self.std, level)
@@ -202,24 +257,29 @@ class Estimates:
         return lower.reshape(self.mean.shape), upper.reshape(self.mean.shape)
 
     def as_mixture(self) -> NormalMixture:
-        """Return the density, whatever is claimed."""
+        """Return the density as a mixture.
+
+        Returns
+        -------
+        NormalMixture
+        """
         return NormalMixture.normal(self.mean, self.std) if self.density is None else self.density
 
 
 @reprs("description", "notes")
 class Learned(ABC):
-    """What a method has learned; it sees no state any more.
+    """A trained method, which estimates states from observations.
 
     Attributes
     ----------
     notes : tuple of str
-        What a reader should know before trusting it.
+        Warnings.
     description : str
-        What was chosen while learning, in words, and how; may be empty.
+        Choices made in training, in words; may be empty.
     choice : str
-        What was chosen, in a word: a law, a number of lags; empty where nothing was.
+        The choice in a word, such as a law or a number of lags; may be empty.
     feedback : bool or None
-        Whether each observation corrects the state that went before it; None where there are no dynamics.
+        Whether each observation corrects the estimated state; None without dynamics.
     """
 
     notes: tuple[str, ...] = ()
@@ -228,39 +288,57 @@ class Learned(ABC):
     feedback: bool | None = None
 
     def at(self, clock: Clock | None) -> Self:
-        """Return this for rows of a clock: those that are restored next, one for each row.
-
-        Who knows no times ignores them, and is the same.
+        """Return the method for rows with given times; methods that do not use times return themselves.
 
         Parameters
         ----------
         clock : Clock or None
-            None where times are not known.
+            Times of the rows to estimate next; None if unknown.
+
+        Returns
+        -------
+        Learned
         """
         return self
 
     def told(self, inputs: FloatArray | None) -> Self:
-        """Return this for rows of which inputs (n, k) are known: those that are restored next.
+        """Return the method for rows with given inputs; methods that do not use inputs return themselves.
 
-        Who has no use for them ignores them, and is the same.
+        Parameters
+        ----------
+        inputs : ndarray, shape (n, k), or None
+            Inputs of the rows to estimate next.
+
+        Returns
+        -------
+        Learned
         """
         return self
 
     @abstractmethod
     def restore(self, before: FloatArray, zs: FloatArray) -> Estimates:
-        """Estimate the states of ``zs``, shape (n, q), from it alone.
+        """Estimate the states of test rows from their observations.
 
         Parameters
         ----------
         before : ndarray, shape (k, q)
-            The observations just before; k may be zero.
+            Observations immediately before; k may be zero.
         zs : ndarray, shape (n, q)
-            NaN where missing.
+            Observations; NaN where missing.
+
+        Returns
+        -------
+        Estimates
         """
 
     @abstractmethod
     def stepper(self) -> Callable[[FloatArray], object]:
-        """Return a function that takes the next observation, as in real time."""
+        """Return a function that processes one observation, for timing.
+
+        Returns
+        -------
+        callable
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,17 +363,18 @@ class Named:
 @reprs()
 @dataclass(frozen=True)
 class Candidate(Named):
-    """A method by name.
+    """A method that can be compared, with its name.
 
     Attributes
     ----------
     name : str
+        Name of the method.
     learn : callable
-        From a `LearningPart` to a `Learned`.  It must not look elsewhere.
+        Maps a `LearningPart` to a `Learned`.  It must not use other data.
     pieces : int
-        Of work, as it tells them to ``LearningPart.progress``; the first is told by the caller.
+        Number of pieces of work, for the progress bar.
     title : str
-        What tables and pictures of `compare` call it; the name, unless said otherwise.
+        Title in tables and plots of `compare`; by default the name.
     """
 
     learn: Callable[[LearningPart], Learned]
@@ -305,31 +384,31 @@ class Candidate(Named):
 @reprs()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Restoration(Estimates, Named):
-    """What one candidate says of a held-out part.
+    """Estimates of one candidate for the test rows.
 
     Attributes
     ----------
     name, title : str
-        Of the candidate; the name is the title unless said otherwise.
+        Name and title of the candidate.
     mean, std : ndarray, shape (n,) or (n, m)
-        Its estimate of the state, and the standard deviation that it claims.
+        Estimate of the state, and its standard deviation.
     log_likelihood : ndarray, shape (n,), or None
-        Logarithm of the density of each observation given the earlier ones.
+        Log-density of each observation given the earlier ones.
     switch : ndarray, shape (n,), or None
         Posterior mean of the switch.
     density : NormalMixture or None
-        The density of the state, where it claims more than these two.
+        Density of the state, if it is not normal.
     notes : tuple of str
-        What a reader should know before trusting the method.
+        Warnings.
     description : str
-        What was chosen while learning, in words; may be empty.  Over several folds, that of the last one.
+        Choices made in training, in words; for several folds, those of the last one.
     choices : tuple of str
-        What was chosen, in a word, in each fold.
+        The choice in a word, for each fold.
     learned : Learned or None
-        What it has learned, if it is known; over several folds, in the last one.
+        The trained method; for several folds, of the last one.
     seconds, microseconds : float
-        Time of learning, and of one step; NaN if it was not measured.  What an earlier candidate has learned
-        on the same rows is not learned again.
+        Time of training, and of one step; NaN if not measured.  Models shared with an earlier candidate are
+        not trained again.
     """
 
     notes: tuple[str, ...] = ()

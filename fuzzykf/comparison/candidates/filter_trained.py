@@ -33,8 +33,8 @@ def training_told(fit: FitResult[Any]) -> str:
     assert training is not None  # it was asked for
     lead = training.score_filter - training.score_joint
     return (
-        f"the {training.kept} fit was kept (log score of the last fifth of the learning part: for the filter "
-        f"{training.score_filter:.3g}, jointly {training.score_joint:.3g}, difference {lead:.2g} ± "
+        f"kept the {training.kept} fit (log score on the last fifth of the training rows: filter fit "
+        f"{training.score_filter:.3g}, joint fit {training.score_joint:.3g}, difference {lead:.2g} ± "
         f"{training.standard_error:.2g})"
     )
 

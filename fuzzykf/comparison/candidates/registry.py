@@ -46,7 +46,18 @@ def _registry() -> dict[str, Candidate]:
 
 
 def candidate_names() -> tuple[str, ...]:
-    """Return the names by which `compare`, `compare_models` and the command line know candidates."""
+    """Return the names of all candidates of `compare`, `compare_models` and the command line.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> from fuzzykf.comparison import candidate_names
+    >>> "kalman" in candidate_names()
+    True
+    """
     return tuple(_registry())
 
 
@@ -56,7 +67,11 @@ def candidate(name: str) -> Candidate:
     Parameters
     ----------
     name : str
-        One of `candidate_names`, or "hard4", "hard5", ...
+        A name from `candidate_names`, or "hard4", "hard5", ...
+
+    Returns
+    -------
+    Candidate
 
     Raises
     ------

@@ -71,7 +71,7 @@ def learn_state_space(part: LearningPart, n_regimes: int | None = None) -> Learn
     law = fading_law(part.n_nodes) if n_regimes is None else hard_law(n_regimes)
     n_nodes = part.n_nodes if n_regimes is None else None
     fit = learn_from_states(part.x, part.y, law, n_nodes=n_nodes, max_iter=part.max_iter, progress=False)
-    notes = () if part.r is None else ("the switch that was given played no part; it was learned as hidden",)
+    notes = () if part.r is None else ("the given switch was ignored; it was learned as hidden",)
     return LearnedStateSpace(fit, n_nodes, notes)
 
 

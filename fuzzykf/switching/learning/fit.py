@@ -187,7 +187,7 @@ def fit_fuzzy(data: TrainingData, law: Law, n_nodes: int | None, options: Option
     hard = float((shares.max(axis=1) == 1.0).mean())
     if law.kind == "fmc1" and hard < LEAST_HARD:
         notes.append(
-            f"the switch is hard in {hard:.3g} of the data, but FMC1 cannot go below 3/8; consider 'fmc2'"
+            f"the switch is hard in {hard:.3g} of the data, but at least in 3/8 under FMC1; consider 'fmc2'"
         )
     value = log_likelihood(system, data)
     n_parameters = estimate.n_parameters + law.learner(law.nodes_up_to(max(nodes, 1))).n_parameters

@@ -110,11 +110,11 @@ def unlike(start: Law, learned: Law, shares: FloatArray) -> list[str]:
         a = int(way.split(" ")[0]) if name.startswith("length ") else 0
         often = before.get(f"rate {way}", 0.0) and (shares[:, a] == 1.0).any()
         if name.startswith("length ") and length == before[name] and often:
-            notes.append(f"no fade from {way} is seen in r; its length is that of the law which was given")
+            notes.append(f"r has no fade from {way}; its length is that of the given law")
     if numbers.get("turn_back", 0.0) > RESTLESS:
         notes.append(
-            f"r turns back in {numbers['turn_back']:.2g} of its steps between classes: is there noise in it? "
-            "A law of fades takes each change of direction for a turn; smooth r, or leave it out"
+            f"r turns back in {numbers['turn_back']:.2g} of its steps between classes, which may be noise: "
+            "FadeLaw counts each change of direction as a turn; smooth r, or omit it"
         )
     return notes
 
@@ -131,9 +131,9 @@ def left_for_good(chain: SwitchChain, weights: FloatArray) -> list[str]:
     """
     long_run, seen = chain.initial @ chain.class_weights, weights.mean(axis=0)
     return [
-        f"the switch hardly ever comes back to the regime {k}, which has {seen[k]:.2g} of the rows, but "
-        f"{long_run[k]:.1g} of the long run: filters begin with the law in the long run, so they do not "
-        "expect it; learn from data in which it comes back"
+        f"the switch hardly ever returns to regime {k}, which has a share of {seen[k]:.2g} of the rows, but "
+        f"{long_run[k]:.1g} in the stationary law: filters start from the stationary law, so they do not "
+        "expect this regime; use data in which it recurs"
         for k in np.flatnonzero((seen * len(weights) >= SCARCE) & (long_run < RARELY * seen))
     ]
 
@@ -148,7 +148,7 @@ def no_shorter(law: Law, n_nodes: int) -> list[str]:
     if not bound:
         return []
     return [
-        f"the fade{'s' if len(bound) > 1 else ''} from {listed(bound)} cannot be learned to be shorter than "
+        f"the fade{'s' if len(bound) > 1 else ''} from {listed(bound)} cannot be shorter than "
         f"n_nodes = {n_nodes} steps; use fewer nodes, or jumps"
     ]
 
@@ -171,19 +171,20 @@ def scarcity(
     K = len(visits)
     for k in range(K):
         if visits[k] < SCARCE:
-            found.append(f"the regime {k} is hardly visited (a total share of {visits[k]:.3g} observations)")
+            found.append(f"regime {k} is rarely visited (total weight {visits[k]:.3g} observations)")
     for i in range(K):
         for j in range(K):
             there = (possible is None or possible[i, j]) and min(visits[i], visits[j]) >= SCARCE
             if there and pairs[i, j] >= SCARCE > state_pairs[i, j]:
                 found.append(
-                    f"the state is hardly measured in the pair of regimes ({i}, {j}) (a total share of "
-                    f"{state_pairs[i, j]:.3g} steps); what it does there follows the others"
+                    f"the state is rarely measured in the pair of regimes ({i}, {j}) (total weight "
+                    f"{state_pairs[i, j]:.3g} steps); its parameters there are those of the other pairs"
                 )
             if there and pairs[i, j] < SCARCE:
                 found.append(
-                    f"the pair of regimes ({i}, {j}) hardly occurs (a total share of {pairs[i, j]:.3g} "
-                    "steps); its parameters follow the others"
+                    f"the pair of regimes ({i}, {j}) rarely occurs (total weight {pairs[i, j]:.3g} "
+                    f"steps); its "
+                    "parameters are those of the other pairs"
                 )
     return found
 
@@ -213,9 +214,9 @@ def active_constraint(estimate: GaussianEstimate, K: int) -> list[str]:
     values = proof_values(K, fuzzy=len(share) > K * K)
     return [
         "the constraint is active: positive definiteness bounds the parameters; at the values "
-        f"({values[first]:.3g}, {values[second]:.3g}) of the switch the noise of the state has "
-        f"{share.min() / share.max():.2g} of its variance elsewhere; consider form='regression', which has "
-        "no such bound"
+        f"({values[first]:.3g}, {values[second]:.3g}) of the switch, the variance of the state noise is "
+        f"{share.min() / share.max():.2g} of that elsewhere; consider form='regression', which has no such "
+        "bound"
     ]
 
 
@@ -238,12 +239,12 @@ def scant_data(n_parameters: int, data: TrainingData) -> list[str]:
     if not data.is_complete:
         return [
             f"{rows} rows, in {int(data.known.sum())} of which the state is measured, hold {data.n_measured} "
-            f"numbers: few for {n_parameters} parameters, which may fit noise and tell little of later data; "
-            f"expected at least {int(np.ceil(NUMBERS * n_parameters))} numbers, or fewer regimes"
+            f"numbers: few for {n_parameters} parameters, which may overfit; expected at least "
+            f"{int(np.ceil(NUMBERS * n_parameters))} numbers, or fewer regimes"
         ]
     return [
-        f"{rows} rows of {d} numbers are few for {n_parameters} parameters, which may fit noise and tell "
-        f"little of later data; expected at least {enough} rows, or fewer regimes"
+        f"{rows} rows of {d} numbers are few for {n_parameters} parameters, which may overfit; expected at "
+        f"least {enough} rows, or fewer regimes"
     ]
 
 
@@ -252,9 +253,9 @@ def scant_statistics(n_parameters: int, n_numbers: float) -> list[str]:
     if n_numbers >= NUMBERS * n_parameters:
         return []
     return [
-        f"new rows, and what is left of those before, count as {n_numbers:.0f} measured numbers, few for "
-        f"{n_parameters} parameters, which may fit noise and tell little of later data; expected at least "
-        f"{int(np.ceil(NUMBERS * n_parameters))}: more rows, or a forget that is nearer to 1"
+        f"new rows and discounted earlier rows count as {n_numbers:.0f} measured numbers, few for "
+        f"{n_parameters} parameters, which may overfit; expected at least "
+        f"{int(np.ceil(NUMBERS * n_parameters))}: more rows, or forget closer to 1"
     ]
 
 
@@ -300,13 +301,13 @@ def stuck(weights: FloatArray, system: SwitchingSystem, data: TrainingData) -> l
             rows += f" and {others} other stretch{'es' if others > 1 else ''}" if others > 0 else ""
             value = data.z[first, column] * data.scale.std[column] + data.scale.mean[column]
             apart = float(np.ptp(data.z[first : last + 1, column])) * data.scale.std[column]
-            but = f", but for {apart:.1g}" if apart else ""
+            but = f", up to {apart:.1g}" if apart else ""
             told = f"{component(column, data.dim_x)} is constant ({value:.6g}{but})"
             found.setdefault(rows, []).append(
                 f"{told} and its noise {share[column]:.1g} of the variance of the data"
             )
         notes += [
-            f"the regime {k} has collapsed onto the rows {rows}, in which {', '.join(told)}; if a sensor was "
+            f"regime {k} has collapsed onto the rows {rows}, in which {', '.join(told)}; if a sensor was "
             "stuck there, make its values missing (NaN)"
             for rows, told in found.items()
         ]
@@ -339,9 +340,11 @@ def instability(system: SwitchingSystem) -> list[str]:
     if radius < 1.0:
         return []
     return [
-        f"the state filter is unstable: its error variance grows by the factor {radius:.4g} a step, since "
-        "the model has no feedback from observations to the state; state_feedback=False learns a state that "
-        "does not depend on the one before, and cannot drift"
+        f"the state filter is unstable: its error variance grows by the factor {radius:.4g} per step, "
+        f"because "
+        "observations do not correct earlier states; state_feedback=False learns a state that does not "
+        "depend "
+        "on the previous one and cannot drift"
     ]
 
 
@@ -354,15 +357,16 @@ def one_name(labels: Labels) -> list[str]:
     >>> one_name(Labels(["load"], ["t"]))
     []
     >>> one_name(Labels(["Nord"], ["Nord"]))[0][:53]
-    "a state and an observation are both called 'Nord': th"
+    "a state and an observation are both called 'Nord': a "
     """
     both = [name for name in labels.states or () if name in (labels.observations or ())]
     if not both:
         return []
     return [
-        f"a state and an observation are both called {listed([repr(name) for name in both])}: the name "
-        "cannot tell them apart, so the state is not refused where it is given for the observation; rename "
-        "one of them, in the data or by model.labelled(states=...)"
+        f"a state and an observation are both called {listed([repr(name) for name in both])}: a filter "
+        f"cannot "
+        "detect that the state is passed as the observation; rename one of them, in the data or by "
+        "model.labelled(states=...)"
     ]
 
 
@@ -408,6 +412,7 @@ def too_gradual(estimate: Estimate, shares: FloatArray, data: TrainingData) -> l
     if hard >= LEAST_HARD or 2.0 * (trace[-1] - trace[0]) <= chance:
         return []
     return [
-        f"the switch seems to be hard in {hard:.2g} of the data, but FMC1 cannot go below 3/8: a chain "
-        "without a law describes them better than chance explains; consider 'fmc2' or 'free'"
+        f"the switch seems to be hard in {hard:.2g} of the data, but at least in 3/8 under FMC1: a free "
+        f"chain "
+        "fits significantly better; consider 'fmc2' or 'free'"
     ]

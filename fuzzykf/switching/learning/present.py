@@ -76,8 +76,8 @@ def _unjudged(fitted: Fitted) -> list[str]:
     if training is None or not training.note:
         return []
     return [
-        f"the joint fit was kept: the rows before the {training.n_kept_back:,} states kept back cannot be "
-        f"learned from ({training.note})"
+        f"kept the joint fit: the rows before the {training.n_kept_back:,} validation states are not "
+        f"sufficient ({training.note})"
     ]
 
 
@@ -85,7 +85,4 @@ def _unused(fitted: Fitted, data: TrainingData) -> list[str]:
     """Say that inputs and features have no effect where the joint fit was kept."""
     if fitted.training is None or fitted.training.kept != "joint" or not sum(data.window):
         return []
-    return [
-        "the joint fit was kept, in which inputs and features have no effect: before training for the filter "
-        "it is made without them"
-    ]
+    return ["kept the joint fit, in which inputs and features have no effect: only the filter fit uses them"]

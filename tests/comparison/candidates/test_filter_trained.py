@@ -34,7 +34,7 @@ def test_it_is_the_fit_for_the_filter(name, told, series) -> None:
     else:
         fit = CGOFMSModel.fit(x, y, law="fmc1", n_nodes=1, **options)
     assert learned.fit.training == fit.training
-    assert f"the {fit.training.kept} fit was kept (log score of the last fifth" in learned.description
+    assert f"kept the {fit.training.kept} fit (log score on the last fifth" in learned.description
     np.testing.assert_array_equal(learned.restore(y[:0], y[:80]).mean, fit.model.filter(1).filter(y[:80]).x)
 
 

@@ -49,7 +49,7 @@ def test_half_the_pool_and_half_boosting_are_mixed_as_densities(monkeypatch) -> 
     both = candidate("pool-boosting")
     learned = both.learn(part)
     assert len(told) == both.pieces - 2  # without times there are no products
-    assert learned.at(None).description.startswith("pool-inputs: the latest observation: the ")
+    assert learned.at(None).description.startswith("pool-inputs: the latest observation: kept the ")
     got = learned.restore(part.y, y[200:])
     pool, trees_alone = (
         candidate(name).learn(part).restore(part.y, y[200:]) for name in ("pool-inputs", "boosting")

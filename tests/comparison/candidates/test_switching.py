@@ -159,7 +159,7 @@ def test_warnings_of_the_fit_are_notes(series) -> None:
     r = np.zeros(600)
     r[10:13] = 1.0
     notes = learn_hard(part(series, r=r), 2).notes
-    assert any("the regime 1 is hardly visited" in note for note in notes)
+    assert any("regime 1 is rarely visited" in note for note in notes)
 
 
 @pytest.mark.parametrize(

@@ -164,12 +164,12 @@ def test_fades_of_two_classes_by_name():
 def test_notes_of_a_known_switch(ring):
     noisy = np.clip(ring.r[:, 0] + np.random.default_rng(0).normal(0, 0.02, len(ring.r)), 0.0, 1.0)
     found = CGOFMSModel.fit(ring.x, ring.y, noisy, law="fade")
-    assert any("is there noise in it?" in note for note in found.warnings)
+    assert any("which may be noise" in note for note in found.warnings)
     labels = ring.r.argmax(axis=1)
     ways = {(a, b): 0.1 for a in range(3) for b in range(3) if a != b}
     law = FadeLaw(3, START.fades, jumps=ways)
     notes = CGOFMSModel.fit(ring.x, ring.y, labels, law=law).warnings
-    assert "no fade from 0 to 1 is seen in r; its length is that of the law which was given" in notes
+    assert "r has no fade from 0 to 1; its length is that of the given law" in notes
 
 
 def test_pairs_that_a_law_does_not_have_are_not_missed(ring):
@@ -182,7 +182,7 @@ def test_fades_that_are_as_short_as_their_nodes(ring):
     start = FadeLaw(3, {pair: (rate, 12.0) for pair, (rate, _) in START.fades.items()})
     found = CGOFMSModel.fit(ring.x, ring.y, law=start, **{**QUICK, "n_nodes": 9, "max_iter": 6})
     assert all(length >= 9.0 for _, length in found.model.law.fades.values())
-    assert any("cannot be learned to be shorter than n_nodes = 9 steps" in note for note in found.warnings)
+    assert any("cannot be shorter than n_nodes = 9 steps" in note for note in found.warnings)
 
 
 def test_a_short_law_takes_as_many_nodes_as_it_has_room_for(ring):
@@ -205,7 +205,7 @@ def test_a_switch_that_never_comes_back_is_noted():
         found = CGOFMSModel.fit(
             x, y, switch, law="fade", n_nodes=3, n_starts=1, max_iter=12, form="regression"
         )
-        assert any("hardly ever comes back to the regime 0" in note for note in found.warnings)
+        assert any("hardly ever returns to regime 0" in note for note in found.warnings)
         assert found.model.law.fades[1, 0][0] > 0.0  # one more step at 1, in which it left as in the start
         assert found.log_likelihood / found.n_observations > -4.0
 

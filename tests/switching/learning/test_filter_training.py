@@ -72,7 +72,7 @@ def test_it_filters_better_where_joint_learning_leans_on_the_state_before(name, 
     joint_error, joint_score = held_out(joint.model, x, y, 800)
     assert error < 0.95 * joint_error
     assert score > joint_score
-    assert "filter; the filter fit was kept" in str(fit.summary())
+    assert "filter; kept the filter fit" in str(fit.summary())
     assert fit.switch_mean.shape == (800,)
     assert fit.n_parameters == joint.n_parameters
 
@@ -96,7 +96,7 @@ def test_the_joint_fit_stays_where_nothing_scores_better(short, monkeypatch) -> 
     assert fit.training.kept == "joint"
     assert fit.training.trace == ()
     assert fit.training.inflation == 1.0
-    assert "the joint fit was kept" in str(fit.summary())
+    assert "kept the joint fit" in str(fit.summary())
     assert fit.log_likelihood == joint.log_likelihood
     np.testing.assert_array_equal(fit.model.transition, joint.model.transition)
 
@@ -215,8 +215,8 @@ def test_rows_that_cannot_be_learned_from_leave_the_joint_fit() -> None:
     fit = FITS["hard"](x, y, objective="filter")
     assert fit.training.kept == "joint"
     assert np.isnan(fit.training.score_joint)
-    assert any("the rows before the 100 states kept back cannot be learned from" in w for w in fit.warnings)
-    assert "the joint fit was kept" in str(fit.summary())
+    assert any("the rows before the 100 validation states are not sufficient" in w for w in fit.warnings)
+    assert "kept the joint fit" in str(fit.summary())
 
 
 def test_the_joint_score_is_that_of_a_fit_on_the_rows_before() -> None:

@@ -319,7 +319,7 @@ def test_regimes_that_the_state_was_never_measured_in_are_named():
     sim = two_regimes().simulate(400, np.random.default_rng(8))
     x = np.where(sim.r[:, None] == 1, np.nan, sim.x)
     fit = CGOMSModel.fit(x, sim.y, sim.r)
-    notes = [note for note in fit.warnings if "the state is hardly measured in the pair" in note]
+    notes = [note for note in fit.warnings if "the state is rarely measured in the pair" in note]
     assert [note[note.index("(") :][:6] for note in notes] == ["(0, 1)", "(1, 0)", "(1, 1)"]
     assert all(np.isfinite(part).all() for part in fit.model.placed().pair_tables(0).pairs)
     data = gather(sim.x, sim.y, sim.r)
@@ -346,7 +346,7 @@ def test_a_stuck_state_is_named_though_it_is_seldom_measured():
     x[50:100] = 7.0  # the second regime is measured here, and nowhere else
     x[100:] = np.where(r[100:] == 1, np.nan, x[100:])
     fit = CGOMSModel.fit(x, y, r, form="regression")
-    assert any("the regime 1 has collapsed onto the rows 50 to 99, in which x[0]" in n for n in fit.warnings)
+    assert any("regime 1 has collapsed onto the rows 50 to 99, in which x[0]" in n for n in fit.warnings)
 
 
 def test_the_bootstrap_leaves_out_the_same_states():

@@ -81,8 +81,8 @@ def _learned(problem: SpaceProblem, **options: Any) -> LikelihoodFit[SwitchingSt
 def _unvisited(visits: FloatArray) -> list[str]:
     """Say in which classes the switch hardly is."""
     return [
-        f"class {k}: hardly visited, for {steps:.2g} of {counted(round(visits.sum()), 'step')} in "
-        f"expectation, less than {SCARCE:g}; what is its own is hardly known"
+        f"class {k}: rarely visited, in {steps:.2g} of {counted(round(visits.sum()), 'step')} "
+        f"(expected at least {SCARCE:g}); its parameters are poorly determined"
         for k, steps in enumerate(visits.tolist())
         if steps < SCARCE
     ]
