@@ -35,49 +35,50 @@ __all__ = ["SwitchingRegressor"]
 
 
 class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklearn has no types
-    """Learns a switching model from observations and states, and filters new observations.
+    """Switching filter as a scikit-learn estimator.
 
-    An estimator of scikit-learn.  Unlike other regressors it has a memory: a row is one step of time, and an
-    estimate rests on the observations of its row and of those before.  Keep rows in order, and split them
-    with `sklearn.model_selection.TimeSeriesSplit`, never at random.
+    ``fit`` learns a switching model from observations and states, ``predict`` filters new observations.
+    Unlike other regressors, it has a memory: each row is one time step, and its estimate uses the
+    observations up to that row.  Keep rows in order, and split them with
+    ``sklearn.model_selection.TimeSeriesSplit``, never at random.
 
     Parameters
     ----------
     switch : {"hard", "fmc1", "fmc2", "free", "fade", "graph"}, or a law
-        How the switch moves.  "hard": it jumps between regimes, a `CGOMSModel` is learned.  Else a
-        `CGOFMSModel` with a law of that family, or of the structure of the given law.
+        Law of the switch.  "hard" means hard regimes, a `CGOMSModel`; otherwise a `CGOFMSModel` with a law of
+        this family, or of the structure of the given law.
     n_switches : int, optional
-        Number of hard regimes, by default 2; a law of a fuzzy switch has its own.
+        Number of hard regimes, by default 2; for "hard" only.
     form : {"auto", "regression", "covariance"}
         Form of the Gaussian part, as in `CGOFMSModel.fit`.
     n_nodes : int, optional
-        Nodes between two classes on which a fuzzy switch is learned and filtered, by default 5, or as many
-        as fades of the law have room for; see `CGOFMSModel.fit`.
+        Number of nodes between two classes of a fuzzy switch, by default 5, or as many as fades have room
+        for; see `CGOFMSModel.fit`.
     state_feedback : bool
-        Whether the state may depend on the one before it, as in `CGOFMSModel.fit`.
+        Whether the state may depend on the previous state, as in `CGOFMSModel.fit`.
     objective : {"joint", "filter"}
-        Whether the likelihood of (x, Y) is raised, or what the filter says of x, as in `CGOFMSModel.fit`.
+        Objective to maximise, as in `CGOFMSModel.fit`.
     n_starts : int
-        Guesses of the switch to begin from; more than 4 are drawn at random.
+        Number of initial guesses of the switch; beyond 4 they are random.
     max_iter : int
         Largest number of iterations.
     tolerance : float
-        Gain in log-likelihood per observation and iteration at which to stop.
+        Stop when an iteration gains less than this in log-likelihood per observation.
     random_state : int or numpy.random.Generator, optional
-        For more than 4 starts.
+        Needed if ``n_starts`` is above 4.
 
     Attributes
     ----------
     model_ : CGOFMSModel or CGOMSModel
-        What was learned; ``model_.filter()`` is a filter for single steps.
+        The learned model; ``model_.filter()`` is a filter for single steps.
     fit_result_ : FitResult
-        How it was found, with its `FitResult.summary`.
+        Result of the fit, with `FitResult.summary`.
     n_features_in_ : int
-        Components of an observation.
+        Number of components of an observation.
     feature_names_in_ : ndarray of str
-        Their names, if they came as a DataFrame.
+        Names of the components, if X was a DataFrame.
     n_iter_ : int
-        Iterations that were done.
+        Number of iterations.
 
     Examples
     --------
@@ -210,7 +211,7 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
     def predict(self, X: Any, return_std: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Filter a series: estimate the state of each row from the observations up to it.
 
-        The first row belongs to the initial law of the model, whatever was observed before.
+        Filtering starts from the initial law of the model.
 
         Parameters
         ----------
@@ -222,14 +223,14 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
         Returns
         -------
         mean : ndarray, shape (n,) or (n, m)
-            As the states that were learned from.
-        std : ndarray of the same shape
-            With ``return_std``.
+            Estimates, in the shape of ``y`` in `fit`.
+        std : ndarray, same shape
+            Standard deviations; with ``return_std`` only.
 
         Raises
         ------
         sklearn.exceptions.NotFittedError
-            Before `fit`.
+            If `fit` was not called.
         ParameterError
             If an index of times does not increase.
         ValueError
@@ -254,13 +255,13 @@ class SwitchingRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  
         X : array_like, shape (n, q)
             Observations.
         y : array_like, shape (n,) or (n, m)
-            States; rows in which one was not measured (NaN) are filtered and do not count.
+            States; rows with NaN are filtered but do not count.
         sample_weight : array_like, shape (n,), optional
 
         Returns
         -------
         float
-            1 if all are right, 0 for the mean of ``y``.
+            1 for exact estimates, 0 for the mean of ``y``.
         """
         mean = self.predict(X)
         states = _as_states(y, self)

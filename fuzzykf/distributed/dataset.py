@@ -49,98 +49,91 @@ def filter_dataset(
     missing_chunks: Literal["raise", "fill"] = "raise",
     resume: bool = False,
 ) -> xr.Dataset:
-    """Filter all series of a Dataset, block by block, on the Dask scheduler that is in use.
+    """Filter all series of a Dataset with Dask, block by block.
 
-    All dimensions but ``dim`` and ``component`` count series, whatever they are called and however
-    many they are.  The series may be chunked, time may not: a filter runs through the whole of a
-    series.  Nothing is computed before the result is asked for or written; then it is on whatever
-    scheduler Dask uses, `dask.distributed.Client` or threads.  A block that is lost with its worker
-    is computed again.
+    All dimensions except ``dim`` and ``component`` index series.  Series may be chunked, time may not,
+    because a filter runs through whole series.  The result is lazy; it is computed on the current Dask
+    scheduler, a ``dask.distributed.Client`` or threads.  Blocks of lost workers are computed again.
 
     Parameters
     ----------
     ds : xarray.Dataset
-        Series that are not chunked are cut into blocks that take 128 MiB with their results.
+        The series.  If they are not chunked, they are split into blocks of 128 MiB including results.
     model : CGOFMSModel, CGOMSModel, Filter or callable
-        A model is filtered with `OFSRFilter` or `CGOMSMFilter`; any object with ``filter_many``
-        will do, and each series starts where its ``filter_many`` starts: from the initial law of a
-        switching filter, from x and P of another.  A callable without
-        arguments returns such an object; it is called once for each block, on the worker, for
-        filters that cannot be pickled.
+        A model (filtered by `OFSRFilter` or `CGOMSMFilter`), any object with ``filter_many``, or a function
+        without arguments that returns such an object.  The function is called once per block on the worker,
+        for filters that cannot be pickled.  Each series starts from the initial law of a switching filter, or
+        from x and P of another.
     observations : hashable, optional
-        Name of the variable to filter, NaN where missing (None or NA in one of objects); may be omitted
-        if there is but one beside those of ``inputs``.
+        Name of the variable to filter, with NaN (or None, NA) where missing; may be omitted if there is only
+        one besides those of ``inputs``.
     dim : hashable
-        The dimension of time.
+        Dimension of time.
     component : hashable, optional
-        The dimension of the components of an observation, if there are several.  If it has a coordinate, and
-        the model knows what it was learned on, they are taken by these names.
+        Dimension of the components of an observation, if there are several.  They are matched by name if the
+        dimension has a coordinate and the model has labels.
     inputs : mapping, optional
-        Other arguments of ``filter_many`` that have a value at each time, and the variables that
-        hold them: ``{"r": "valve"}`` for `KnownSwitchFilter`, ``{"us": "heating"}`` for
-        `KalmanFilter`.  They have the dimension ``dim``, and those of the series where they differ
-        between series; further dimensions come last.
+        Time-dependent arguments of ``filter_many``, and the variables that hold them: ``{"r": "valve"}`` for
+        `KnownSwitchFilter`, ``{"us": "heating"}`` for `KalmanFilter`.  They have the dimension ``dim``, and
+        those of the series if they differ between series; other dimensions are last.
     keep : iterable of str, optional
-        The fields to compute, as in ``filter_many``; by default ``x``, ``P`` and, from a
+        Fields to compute, as in ``filter_many``; by default ``x``, ``P`` and, from a
         probabilistic filter, ``log_likelihood``.
     n_nodes : int, optional
-        Nodes of `OFSRFilter`, by default 5; for a `CGOFMSModel` only.
+        Number of nodes of `OFSRFilter`, by default 5; for a `CGOFMSModel` only.
     rule : str, optional
-        Quadrature of `OFSRFilter`, by default "cell"; for a `CGOFMSModel` only.
+        Quadrature rule of `OFSRFilter`, by default "cell"; for a `CGOFMSModel` only.
     states : sequence of str, optional
-        Names of the components of the state, the coordinate of the dimension ``state``.
+        Names of the components of the state, for the coordinate of ``state``.
     units : str, optional
-        Unit of the state, for the attributes of what is measured in it.
+        Unit of the state, for attributes.
     store : path, zarr store or mapping, optional
-        Where to write the result, as `xarray.Dataset.to_zarr` takes it.  The function then
-        returns when all is written, each block by the worker that computed it.
+        Where to write the result, as in ``xarray.Dataset.to_zarr``.  Each worker writes its blocks, and the
+        function returns when all are written.
     mode : {"w-", "w", "r+"}
-        Whether to write to a new store only, over whatever is there, or to go on in a store that
-        was cut short: with the arguments of the call that began it, only blocks that are not
-        there are computed.
+        Create a new store, overwrite an existing one, or continue an interrupted one: called with the same
+        arguments, only missing blocks are computed.
     encoding : mapping, optional
-        How to store each field, as in `xarray.Dataset.to_zarr`:
-        ``{"x": {"dtype": "float32"}}`` halves what ``x`` takes.  Unless a field has ``compressors`` of
-        its own, its chunks have a checksum, by which damage is found when they are read.
+        Encoding of each field, as in ``xarray.Dataset.to_zarr``: ``{"x": {"dtype": "float32"}}`` halves the
+        size of ``x``.  Chunks have checksums, unless ``compressors`` are given.
     missing_chunks : {"raise", "fill"}
-        Whether a chunk of ``ds`` that is not in its Zarr store is an error, or stands for fill values.
+        Whether chunks of ``ds`` missing in its Zarr store are an error or mean fill values.
     resume : bool
-        Let every series go on from where the filter stands, as in ``filter_many``.
+        Start every series from the current state, as in ``filter_many``.
 
     Returns
     -------
     xarray.Dataset
-        One variable for each field, of dimensions (series..., ``dim``, ...): ``state`` for ``x``,
-        ``state`` and ``state_column`` for ``P``, ``node`` for ``mu``, whose coordinate holds the
-        values of the switch, ``class`` for ``class_weights``.  Of a fuzzy switch between more than two
-        classes ``switch`` has the dimension ``class``, too, and ``class_weights_of_node`` holds the values.
-        Coordinates of the observations are kept.  Attributes are those of ``ds``, and the filter, its model
-        (as `CGOFMSModel.save` writes it) and the version.  Lazy; with ``store``, opened from there.
+        One variable per field, with dimensions (series..., ``dim``, ...): ``state`` for ``x``, ``state`` and
+        ``state_column`` for ``P``, ``node`` for ``mu`` (its coordinate holds the values of the switch) and
+        ``class`` for ``class_weights``.  For a fuzzy switch between more than two classes, ``switch`` also
+        has the dimension ``class``, and ``class_weights_of_node`` holds the values.  Coordinates are kept.
+        Attributes are those of ``ds``, the filter, its model (as from `CGOFMSModel.save`) and the version.
+        Lazy; with ``store``, opened from there.
 
     Raises
     ------
     MissingDependencyError
         If dask or xarray is not installed, or zarr where there is a ``store``.
     ParameterError, ShapeError
-        If an argument does not fit ``ds`` or the filter, or time is chunked; if the variable is a state of
-        the model, or times are not as far apart as those that it was learned on; if ``ds`` comes from
-        a store that was cut short or lacks chunks, or, with ``mode="r+"``, something else is in ``store``.
+        If an argument does not match ``ds`` or the filter, or time is chunked; if the variable is a state of
+        the model, or the time step is not that of its training data; if ``ds`` comes from an incomplete
+        store; with ``mode="r+"``, if ``store`` has other contents.
     FileExistsError
         If ``mode`` is "w-" and the store exists.
 
     See Also
     --------
-    fuzzykf.Filter.filter_many : The same on an array.
+    fuzzykf.Filter.filter_many : The same for arrays.
 
     Notes
     -----
-    With the compiled engine results are those of ``filter_many`` on all series at once, to the
-    bit, however they are cut into blocks.  With NumPy, or between processors that have different
-    vector instructions, they agree to rounding.
+    With the compiled engine, results are exactly those of ``filter_many`` on all series at once, for any
+    blocks.  With NumPy, or on processors with different vector instructions, they agree up to rounding.
 
     The attribute ``fuzzykf_complete`` of a store is "no" until all of it is written, then "yes".
 
-    An error on a worker is raised here as it is; its note says which block it came from.
+    An error on a worker is raised here, with a note that names the block.
 
     Examples
     --------

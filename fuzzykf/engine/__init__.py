@@ -22,14 +22,14 @@ _VARIABLE = "FUZZYKF_ENGINE"
 
 
 class EngineInfo(NamedTuple):
-    """Which kernels are in use, and why.
+    """The engine in use, and the reason.
 
     Attributes
     ----------
     name : str
         "compiled" or "numpy".
     reason : str
-        Why this one.
+        Reason of the choice.
     instructions : str or None
         The instruction set of the compiled kernels: "x86-64-v4" (AVX-512), "x86-64-v3" (AVX2),
         or "portable".
@@ -41,7 +41,7 @@ class EngineInfo(NamedTuple):
 
 
 def info() -> EngineInfo:
-    """Say which kernels are in use, and why.
+    """Return which engine is in use, and why.
 
     Returns
     -------
@@ -50,9 +50,9 @@ def info() -> EngineInfo:
     Raises
     ------
     ParameterError
-        If ``FUZZYKF_ENGINE`` is set, and neither "numpy" nor "compiled".
+        If ``FUZZYKF_ENGINE`` is neither "numpy" nor "compiled".
     MissingDependencyError
-        If it is "compiled", and the compiled core has not been built.
+        If it is "compiled", but the compiled core is missing.
 
     Examples
     --------

@@ -44,29 +44,29 @@ PIECES = "pieces"
 @reprs()
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """A table or a figure of a paper, and how to make it again.
+    """Reproduction of a table or figure of a paper.
 
     Attributes
     ----------
     name : str
-        By which it is called.
+        Name on the command line.
     paper : str
         Year of the paper.
     reproduces : str
-        Which table or figure.
+        The table or figure.
     runs, quick_runs : int
-        Independent runs, and how many of them for a quick look.
+        Number of independent runs, by default and with ``--quick``.
     pieces : mapping of str to dict
-        Parameters of each piece, by its name.
+        Parameters of each piece of work, by name.
     run : callable
         ``run(rng, runs, **parameters)`` does one piece.
     assess : callable
-        Turns the arrays of all pieces, by name, into findings.
+        Maps the arrays of all pieces to findings.
     draw : callable
-        Draws them.
+        Plots the findings.
     load : callable, optional
-        ``load(folder)`` reads data that are not part of the package, and raises
-        `FileNotFoundError` without them; ``run`` is given them as ``data``.
+        ``load(folder)`` reads data that are not part of the package, or raises `FileNotFoundError`; they are
+        passed to ``run`` as ``data``.
     """
 
     name: str
@@ -84,15 +84,15 @@ class Experiment:
 @reprs()
 @dataclass(frozen=True)
 class Outcome:
-    """What an experiment gave.
+    """Results of an experiment.
 
     Attributes
     ----------
     experiment : Experiment
     runs, seed : int
-        With which it was run.
+        Number of runs and seed.
     samples : dict
-        Arrays of each piece, by its name.
+        Arrays of each piece, by name.
     rows : list of Row
         The findings with their verdicts.
     """
@@ -105,7 +105,7 @@ class Outcome:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many rows have each verdict."""
+        """Number of rows with each verdict."""
         verdicts = [row.verdict for row in self.rows]
         return {verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)}
 
@@ -119,7 +119,7 @@ def perform(
     data: Path | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Outcome:
-    """Run an experiment, or what is left of it.
+    """Run an experiment, or continue an interrupted one.
 
     Parameters
     ----------
@@ -127,13 +127,13 @@ def perform(
     runs : int, optional
         Independent runs per piece, at least 2; by default those of the experiment.
     seed : int
-        Of all random numbers.  A piece gets the same ones whatever else is run.
+        Seed of the random numbers.  Those of a piece do not depend on other pieces.
     folder : path, optional
-        Where pieces are kept and looked for.
+        Directory in which finished pieces are stored and found.
     data : path, optional
-        Folder of the data that are not part of the package.
+        Directory of data that are not part of the package.
     progress : callable, optional
-        Told the name of each piece before it begins.
+        Called with the name of each piece before it starts.
 
     Returns
     -------
@@ -144,7 +144,14 @@ def perform(
     ParameterError
         If ``runs`` is less than 2 or ``seed`` negative.
     FileNotFoundError
-        If the experiment needs data that are not there.
+        If the experiment needs data that are missing.
+
+    Examples
+    --------
+    >>> from fuzzykf.experiments import EXPERIMENTS, perform
+    >>> outcome = perform(EXPERIMENTS["hard-fraction"], runs=2)
+    >>> outcome.runs, len(outcome.rows) > 0
+    (2, True)
     """
     runs = experiment.runs if runs is None else runs
     if runs < 2:
@@ -213,13 +220,13 @@ def _keep(path: Path, samples: Samples) -> None:
 
 
 def write(outcome: Outcome, folder: Path) -> list[Path]:
-    """Write the table (CSV), everything about it (JSON) and the picture (PNG).
+    """Write table (CSV), record (JSON) and figure (PNG) of an outcome.
 
     Parameters
     ----------
     outcome : Outcome
     folder : path
-        Made if it is not there.
+        Directory; created if necessary.
 
     Returns
     -------

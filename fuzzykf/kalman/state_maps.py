@@ -26,37 +26,37 @@ _ROUNDING = 1e-9
 
 @reprs("matrix", "mean", "covariance")
 class StateMap(Immutable):
-    """Where the state of a filter lies in the common space of a bank.
+    """Map between the state of a filter and the common state of a bank.
 
-    The common state is ``T x + mean`` with covariance ``T P T' + covariance``; the way back is by the
-    left inverse ``(T'T)^-1 T'``, for x and P.
+    The common state is ``T x + mean`` with covariance ``T P T' + covariance``; the inverse map is the
+    left inverse ``(T'T)^-1 T'``.
 
     Parameters
     ----------
     matrix : array_like, shape (n, n_member)
         T, of full column rank: one column for each component of the filter, in the common space.
     mean : array_like, shape (n,), optional
-        What the filter lacks, beyond the columns of T (T' mean = 0); zero by default.
+        Mean of the components that the filter does not have (T' mean = 0); zero by default.
     covariance : array_like, shape (n, n), optional
-        How uncertain that is (T' covariance = 0).  Zero by default: what the filter lacks *is* its
-        mean, as acceleration is zero in constant velocity.
+        Covariance of these components (T' covariance = 0).  Zero by default, as acceleration is zero under
+        constant velocity.
 
     Attributes
     ----------
     matrix, mean, covariance : ndarray
-        As given; read-only, as the object is.
+        As given; read-only.
     inverse : ndarray, shape (n_member, n)
         The left inverse of T.
 
     Raises
     ------
     ShapeError, ParameterError, NotPositiveDefiniteError
-        If a shape does not fit, T has not full column rank, the covariance is none, or ``mean`` or
-        ``covariance`` tells of what the filter knows.
+        If shapes do not agree, T does not have full column rank, ``covariance`` is not a covariance, or
+        ``mean`` or ``covariance`` is not orthogonal to T.
 
     Examples
     --------
-    A filter of position and velocity, beside filters that know acceleration too:
+    A filter of position and velocity, in a bank with filters of acceleration:
 
     >>> from fuzzykf.kalman import StateMap
     >>> place = StateMap([[1, 0], [0, 1], [0, 0]])
@@ -101,7 +101,7 @@ class StateMap(Immutable):
                 )
 
     def to_common(self, x: ArrayLike, P: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the estimate of a filter in the common space.
+        """Convert an estimate of the filter to the common space.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class StateMap(Immutable):
         return self._to_common(as_array("x", x, (n,)), as_array("P", P, (n, n)))
 
     def to_member(self, x: ArrayLike, P: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return of an estimate in the common space what concerns the filter.
+        """Convert an estimate in the common space to the state of the filter.
 
         Parameters
         ----------

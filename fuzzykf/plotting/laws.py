@@ -28,7 +28,7 @@ _CELLS = 24
 def plot_law(law: FuzzyMarkovLaw, ax: Axes | None = None) -> Axes:
     """Draw the joint density of two consecutive values of the switch as bars (figure 2 of the 2020 paper).
 
-    Bars on the rim are densities along the edges, those at the corners are masses.
+    Bars on the edges are densities, those at the corners are masses.
 
     Parameters
     ----------
@@ -81,11 +81,11 @@ def _shades(density: Any) -> Any:
 
 
 def plot_graph(law: GraphicLaw, ax: Axes | None = None) -> Axes:
-    """Draw the classes of a law as the corners of a regular polygon, and the ways between them.
+    """Draw a law as a graph, with the classes at the corners of a regular polygon.
 
-    Of a `FadeLaw` fades are whole arrows with their rate and mean length, jumps dashed ones with their
-    probability, per step.  Of a `GraphLaw` edges are lines with their mass, jumps dashed ones with the
-    probability of two consecutive classes.
+    For a `FadeLaw`, solid arrows are fades with rate and mean length, dashed arrows are jumps with their
+    probability per step.  For a `GraphLaw`, lines are edges with their mass, dashed lines are jumps with
+    their joint probability.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def plot_path(r: ArrayLike, ax: Axes | None = None) -> Axes:
     MissingDependencyError
         If matplotlib is not installed.
     ShapeError
-        If ``r`` has another shape.
+        If ``r`` has the wrong shape.
 
     Examples
     --------
@@ -213,20 +213,19 @@ def plot_model(
     labels: tuple[str, str] = ("state", "observation"),
     units: tuple[str, str] = ("", ""),
 ) -> Axes:
-    """Draw what a switch does: mean and spread of state and observation in every regime.
+    """Draw mean and spread of state and observation in every regime.
 
-    For a fuzzy model of two classes the horizontal axis is the value of the switch, for others the
-    regime, or class; `plot_graph` draws the ways between classes.  Bands are two standard deviations of the
-    stationary (first) law.
+    The horizontal axis is the value of a fuzzy switch between two classes, otherwise the regime or class.
+    Bands are two standard deviations of the stationary (first) law.
 
     Parameters
     ----------
     model : CGOFMSModel or CGOMSModel
     ax : matplotlib.axes.Axes, optional
     component : int
-        Which component of the state and of the observation.
+        Index of the component of state and observation.
     labels, units : (str, str)
-        Of state and observation.
+        Labels and units of state and observation.
 
     Returns
     -------

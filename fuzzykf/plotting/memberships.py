@@ -41,7 +41,7 @@ def plot_membership(
     label: str | Sequence[str] | None = None,
     unit: str | Sequence[str] = "",
 ) -> Axes:
-    """Draw a membership: in one dimension a curve above a band, in two a heat map.
+    """Draw a membership: a curve in one dimension, a heat map in two.
 
     Parameters
     ----------
@@ -49,14 +49,14 @@ def plot_membership(
     ax : matplotlib.axes.Axes, optional
         Where to draw; by default a new figure.
     components : sequence of int, optional
-        One or two components, in increasing order; the picture shows the supremum
-        over the others.  By default all.
+        One or two components, in increasing order; the plot shows the supremum over the others.  By default
+        all.
     level : float
-        The picture shows what reaches this membership.
+        Smallest membership in the plot.
     estimate, truth : array_like, shape (dim,) or (dim, 1), optional
         Points to mark.
     label, unit : str or sequence of str
-        Of the components drawn.
+        Labels and units of the components.
 
     Returns
     -------
@@ -67,8 +67,8 @@ def plot_membership(
     MissingDependencyError
         If matplotlib is not installed.
     ParameterError, ShapeError
-        More than two dimensions, no such component, a level outside ]0, 1], marks of
-        another dimension, or another number of labels.
+        If there are more than two dimensions, a component does not exist, the level is outside ]0, 1], or the
+        dimension of points or number of labels is wrong.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def plot_estimate(
     label: str | Sequence[str] | None = None,
     unit: str | Sequence[str] = "",
 ) -> Axes:
-    """Draw what a fuzzy estimator knows: its membership, with the estimate marked.
+    """Draw the membership of a fuzzy estimator, with its estimate.
 
     Parameters
     ----------

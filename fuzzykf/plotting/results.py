@@ -43,28 +43,27 @@ def plot_result(
     label: str = "state",
     unit: str = "",
 ) -> Axes:
-    """Draw one component of the state with its band, and the switch as a shaded strip.
+    """Draw one component of the state with an interval, and the switch as a shaded strip.
 
-    Of a fuzzy switch between more than two classes the strip shows the class weights as areas on one
-    another, which fill its height together: from class 0 at its foot to the last one.
+    For a fuzzy switch between more than two classes, the strip shows stacked class weights, class 0 at the
+    bottom.
 
     Parameters
     ----------
     result : FilterResult
-        Of one series.
+        Result of a single series.
     ax : matplotlib.axes.Axes, optional
         Where to draw; by default a new figure.
     component : int
-        Which component of the state.
+        Index of the component of the state.
     level : float
-        Nominal coverage of the band.  Where the result holds finite bounds of the state, as
-        of a possibilistic filter with memberships of bounded support, the band is these.
+        Nominal coverage of the interval.  If the result has finite bounds of the state, as from a
+        possibilistic filter with bounded memberships, these are drawn instead.
     truth : array_like, shape (n,) or (n, dim_x), optional
-        What the state was; where it is missing (NaN, None, masked) nothing is drawn.  With an index it goes
-        with the index of the result, if that has one: it may have more rows, but none of these may be
-        missing.  An array goes by position.
+        True state; missing values (NaN, None, masked) are not drawn.  With an index, it is matched to that of
+        the result and must contain all its rows; an array is matched by position.
     label, unit : str
-        Of the state.
+        Label and unit of the state.
 
     Returns
     -------
@@ -75,7 +74,7 @@ def plot_result(
     MissingDependencyError
         If matplotlib is not installed.
     ParameterError, ShapeError
-        If the result holds many series, has no such component, or ``truth`` another length or index.
+        If the result holds many series, or has no such component; if ``truth`` has another length or index.
 
     Examples
     --------

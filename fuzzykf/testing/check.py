@@ -30,16 +30,16 @@ __all__ = ["CheckReport", "FilterCheckError", "check_filter"]
 @reprs()
 @dataclass(frozen=True)
 class CheckReport:
-    """What `check_filter` did.
+    """Checks that `check_filter` ran.
 
     Attributes
     ----------
     filter : str
         Name of the class that was checked.
     passed : tuple of str
-        Names of the checks that ran; all of them passed.
+        Names of the checks that ran and passed.
     not_applicable : dict
-        The other checks, and why they were not run.
+        Other checks, with the reason why they were not run.
 
     Examples
     --------
@@ -61,15 +61,14 @@ class CheckReport:
 
 
 def check_filter(factory: Callable[[], Filter], zs: ArrayLike | None = None) -> CheckReport:
-    """Check that a filter keeps the contract of `fuzzykf.base.Filter`.
+    """Check a filter against the contract of `fuzzykf.base.Filter`.
 
     Parameters
     ----------
     factory : callable
-        Returns a new filter at each call, ready to predict, and always the same one.
+        Returns a new filter at each call, always in the same state, ready to predict.
     zs : array_like, shape (n, dim_z), optional
-        At least six observations that the filter should be able to take; by default
-        ten smooth ones between -1/2 and 1/2.
+        At least six admissible observations; by default ten smooth ones between -1/2 and 1/2.
 
     Returns
     -------
@@ -79,8 +78,8 @@ def check_filter(factory: Callable[[], Filter], zs: ArrayLike | None = None) -> 
     Raises
     ------
     FilterCheckError
-        At the first check that fails; the message says what was done, what came out
-        and what should have.  It is an AssertionError as well.
+        At the first check that fails; the message tells what was done, found and expected.  It is an
+        AssertionError as well.
 
     Notes
     -----
@@ -94,8 +93,8 @@ def check_filter(factory: Callable[[], Filter], zs: ArrayLike | None = None) -> 
     With ``membership`` and ``possibility``: ``possibility``.
     With the methods of these names: ``filter_many``, ``smooth``, ``save``.
 
-    A filter with ``mu`` and ``nodes`` starts `Filter.filter` from its initial law and
-    takes one observation per time; any other goes on from its current state.
+    A filter with ``mu`` and ``nodes`` starts `Filter.filter` from its initial law and takes one
+    observation per step; any other continues from its current state.
 
     Examples
     --------

@@ -58,13 +58,13 @@ SHOWN = ("x", "P", "x_prior", "P_prior", "mu", "log_likelihood")
 
 @keeps("members", "weights")
 class FilterPool(Filter, Document):
-    """The mixture of what several filters say of one state, with weights that stay as they are.
+    """Mixture of several filters of the same state, with fixed weights.
 
     Parameters
     ----------
     filters : sequence of Filter
-        One at least, all with a log-likelihood, of one state and one observation.  The pool works on copies,
-        which begin where `Filter.reset` leads them.
+        Filters with a log-likelihood, of the same state and observation.  The pool works on copies, reset by
+        `Filter.reset`.
     weights : array_like, shape (K,), optional
         Positive and with the sum 1; by default all equal.
 
@@ -76,30 +76,29 @@ class FilterPool(Filter, Document):
         Mean and covariance of the mixture: P is the mean of the covariances of the members, plus the
         covariance of their means.
     x_prior, P_prior : ndarray
-        The same before the latest observation was seen.
+        Mean and covariance before the latest observation.
     mu, nodes : ndarray, shape (K,)
-        The weights, and the numbers of the members, as `FilterResult` has them.
+        Weights and numbers of the members, as in `FilterResult`.
     log_likelihood : float
         Log-density of the latest observation given the earlier ones: log sum_k w_k p_k(y_n | y_1..n-1).
 
     Raises
     ------
     ParameterError
-        If something is no filter or has no log-likelihood, dimensions or names of the observations differ,
-        or weights are not as asked for.
+        If an element is not a filter or has no log-likelihood, dimensions or names of the observations
+        differ, or weights are inadmissible.
 
     See Also
     --------
-    fuzzykf.IMMEstimator : Weights that the observations move.
+    fuzzykf.IMMEstimator : Weights that depend on the observations.
 
     Notes
     -----
-    Since the weights stay, the pool is no Bayesian mixture of models, and what it says of the state does not
-    follow from one joint law of states and observations.  Its log score, that of the density of the state,
-    is never below the weighted mean of the log scores of its members.
+    Because the weights are fixed, the pool is not a Bayesian mixture of models.  The log score of its state
+    density is never below the weighted mean of the log scores of its members.
 
-    As switching filters do, a pool starts a series at its beginning unless told to ``resume``, and takes one
-    observation per time; the first one always follows one predict.
+    Like a switching filter, a pool starts each series from the beginning unless ``resume`` is set, and takes
+    one observation per step; the first observation always follows one predict.
 
     Examples
     --------
@@ -124,7 +123,7 @@ class FilterPool(Filter, Document):
         self.reset()
 
     def reset(self) -> None:
-        """Return to where the members begin, before any observation."""
+        """Return to the initial state, before any observation."""
         for member in self.members:
             member.reset()
         self._n, self._predicted = 0, False
@@ -135,13 +134,13 @@ class FilterPool(Filter, Document):
     def predict(self, **told: Any) -> None:
         """Move to the time of the next observation.
 
-        Before the first observation this may be repeated.  Later, a predict that follows a predict says that
-        the observation in between is missing.
+        Before the first observation, this may be repeated.  Later, two predicts in a row mean that the
+        observation in between is missing.
 
         Parameters
         ----------
         **told
-            What else the verb of each member is told, a control ``u`` for instance.
+            Further arguments of ``predict`` of each member, such as a control ``u``.
         """
         if self._predicted and self._n == 0:
             return
@@ -157,16 +156,16 @@ class FilterPool(Filter, Document):
         Parameters
         ----------
         z : array_like or None
-            None or NaN where it, or a part of it, is missing, as far as the members take that.
+            None if it is missing, NaN for a missing component, as far as the members allow.
         **told
-            What else the verb of each member is told.
+            Further arguments of ``update`` of each member.
 
         Raises
         ------
         SequenceError
-            If no `predict` came since the last update.
+            If `predict` was not called since the last update.
         ShapeError, ParameterError
-            As from the members; the pool is then as it was.
+            As from the members; the pool is then unchanged.
         """
         if self._n > 0 and not self._predicted:
             raise SequenceError(
@@ -180,7 +179,20 @@ class FilterPool(Filter, Document):
         self._n, self._predicted = self._n + 1, False
 
     def step(self, z: Numbers, **told: Any) -> FloatArray:
-        """Predict, told what else `predict` of each member is, then update with ``z``; see `Filter.step`."""
+        """Predict, then update with ``z``.
+
+        Parameters
+        ----------
+        z : array_like or None
+            The observation; None or NaN where missing.
+        **told
+            Further arguments of ``predict`` of each member.
+
+        Returns
+        -------
+        ndarray, shape (dim_x, 1)
+            The new estimate ``x``.
+        """
         with self._as_it_was_on_error():
             if self._predicted or told or not self._is_plain():
                 self.predict(**told)
@@ -227,31 +239,30 @@ class FilterPool(Filter, Document):
     def filter(
         self, zs: ManyNumbers, *, keep_nodes: bool = False, resume: bool = False, **told: Any
     ) -> FilterResult:
-        """Filter a whole series from its beginning, or with ``resume`` from where the pool stands.
+        """Filter a series, from its beginning or, with ``resume``, from the current state.
 
         Parameters
         ----------
         zs : array_like
-            As the members take it.
+            A series, as for the members.
         keep_nodes : bool
-            Let the mixture have a component for each node of each member that is a switching filter; by
-            default it has one for each member.
+            Store a component for each node of each switching filter; by default one per member.
         resume : bool
-            Go on from where the pool stands, as `step` would.
+            Continue from the current state, as `step` would.
         **told
-            What else `filter` of each member is told, ``us`` for instance.
+            Further arguments of ``filter`` of each member, such as ``us``.
 
         Returns
         -------
         FilterResult
             With ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood`` and the mixture: weights ``mu``,
             the member that each belongs to (``nodes``), ``node_x`` and ``node_P``.
-            `FilterResult.interval` takes its quantiles from that.
+            `FilterResult.interval` returns its quantiles.
 
         Raises
         ------
         ShapeError, ParameterError
-            As from the members; the pool is then as it was.
+            As from the members; the pool is then unchanged.
         """
         keep_nodes, resume = as_flag("keep_nodes", keep_nodes), as_flag("resume", resume)
         zs = list(zs) if isinstance(zs, Iterator) else zs  # there are several to read it
@@ -306,18 +317,18 @@ class FilterPool(Filter, Document):
         by: Hashable | None = None,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter many series, each as `filter` would; the pool stays as it is.
+        """Filter many series, each as `filter` does; the pool itself does not change.
 
         Parameters
         ----------
         zs, by, resume
-            As in `Filter.filter_many`; a series starts at its beginning unless told to ``resume``.
+            As in `Filter.filter_many`.
         keep : sequence of str
-            Which fields to store: names among ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``,
-            and ``mu``, ``node_x``, ``node_P``: with these `FilterResult.interval` has quantiles of the
+            Fields to store, from ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``,
+            and ``mu``, ``node_x``, ``node_P``: with these, `FilterResult.interval` returns quantiles of the
             mixture.
         us : ndarray, shape (n, k) or (series, n, k), optional
-            Inputs, of all series or of each, of members whose models have some.
+            Inputs of members with inputs, the same for all series or one set per series.
 
         Returns
         -------
@@ -352,14 +363,14 @@ class FilterPool(Filter, Document):
         return read_many(zs, self.dim_z, by, named if self._labels else None)
 
     def forecast(self, steps: int, **told: Any) -> FilterResult:
-        """Predict states and observations ahead; the pool stays where it is.
+        """Forecast states and observations; the pool does not change.
 
         Parameters
         ----------
         steps : int
-            Number of steps ahead of the latest observation.
+            Number of steps after the latest observation.
         **told
-            What else `forecast` of each member is told, ``us`` for instance.
+            Further arguments of ``forecast`` of each member, such as ``us``.
 
         Returns
         -------
@@ -371,7 +382,7 @@ class FilterPool(Filter, Document):
         Raises
         ------
         SequenceError
-            If `predict` was called since the latest observation: members need not count steps alike then.
+            If `predict` was called since the latest observation.
         ParameterError
             If a member has no forecast; as from the members.
         """
@@ -478,7 +489,12 @@ class FilterPool(Filter, Document):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return weights and members, with their states, as plain values."""
+        """Return weights, members and their states as plain values.
+
+        Returns
+        -------
+        dict
+        """
         if not self._can_be_saved:
             kinds = [type(one).__name__ for one in self.members]
             raise ParameterError(
@@ -494,7 +510,17 @@ class FilterPool(Filter, Document):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make a pool from what `to_dict` returned, in the state it was in."""
+        """Create a pool from the output of `to_dict`, in the same state.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        FilterPool
+        """
         members = tuple(FILTERS[one["kind"]].from_dict(one["filter"]) for one in values["members"])
         n, predicted = whole("n", values["n"]), flag("predicted", values["predicted"])
         for one in members:
@@ -509,15 +535,15 @@ class FilterPool(Filter, Document):
 
 
 def pool_models(models: Sequence[Any], weights: Numbers = None) -> FilterPool:
-    """Pool what several models say of one state, with weights that stay as they are.
+    """Create a pool of the filters of several models, with fixed weights.
 
-    Learned on the same data in different ways, models err in different ways, and their pool tends to be
-    better than most of them, and surer to be good than any: nobody has to choose.
+    Models learned in different ways have different errors, so a pool tends to be better than most members,
+    and none has to be chosen.
 
     Parameters
     ----------
     models : sequence of models, results of ``fit``, or filters
-        Of each model the filter is taken that its ``filter()`` makes.
+        Models, whose ``filter()`` is used, or filters.
     weights : array_like, shape (K,), optional
         Positive and with the sum 1; by default all equal.
 

@@ -53,7 +53,27 @@ T = TypeVar("T")
 def fit_fuzzy_model(
     x: Any, y: Any, r: Any, *, law: Any, n_nodes: int | None, progress: bool | None, **options: Any
 ) -> FitResult[CGOFMSModel]:
-    """See `CGOFMSModel.fit`."""
+    """Learn a fuzzy switching model; the function behind `CGOFMSModel.fit`.
+
+    Parameters
+    ----------
+    x, y, r
+        As in `CGOFMSModel.fit`; None for a hidden switch.
+    law, n_nodes
+        As in `CGOFMSModel.fit`.
+    progress : bool or None
+        As in `CGOFMSModel.fit`.
+    **options
+        Further arguments of `CGOFMSModel.fit`.
+
+    Returns
+    -------
+    FitResult
+
+    See Also
+    --------
+    fuzzykf.CGOFMSModel.fit : With all parameters and an example.
+    """
     again = _over_features(
         partial(fit_fuzzy_model, x, y, r, law=law, n_nodes=n_nodes, progress=progress), options
     )
@@ -98,7 +118,27 @@ def fit_hard_model(
     progress: bool | None,
     **options: Any,
 ) -> FitResult[CGOMSModel]:
-    """See `CGOMSModel.fit`."""
+    """Learn a hard switching model; the function behind `CGOMSModel.fit`.
+
+    Parameters
+    ----------
+    x, y, r
+        As in `CGOMSModel.fit`; None for a hidden switch.
+    n_switches, n_regimes : int
+        Number of regimes, under either name.
+    progress : bool or None
+        As in `CGOMSModel.fit`.
+    **options
+        Further arguments of `CGOMSModel.fit`.
+
+    Returns
+    -------
+    FitResult
+
+    See Also
+    --------
+    fuzzykf.CGOMSModel.fit : With all parameters and an example.
+    """
     size: Any = {"n_switches": n_switches, "n_regimes": n_regimes}
     again = _over_features(partial(fit_hard_model, x, y, r, **size, progress=progress), options)
     if again is not None:
