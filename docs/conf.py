@@ -46,6 +46,7 @@ myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
 autosummary_generate = True
+autosummary_context = {"aliases": {}}  # second names of classes: see `second_names`
 autodoc_typehints = (
     "none"  # numpydoc's Parameters say it in words, with shapes and units
 )
@@ -101,6 +102,16 @@ def public_homes():
     return homes
 
 
+def second_names():
+    """Return the public names of classes that have another one, by the name."""
+    found = {}
+    for name, module in public_homes().items():
+        value = import_by_name(f"{module}.{name}")[1]
+        if isinstance(value, type) and value.__name__ != name:
+            found[name] = value.__name__
+    return found
+
+
 class Link(AutoLink):
     """`KalmanFilter.fit` links to its page from any module; what is not documented is set as code."""
 
@@ -147,6 +158,7 @@ class Summary(Autosummary):
 
 def setup(app):
     """Connect after numpydoc, which has the default priority of 500."""
+    app.config.autosummary_context["aliases"].update(second_names())
     app.add_directive("autosummary", Summary, override=True)
     app.add_role("autolink", Link(), override=True)
     app.connect("autodoc-skip-member", skip_tuple_fields)

@@ -158,12 +158,15 @@ class Filter(ABC):
     >>> from fuzzykf import Filter
     >>> class RunningMean(Filter):
     ...     dim_x = dim_z = 1
+    ...
     ...     def __init__(self):
     ...         self.n, self.x, self.P = 0, np.zeros((1, 1)), np.eye(1)
     ...         self.x_prior, self.P_prior = self.x, self.P
+    ...
     ...     def predict(self):
     ...         self.remember_origin()
     ...         self.x_prior, self.P_prior = self.x, self.P
+    ...
     ...     def update(self, z):
     ...         self.remember_origin()
     ...         self.n += 1

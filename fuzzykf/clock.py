@@ -167,7 +167,9 @@ def clock_inputs(
     Examples
     --------
     >>> import numpy as np
-    >>> time = np.datetime64("2014-01-03T18:00", "s") + np.arange(3) * np.timedelta64(6, "h")
+    >>> time = np.datetime64("2014-01-03T18:00", "s") + np.arange(3) * np.timedelta64(
+    ...     6, "h"
+    ... )
     >>> inputs = clock_inputs(time, harmonics=1, workday=True)
     >>> inputs.columns[:3]
     ('clock_sin1', 'clock_cos1', 'clock_workday')
@@ -240,7 +242,11 @@ def is_of_clock(name: str) -> bool:
 
     Examples
     --------
-    >>> is_of_clock("clock_cos2"), is_of_clock("clock_workday * clock_sin1"), is_of_clock("wind")
+    >>> (
+    ...     is_of_clock("clock_cos2"),
+    ...     is_of_clock("clock_workday * clock_sin1"),
+    ...     is_of_clock("wind"),
+    ... )
     (True, True, False)
     """
     return all(
@@ -254,7 +260,11 @@ def factors_of(name: str) -> list[str] | None:
 
     Examples
     --------
-    >>> factors_of("workday * clock_sin1"), factors_of("wind * sun"), factors_of("clock_sin1")
+    >>> (
+    ...     factors_of("workday * clock_sin1"),
+    ...     factors_of("wind * sun"),
+    ...     factors_of("clock_sin1"),
+    ... )
     (['workday', 'clock_sin1'], None, None)
     """
     factors = name.split(TIMES)

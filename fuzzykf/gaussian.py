@@ -576,7 +576,13 @@ def mixture_quantile(level: float, weights: FloatArray, means: FloatArray, stds:
     --------
     >>> import numpy as np
     >>> both = np.array([[-1.0], [1.0]])
-    >>> abs(float(mixture_quantile(0.5, np.full((2, 1), 0.5), both, np.ones((2, 1))).round(12)[0]))
+    >>> abs(
+    ...     float(
+    ...         mixture_quantile(0.5, np.full((2, 1), 0.5), both, np.ones((2, 1))).round(
+    ...             12
+    ...         )[0]
+    ...     )
+    ... )
     0.0
     """
     from scipy.special import ndtr

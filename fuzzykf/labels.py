@@ -90,7 +90,9 @@ class Labels(Immutable):
 
     Examples
     --------
-    >>> labels = Labels(["load"], ["t", "h"], units={"load": "GW"}, step=np.timedelta64(1, "h"))
+    >>> labels = Labels(
+    ...     ["load"], ["t", "h"], units={"load": "GW"}, step=np.timedelta64(1, "h")
+    ... )
     >>> labels.observations, labels.units, labels.step
     (('t', 'h'), {'load': 'GW'}, np.timedelta64(3600,'s'))
     >>> bool(labels), bool(Labels())

@@ -223,7 +223,9 @@ class DailyProfile:
     Examples
     --------
     >>> import numpy as np
-    >>> time = np.datetime64("2014-01-06T00:00", "s") + np.arange(48) * np.timedelta64(3600, "s")
+    >>> time = np.datetime64("2014-01-06T00:00", "s") + np.arange(48) * np.timedelta64(
+    ...     3600, "s"
+    ... )
     >>> load = 10.0 + np.arange(48) % 24 + np.repeat([-1.0, 1.0], 24)
     >>> profile = DailyProfile().fit(load, time)
     >>> profile.transform(load, time)[[0, 24]]

@@ -515,7 +515,9 @@ class Simulation(NamedTuple):
     --------
     >>> import numpy as np
     >>> from fuzzykf import SwitchingStateSpace
-    >>> model = SwitchingStateSpace([[0.9, 0.1], [0.1, 0.9]], F=0.5, H=1.0, Q=0.1, R=[[[0.1]], [[4.0]]])
+    >>> model = SwitchingStateSpace(
+    ...     [[0.9, 0.1], [0.1, 0.9]], F=0.5, H=1.0, Q=0.1, R=[[[0.1]], [[4.0]]]
+    ... )
     >>> x, y, r = model.simulate(100, np.random.default_rng(0))
     >>> x.shape, y.shape, r.shape
     ((100, 1), (100, 1), (100,))

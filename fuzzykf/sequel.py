@@ -115,7 +115,9 @@ def sequel_of(index: Any) -> Sequel | None:
     Examples
     --------
     >>> import pandas as pd
-    >>> sequel_of(pd.date_range("2026-01-31", periods=3, freq="ME")).ahead(2).strftime("%m-%d").tolist()
+    >>> sequel_of(pd.date_range("2026-01-31", periods=3, freq="ME")).ahead(2).strftime(
+    ...     "%m-%d"
+    ... ).tolist()
     ['04-30', '05-31']
     """
     if not hasattr(index, "nlevels") or index.nlevels > 1 or not len(index):

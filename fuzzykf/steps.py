@@ -113,7 +113,10 @@ def other_step(times: Times, step: np.timedelta64) -> np.timedelta64 | None:
     --------
     >>> from fuzzykf.times import read_times
     >>> days = read_times(["2014-01-01", "2014-01-02", "2014-01-03"])
-    >>> other_step(days, np.timedelta64(86400, "s")), other_step(days, np.timedelta64(3600, "s"))
+    >>> (
+    ...     other_step(days, np.timedelta64(86400, "s")),
+    ...     other_step(days, np.timedelta64(3600, "s")),
+    ... )
     (None, np.timedelta64(86400,'s'))
     """
     if np.datetime_data(step.dtype)[0] == "M":
@@ -168,7 +171,9 @@ def step_note(
     Examples
     --------
     >>> from fuzzykf.times import read_times
-    >>> note = step_note(read_times(["2014-01-01", "2014-01-02", "2014-01-03", "2014-01-06"]), "day")
+    >>> note = step_note(
+    ...     read_times(["2014-01-01", "2014-01-02", "2014-01-03", "2014-01-06"]), "day"
+    ... )
     >>> note[:78]
     '2 rows are missing (column day, steps of 1 day, 0:00:00): 2 after 2014-01-03T0'
     """

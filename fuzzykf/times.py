@@ -204,7 +204,9 @@ def written_times(index: Any, where: Callable[[int], str] | None = None) -> Time
 
     Examples
     --------
-    >>> written_times(np.array(["2014-01-02", "2014-01-01"], dtype=object)).clock.astype(str).tolist()
+    >>> written_times(np.array(["2014-01-02", "2014-01-01"], dtype=object)).clock.astype(
+    ...     str
+    ... ).tolist()
     ['2014-01-02T00:00:00', '2014-01-01T00:00:00']
     >>> written_times(np.array(["2014-01-02", "later"], dtype=object)) is None
     True

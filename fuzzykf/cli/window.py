@@ -165,7 +165,10 @@ def _without_name(features: str) -> str:
 
     Examples
     --------
-    >>> _without_name("WindowFeatures(order=3, hinges=2)"), _without_name("WindowFeatures()")
+    >>> (
+    ...     _without_name("WindowFeatures(order=3, hinges=2)"),
+    ...     _without_name("WindowFeatures()"),
+    ... )
     ('order=3, hinges=2', 'none')
     """
     return features.removeprefix("WindowFeatures(").removesuffix(")") or "none"

@@ -339,7 +339,9 @@ def normal_log_score(error: FloatArray, std: FloatArray) -> FloatArray:
     Examples
     --------
     >>> import numpy as np
-    >>> normal_log_score(np.array([[0.0], [2.0], [2.0]]), np.array([[1.0], [1.0], [0.0]])).round(3)
+    >>> normal_log_score(
+    ...     np.array([[0.0], [2.0], [2.0]]), np.array([[1.0], [1.0], [0.0]])
+    ... ).round(3)
     array([-0.919, -2.919,   -inf])
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

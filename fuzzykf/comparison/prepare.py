@@ -53,7 +53,12 @@ class ClockSwitch:
     --------
     >>> import numpy as np
     >>> switch = ClockSwitch(low=1.0, high=13.0)
-    >>> switch(np.array(["2010-06-01T03:00", "2010-06-01T09:00", "2010-06-01T15:00"], dtype="datetime64[s]"))
+    >>> switch(
+    ...     np.array(
+    ...         ["2010-06-01T03:00", "2010-06-01T09:00", "2010-06-01T15:00"],
+    ...         dtype="datetime64[s]",
+    ...     )
+    ... )
     array([0. , 0.5, 1. ])
     """
 

@@ -142,8 +142,18 @@ def behind(score: Score) -> str:
 
     Examples
     --------
-    >>> common = {"rmse": 1.2, "rmse_low": 1.1, "rmse_high": 1.3, "coverage": 0.9, "log_likelihood": None}
-    >>> behind(Score("kalman", difference=0.2, difference_low=0.1, difference_high=0.3, **common))
+    >>> common = {
+    ...     "rmse": 1.2,
+    ...     "rmse_low": 1.1,
+    ...     "rmse_high": 1.3,
+    ...     "coverage": 0.9,
+    ...     "log_likelihood": None,
+    ... }
+    >>> behind(
+    ...     Score(
+    ...         "kalman", difference=0.2, difference_low=0.1, difference_high=0.3, **common
+    ...     )
+    ... )
     '0.10 to 0.30'
     """
     if not score.difference > 0.0:

@@ -80,7 +80,11 @@ def entry_name(key: str, group: tuple[int, ...], entry: Sequence[int]) -> str:
 
     Examples
     --------
-    >>> entry_name("Q", (), (0, 1)), entry_name("R", (2,), (0, 0)), entry_name("R", (2,), ())
+    >>> (
+    ...     entry_name("Q", (), (0, 1)),
+    ...     entry_name("R", (2,), (0, 0)),
+    ...     entry_name("R", (2,), ()),
+    ... )
     ('Q[0, 1]', 'R[2][0, 0]', 'R[2]')
     """
     inside = f"[{', '.join(str(int(k)) for k in entry)}]" if len(entry) else ""

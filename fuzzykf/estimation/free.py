@@ -38,7 +38,11 @@ class FreeNumbers:
     Examples
     --------
     >>> import numpy as np
-    >>> free = read_free({"R": "diagonal"}, {"Q": np.eye(2), "R": 4.0 * np.eye(2)}, covariances=("Q", "R"))
+    >>> free = read_free(
+    ...     {"R": "diagonal"},
+    ...     {"Q": np.eye(2), "R": 4.0 * np.eye(2)},
+    ...     covariances=("Q", "R"),
+    ... )
     >>> free.names
     ('R[0, 0]', 'R[1, 1]')
     >>> free.values(free.start)["R"].round(12)

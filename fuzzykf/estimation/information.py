@@ -59,7 +59,9 @@ def observed_information(
     --------
     >>> import numpy as np
     >>> A = np.array([[2.0, 1.0], [1.0, 3.0]])
-    >>> observed_information(lambda z: (-0.5 * z @ A @ z, -A @ z), np.zeros(2), np.full(2, 0.1)).round(9)
+    >>> observed_information(
+    ...     lambda z: (-0.5 * z @ A @ z, -A @ z), np.zeros(2), np.full(2, 0.1)
+    ... ).round(9)
     array([[2., 1.],
            [1., 3.]])
     """

@@ -114,7 +114,12 @@ def judge(findings: Sequence[Finding], level: float = LEVEL) -> list[Row]:
 
     Examples
     --------
-    >>> [row.verdict for row in judge([exact("p", printed="0.69", ours=2 / 3), measured("q", [1.0, 2.0])])]
+    >>> [
+    ...     row.verdict
+    ...     for row in judge(
+    ...         [exact("p", printed="0.69", ours=2 / 3), measured("q", [1.0, 2.0])]
+    ...     )
+    ... ]
     ['not reproduced', 'not printed']
     """
     tested = [f for f in findings if f.p_value is not None]

@@ -500,7 +500,9 @@ class ExtendedKalmanFilter(GaussianFilter):
         >>> import numpy as np
         >>> rng = np.random.default_rng(0)
         >>> x = np.cumsum(0.1 * rng.normal(size=100))
-        >>> ekf = ExtendedKalmanFilter(1, 1, hx=np.exp, HJacobian=lambda x: np.exp(x)[None], Q=0.01)
+        >>> ekf = ExtendedKalmanFilter(
+        ...     1, 1, hx=np.exp, HJacobian=lambda x: np.exp(x)[None], Q=0.01
+        ... )
         >>> fit = ekf.fit(np.exp(x) + 0.2 * rng.normal(size=100), free={"R": "full"})
         >>> round(fit.estimates["R[0, 0]"], 3)
         0.043

@@ -580,7 +580,9 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
         Examples
         --------
-        >>> result = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]]).smooth_lag([1.0, None, 2.0], lag=1)
+        >>> result = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]]).smooth_lag(
+        ...     [1.0, None, 2.0], lag=1
+        ... )
         >>> result.x.ravel().round(3)
         array([0.667, 1.273, 1.636])
         """
@@ -740,7 +742,9 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         Examples
         --------
         >>> kf = KalmanFilter(dim_x=1, dim_z=1, H=[[1.0]])
-        >>> means, covariances, means_p, covariances_p = kf.batch_filter([1.0, 2.0], Rs=[1.0, 2.0])
+        >>> means, covariances, means_p, covariances_p = kf.batch_filter(
+        ...     [1.0, 2.0], Rs=[1.0, 2.0]
+        ... )
         >>> means.shape, means.ravel().round(3)
         ((2, 1, 1), array([0.667, 1.273]))
         """

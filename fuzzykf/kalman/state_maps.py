@@ -118,7 +118,9 @@ class StateMap(Immutable):
 
         Examples
         --------
-        >>> StateMap([[0.0], [1.0]], covariance=[[4.0, 0.0], [0.0, 0.0]]).to_common([3.0], [[1.0]])
+        >>> StateMap([[0.0], [1.0]], covariance=[[4.0, 0.0], [0.0, 0.0]]).to_common(
+        ...     [3.0], [[1.0]]
+        ... )
         (array([0., 3.]), array([[4., 0.],
                [0., 1.]]))
         """

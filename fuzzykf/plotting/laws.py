@@ -184,7 +184,9 @@ def plot_path(r: ArrayLike, ax: Axes | None = None) -> Axes:
     --------
     >>> import numpy as np
     >>> from fuzzykf import FadeLaw
-    >>> plot_path(FadeLaw.between(40, 10).sample(200, np.random.default_rng(0))).get_ylabel()
+    >>> plot_path(
+    ...     FadeLaw.between(40, 10).sample(200, np.random.default_rng(0))
+    ... ).get_ylabel()
     'switch'
     """
     path = as_numbers("r", r)
@@ -242,7 +244,9 @@ def plot_model(
     --------
     >>> import numpy as np
     >>> from fuzzykf import CGOMSModel
-    >>> model = CGOMSModel([[0.9, 0.1], [0.2, 0.8]], np.zeros((2, 2)), np.full((2, 2, 4, 4), np.eye(4)), 1)
+    >>> model = CGOMSModel(
+    ...     [[0.9, 0.1], [0.2, 0.8]], np.zeros((2, 2)), np.full((2, 2, 4, 4), np.eye(4)), 1
+    ... )
     >>> axes = plot_model(model, labels=("demand", "temperature"), units=("GW", "°C"))
     >>> [text.get_text() for text in axes.get_legend().get_texts()]
     ['demand (GW)', 'temperature (°C)']

@@ -129,7 +129,9 @@ def plot_estimate(
     Examples
     --------
     >>> from fuzzykf import FuzzyRelationEstimator
-    >>> plot_estimate(FuzzyRelationEstimator(2, 1), label=["position", "velocity"]).get_ylabel()
+    >>> plot_estimate(
+    ...     FuzzyRelationEstimator(2, 1), label=["position", "velocity"]
+    ... ).get_ylabel()
     'velocity'
     """
     return plot_membership(

@@ -189,8 +189,12 @@ class FuzzyRelationEstimator(Filter, Document):
     ([[1.125], [0.375]], 'gaussian')
 
     >>> walk = FuzzyRelationEstimator(
-    ...     1, 1, state=IntervalMembership(0.0, 0.0), process_noise=IntervalMembership(-3.0, 3.0),
-    ...     measurement_noise=IntervalMembership(-0.5, 0.5), hx=lambda x: 0.0005 * x**3,
+    ...     1,
+    ...     1,
+    ...     state=IntervalMembership(0.0, 0.0),
+    ...     process_noise=IntervalMembership(-3.0, 3.0),
+    ...     measurement_noise=IntervalMembership(-0.5, 0.5),
+    ...     hx=lambda x: 0.0005 * x**3,
     ... )
     >>> _ = walk.step(0.1)
     >>> walk.membership
@@ -200,8 +204,12 @@ class FuzzyRelationEstimator(Filter, Document):
     IntervalMembership(lower=[0.], upper=[3.])
 
     >>> curve = FuzzyRelationEstimator(
-    ...     1, 1, fx=lambda x: x + 0.5 * np.sin(x), hx=lambda x: x**2 / 4,
-    ...     state=GaussianMembership(0.5, 1.0), process_noise=GaussianMembership(0.0, 0.05),
+    ...     1,
+    ...     1,
+    ...     fx=lambda x: x + 0.5 * np.sin(x),
+    ...     hx=lambda x: x**2 / 4,
+    ...     state=GaussianMembership(0.5, 1.0),
+    ...     process_noise=GaussianMembership(0.0, 0.05),
     ...     measurement_noise=GaussianMembership(0.0, 0.09),
     ... )
     >>> curve.step(0.5).round(2).tolist(), curve.representation
@@ -501,7 +509,9 @@ class FuzzyRelationEstimator(Filter, Document):
         Examples
         --------
         >>> from fuzzykf import FuzzyRelationEstimator
-        >>> found = FuzzyRelationEstimator(1, 1, H=1.0).filter_many({"a": [1.0, 2.0], "b": [0.0]}, keep="x")
+        >>> found = FuzzyRelationEstimator(1, 1, H=1.0).filter_many(
+        ...     {"a": [1.0, 2.0], "b": [0.0]}, keep="x"
+        ... )
         >>> found.x[..., 0].round(3).tolist()
         [[0.667, 1.5], [0.0, nan]]
         """
@@ -655,7 +665,10 @@ class FuzzyRelationEstimator(Filter, Document):
         --------
         >>> from fuzzykf import FuzzyRelationEstimator, TriangularMembership
         >>> est = FuzzyRelationEstimator(
-        ...     1, 1, state=TriangularMembership(0.0, 0.0, 3.0), points=301,
+        ...     1,
+        ...     1,
+        ...     state=TriangularMembership(0.0, 0.0, 3.0),
+        ...     points=301,
         ...     measurement_noise=TriangularMembership(-1.0, 0.0, 1.0),
         ... )
         >>> est.defuzzify("centroid").round(3).item(), est.defuzzify("mean_of_maximum").item()

@@ -330,7 +330,11 @@ class TConorm:
 
     Examples
     --------
-    >>> float(PROBABILISTIC_SUM([0.5, 0.5])), float(BOUNDED_SUM([0.75, 0.5])), float(MAX([0.75, 0.5]))
+    >>> (
+    ...     float(PROBABILISTIC_SUM([0.5, 0.5])),
+    ...     float(BOUNDED_SUM([0.75, 0.5])),
+    ...     float(MAX([0.75, 0.5])),
+    ... )
     (0.75, 1.0, 0.75)
     """
 

@@ -86,7 +86,9 @@ class Observability:
     --------
     >>> from fuzzykf import FuzzyRelationEstimator
     >>> from fuzzykf.possibility import observability
-    >>> observability(FuzzyRelationEstimator(dim_x=1, dim_z=1, H=1.0, Q=1.0), 3).is_observable
+    >>> observability(
+    ...     FuzzyRelationEstimator(dim_x=1, dim_z=1, H=1.0, Q=1.0), 3
+    ... ).is_observable
     True
     """
 
@@ -196,7 +198,9 @@ class Controllability:
     --------
     >>> from fuzzykf import FuzzyRelationEstimator
     >>> from fuzzykf.possibility import controllability
-    >>> controllability(FuzzyRelationEstimator(dim_x=1, dim_z=1, H=1.0, Q=1.0), 3).is_controllable
+    >>> controllability(
+    ...     FuzzyRelationEstimator(dim_x=1, dim_z=1, H=1.0, Q=1.0), 3
+    ... ).is_controllable
     True
     """
 
@@ -336,7 +340,11 @@ def observability(
     >>> from fuzzykf import FuzzyRelationEstimator
     >>> from fuzzykf.possibility import observability
     >>> est = FuzzyRelationEstimator(2, 1)
-    >>> est.F, est.H, est.Q = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]]), 0.0
+    >>> est.F, est.H, est.Q = (
+    ...     np.array([[1.0, 1.0], [0.0, 1.0]]),
+    ...     np.array([[1.0, 0.0]]),
+    ...     0.0,
+    ... )
     >>> print(observability(est, 1).verdict)
     not observable: 1 measurement shows 1 of 2 directions, and nothing of [0, 1]
     >>> print(observability(est, 10).verdict)

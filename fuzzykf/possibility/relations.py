@@ -279,7 +279,10 @@ class Rule:
     --------
     >>> from fuzzykf import TriangularMembership
     >>> from fuzzykf.possibility import Rule
-    >>> near, far = TriangularMembership(-1.0, 0.0, 1.0), TriangularMembership(0.0, 1.0, 2.0)
+    >>> near, far = (
+    ...     TriangularMembership(-1.0, 0.0, 1.0),
+    ...     TriangularMembership(0.0, 1.0, 2.0),
+    ... )
     >>> Rule((near, near), far).relation([[0.0], [0.0], [0.5, 1.0]]).ravel()
     array([0.5, 1. ])
     """

@@ -53,7 +53,9 @@ class LearnedDay(Learned):
     >>> from fuzzykf.comparison import LearningPart
     >>> from fuzzykf.comparison.clock import Clock
     >>> from fuzzykf.times import read_times
-    >>> hours = np.datetime64("2014-01-06T00", "s") + np.arange(840) * np.timedelta64(3600, "s")
+    >>> hours = np.datetime64("2014-01-06T00", "s") + np.arange(840) * np.timedelta64(
+    ...     3600, "s"
+    ... )
     >>> clock, x = Clock.of(read_times(hours)), np.arange(840.0)[:, None] % 24
     >>> learned = LearnedDay(LearningPart(x=x, y=x, clock=clock)).at(clock[:3])
     >>> learned.restore(x[:0], x[:3]).mean.ravel()

@@ -95,7 +95,11 @@ class LagRegression(Learned):
     >>> import numpy as np
     >>> y = np.random.default_rng(0).normal(size=(500, 1))
     >>> x = np.abs(y)
-    >>> bent = LagRegression(x, y, lags=0, n_knots=1).restore(y[:0], np.array([[-2.0], [2.0]])).mean
+    >>> bent = (
+    ...     LagRegression(x, y, lags=0, n_knots=1)
+    ...     .restore(y[:0], np.array([[-2.0], [2.0]]))
+    ...     .mean
+    ... )
     >>> bool(abs(bent - 2.0).max() < 0.1)
     True
     """

@@ -89,8 +89,17 @@ def node_gradient(kernel: NodeKernel, table: FloatArray, ys: FloatArray) -> Node
     >>> one = np.ones((1, 1, 1, 1, 1))  # a random walk, observed with noise
     >>> space = NodeSpace(F=one, b=0 * one[..., 0], Q=one, H=one, d=0 * one[..., 0], R=one)
     >>> law = np.array([[0.0], [0.0], [1.0]])
-    >>> gradient = node_gradient(pack_nodes(space, np.zeros((1, 1))), law, np.array([[2.0]]))
-    >>> [round(one, 3) for one in (gradient.log_likelihood, gradient.mean.item(), gradient.space.R.item())]
+    >>> gradient = node_gradient(
+    ...     pack_nodes(space, np.zeros((1, 1))), law, np.array([[2.0]])
+    ... )
+    >>> [
+    ...     round(one, 3)
+    ...     for one in (
+    ...         gradient.log_likelihood,
+    ...         gradient.mean.item(),
+    ...         gradient.space.R.item(),
+    ...     )
+    ... ]
     [-2.266, 1.0, 0.25]
     """
     space, log_T = kernel.space, kernel.log_transition

@@ -98,7 +98,9 @@ def score_states(
     >>> one = np.ones((1, 1, 1))
     >>> moves = PairMoves(np.zeros((2, 1)), np.zeros((2, 1, 1)), 0.5 * one, 0.75 * one)
     >>> law = MixtureLaw(np.zeros(1), np.zeros((1, 1)), one)
-    >>> score_states(np.zeros((2, 1), dtype=int), moves, law, np.array([[0.0], [np.nan], [2.0]]))[0].round(3)
+    >>> score_states(
+    ...     np.zeros((2, 1), dtype=int), moves, law, np.array([[0.0], [np.nan], [2.0]])
+    ... )[0].round(3)
     array([-0.919,    nan, -2.919])
     """
     check_moves(nodes, moves, first, xs)

@@ -209,7 +209,9 @@ class JointMembership(Membership):
     --------
     >>> from fuzzykf import GaussianMembership, IntervalMembership
     >>> from fuzzykf.possibility.norms import PRODUCT
-    >>> joint = JointMembership([GaussianMembership(0.0, 1.0), IntervalMembership(0.0, 1.0)], PRODUCT)
+    >>> joint = JointMembership(
+    ...     [GaussianMembership(0.0, 1.0), IntervalMembership(0.0, 1.0)], PRODUCT
+    ... )
     >>> round(joint([1.0, 0.5]), 4), joint([1.0, 2.0])
     (0.6065, 0.0)
     """

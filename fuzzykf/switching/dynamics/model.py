@@ -160,7 +160,9 @@ class SwitchingModel(Immutable, Document):
         >>> from fuzzykf import CGOMSModel
         >>> pair = np.kron([[1.0, 0.5], [0.5, 1.0]], np.eye(3))
         >>> model = CGOMSModel([[1.0]], np.zeros((1, 3)), pair[None, None], dim_x=1)
-        >>> model = model.labelled(states=["load"], observations=["t", "h"], units={"load": "GW"})
+        >>> model = model.labelled(
+        ...     states=["load"], observations=["t", "h"], units={"load": "GW"}
+        ... )
         >>> frame = pd.DataFrame({"h": [1.0, 2.0], "t": [3.0, 4.0]})
         >>> found = model.filter().filter(frame)
         >>> bool((found.x == model.filter().filter(frame[["t", "h"]].to_numpy()).x).all())

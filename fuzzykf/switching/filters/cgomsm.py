@@ -43,7 +43,10 @@ class CGOMSMFilter(DrivenFilter):
     >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])
     >>> pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
     >>> model = CGOMSModel(
-    ...     [[0.9, 0.1], [0.1, 0.9]], [[0.0, 3.0], [0.0, 0.0]], np.broadcast_to(pair, (2, 2, 4, 4)), 1
+    ...     [[0.9, 0.1], [0.1, 0.9]],
+    ...     [[0.0, 3.0], [0.0, 0.0]],
+    ...     np.broadcast_to(pair, (2, 2, 4, 4)),
+    ...     1,
     ... )
     >>> f = CGOMSMFilter(model)
     >>> f.step(2.5).shape, f.switch

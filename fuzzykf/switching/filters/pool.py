@@ -562,7 +562,9 @@ def pool_models(models: Sequence[Any], weights: Numbers = None) -> FilterPool:
     >>> from fuzzykf import CGOFMSModel, FuzzyMarkovLaw, pool_models
     >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])
     >>> pair = np.broadcast_to(np.block([[z, 0.8 * z], [0.8 * z, z]]), (2, 2, 4, 4))
-    >>> fuzzy = CGOFMSModel(FuzzyMarkovLaw.fmc1(0.1, 0.1, 0.1), [[0.0, 0.0], [4.0, 3.0]], pair, dim_x=1)
+    >>> fuzzy = CGOFMSModel(
+    ...     FuzzyMarkovLaw.fmc1(0.1, 0.1, 0.1), [[0.0, 0.0], [4.0, 3.0]], pair, dim_x=1
+    ... )
     >>> pool = pool_models([fuzzy, fuzzy.harden()])
     >>> result = pool.filter(fuzzy.simulate(50, np.random.default_rng(0)).y)
     >>> result.node_x.shape, result.interval(0.9)[0].shape

@@ -106,7 +106,9 @@ class SwitchingFilter(Stepper, Filter):
     >>> from fuzzykf.switching import SwitchingFilter
     >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])
     >>> pair = np.broadcast_to(np.block([[z, 0.8 * z], [0.8 * z, z]]), (2, 2, 4, 4))
-    >>> model = CGOFMSModel(FadeLaw.between(40, 10), [[0.0, 3.0], [0.0, 0.0]], pair, dim_x=1)
+    >>> model = CGOFMSModel(
+    ...     FadeLaw.between(40, 10), [[0.0, 3.0], [0.0, 0.0]], pair, dim_x=1
+    ... )
     >>> f = SwitchingFilter(model.placed(n_nodes=5))
     >>> f.step(2.5).shape, f.mu.shape
     ((1, 1), (12,))

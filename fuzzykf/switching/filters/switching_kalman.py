@@ -106,7 +106,14 @@ class SwitchingKalmanFilter(SavedFilter):
     >>> import numpy as np
     >>> from fuzzykf import FadeLaw, SwitchingKalmanFilter, SwitchingStateSpace
     >>> model = SwitchingStateSpace(
-    ...     FadeLaw.between(60, 20), F=0.99, b=[0.1], Q=0.09, H=[[[1.0]], [[0.3]]], R=0.25, x0=[10.0], P0=4.0
+    ...     FadeLaw.between(60, 20),
+    ...     F=0.99,
+    ...     b=[0.1],
+    ...     Q=0.09,
+    ...     H=[[[1.0]], [[0.3]]],
+    ...     R=0.25,
+    ...     x0=[10.0],
+    ...     P0=4.0,
     ... )
     >>> f = SwitchingKalmanFilter(model)
     >>> f.step(9.5).shape, f.mu.shape

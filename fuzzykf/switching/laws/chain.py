@@ -413,7 +413,9 @@ def closed_classes(arrows: BoolArray) -> list[list[int]]:
     Examples
     --------
     >>> import numpy as np
-    >>> closed_classes(np.array([[False, True, False], [True, False, False], [True, False, True]]))
+    >>> closed_classes(
+    ...     np.array([[False, True, False], [True, False, False], [True, False, True]])
+    ... )
     [[0, 1]]
     """
     K = len(arrows)

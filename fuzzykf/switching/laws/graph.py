@@ -97,7 +97,9 @@ class GraphLaw(GraphicLaw):
     --------
     >>> import numpy as np
     >>> corners = [[0.26, 0.02, 0.0], [0.02, 0.2, 0.01], [0.0, 0.01, 0.1]]
-    >>> law = GraphLaw(3, [(0, 1), (1, 2)], corners, parameters=[(0.06, 0.03), (0.03, 0.03)])
+    >>> law = GraphLaw(
+    ...     3, [(0, 1), (1, 2)], corners, parameters=[(0.06, 0.03), (0.03, 0.03)]
+    ... )
     >>> law.class_masses.round(4), law.edge_masses.round(4)
     (array([0.325, 0.305, 0.14 ]), array([0.14, 0.09]))
     >>> law = GraphLaw.from_masses([0.3, 0.3, 0.2], {(0, 1): 0.15, (1, 2): 0.05})
@@ -186,7 +188,9 @@ class GraphLaw(GraphicLaw):
 
         Examples
         --------
-        >>> law = GraphLaw.from_masses([3, 3, 2], {(0, 1): 1.5, (1, 2): 0.5}, jumps={(0, 2): 0.1})
+        >>> law = GraphLaw.from_masses(
+        ...     [3, 3, 2], {(0, 1): 1.5, (1, 2): 0.5}, jumps={(0, 2): 0.1}
+        ... )
         >>> round(law.p_hard, 6), law.harden().sum(axis=1).round(6)
         (0.8, array([0.375, 0.4  , 0.225]))
         """

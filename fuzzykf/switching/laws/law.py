@@ -189,7 +189,9 @@ so that beta (eq. 24) is not negative for delta = 0.05 and eta = 0.16
         Examples
         --------
         >>> law = FuzzyMarkovLaw.from_density(
-        ...     [[0.2, 0.05], [0.05, 0.2]], edges=0.1, interior=lambda r1, r2: 0.1 + 0.0 * r1 * r2
+        ...     [[0.2, 0.05], [0.05, 0.2]],
+        ...     edges=0.1,
+        ...     interior=lambda r1, r2: 0.1 + 0.0 * r1 * r2,
         ... )
         >>> round(law.p_hard, 6)
         0.7

@@ -115,7 +115,10 @@ def arrangements(pairs: FloatArray, joint: FloatArray) -> list[tuple[int, ...]]:
     >>> import numpy as np
     >>> pairs = np.array([[90, 0, 9], [9, 90, 0], [0, 9, 90]])
     >>> ring = np.array([[0.3, 0.03, 0], [0, 0.3, 0.03], [0.04, 0, 0.3]])
-    >>> [np.round(ring[np.ix_(names, names)], 2).tolist() for names in arrangements(pairs, ring)][0]
+    >>> [
+    ...     np.round(ring[np.ix_(names, names)], 2).tolist()
+    ...     for names in arrangements(pairs, ring)
+    ... ][0]
     [[0.3, 0.0, 0.03], [0.04, 0.3, 0.0], [0.0, 0.03, 0.3]]
     """
     K = len(joint)

@@ -70,7 +70,10 @@ class CGOMSModel(SwitchingModel):
     >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])
     >>> pair = np.block([[z, 0.8 * z], [0.8 * z, z]])
     >>> model = CGOMSModel(
-    ...     [[0.9, 0.1], [0.1, 0.9]], [[0.0, 3.0], [0.0, 0.0]], np.broadcast_to(pair, (2, 2, 4, 4)), 1
+    ...     [[0.9, 0.1], [0.1, 0.9]],
+    ...     [[0.0, 3.0], [0.0, 0.0]],
+    ...     np.broadcast_to(pair, (2, 2, 4, 4)),
+    ...     1,
     ... )
     >>> model.n_classes
     2
@@ -315,8 +318,10 @@ class CGOMSModel(SwitchingModel):
         >>> import numpy as np
         >>> from fuzzykf import CGOMSMFilter, CGOMSModel
         >>> matrices = {
-        ...     "A": [[[0.98]], [[0.5]]], "B": [[[1.0]], [[1.0]]],
-        ...     "C": [[[0.2]], [[1.0]]], "D": [[[0.5]], [[0.5]]],
+        ...     "A": [[[0.98]], [[0.5]]],
+        ...     "B": [[[1.0]], [[1.0]]],
+        ...     "C": [[[0.2]], [[1.0]]],
+        ...     "D": [[[0.5]], [[0.5]]],
         ... }
         >>> model = CGOMSModel.from_cglssm([[0.95, 0.05], [0.10, 0.90]], **matrices, order=3)
         >>> truth = model.cglssm.simulate(200, np.random.default_rng(0))
@@ -405,7 +410,9 @@ class CGOMSModel(SwitchingModel):
         >>> rng = np.random.default_rng(0)
         >>> r = (np.arange(400) // 50) % 2
         >>> y = 4.0 * r + rng.normal(size=400)
-        >>> fit = CGOMSModel.fit(0.5 * y + rng.normal(size=400), y, r, n_regimes=2, form="regression")
+        >>> fit = CGOMSModel.fit(
+        ...     0.5 * y + rng.normal(size=400), y, r, n_regimes=2, form="regression"
+        ... )
         >>> fit.model.n_classes
         2
         """
@@ -588,7 +595,10 @@ class CGOMSModel(SwitchingModel):
         --------
         >>> from fuzzykf import CGOMSModel
         >>> matrices = {"A": [[[0.9]]], "B": [[[1.0]]], "C": [[[0.5]]], "D": [[[1.0]]]}
-        >>> [round(CGOMSModel.from_cglssm([[1.0]], **matrices, order=k).closeness(), 4) for k in (1, 2, 5)]
+        >>> [
+        ...     round(CGOMSModel.from_cglssm([[1.0]], **matrices, order=k).closeness(), 4)
+        ...     for k in (1, 2, 5)
+        ... ]
         [1.0286, 1.0034, 1.0]
         """
         return self.form.closeness(np.ones(self.dim_x) if weights is None else weights)

@@ -116,7 +116,14 @@ class SwitchingStateSpace(SwitchingModel):
     >>> import numpy as np
     >>> from fuzzykf import FadeLaw, SwitchingStateSpace
     >>> model = SwitchingStateSpace(
-    ...     FadeLaw.between(60, 20), F=0.99, b=[0.1], Q=0.09, H=[[[1.0]], [[0.3]]], R=0.25, x0=[10.0], P0=4.0
+    ...     FadeLaw.between(60, 20),
+    ...     F=0.99,
+    ...     b=[0.1],
+    ...     Q=0.09,
+    ...     H=[[[1.0]], [[0.3]]],
+    ...     R=0.25,
+    ...     x0=[10.0],
+    ...     P0=4.0,
     ... )
     >>> model.n_classes, model.dim_x, model.dim_z
     (2, 1, 1)
@@ -322,7 +329,9 @@ class SwitchingStateSpace(SwitchingModel):
 
         >>> import numpy as np
         >>> from fuzzykf import SwitchingStateSpace
-        >>> model = SwitchingStateSpace([[0.9, 0.1], [0.1, 0.9]], F=0.5, H=1.0, Q=0.1, R=0.1, B=1.0)
+        >>> model = SwitchingStateSpace(
+        ...     [[0.9, 0.1], [0.1, 0.9]], F=0.5, H=1.0, Q=0.1, R=0.1, B=1.0
+        ... )
         >>> on = model.simulate(4, np.random.default_rng(0), us=[0.0, 0.0, 1.0, 1.0])
         >>> off = model.simulate(4, np.random.default_rng(0))
         >>> (on.x - off.x)[:, 0].round(6)
@@ -417,7 +426,14 @@ class SwitchingStateSpace(SwitchingModel):
         >>> def model(low, high):
         ...     R = np.array([low, high])[:, None, None] ** 2
         ...     return SwitchingStateSpace(
-        ...         FadeLaw.between(60, 20), F=0.95, H=1.0, Q=0.09, R=R, x0=[0.0], P0=0.92, mix="log"
+        ...         FadeLaw.between(60, 20),
+        ...         F=0.95,
+        ...         H=1.0,
+        ...         Q=0.09,
+        ...         R=R,
+        ...         x0=[0.0],
+        ...         P0=0.92,
+        ...         mix="log",
         ...     )
         >>> ys = model(0.3, 3.0).simulate(300, np.random.default_rng(0)).y
         >>> fit = model(0.6, 1.5).fit(ys, free={"R": "full"}, n_nodes=2)
