@@ -52,28 +52,27 @@ __all__ = ["ExtendedKalmanFilter"]
 class ExtendedKalmanFilter(GaussianFilter):
     """Extended Kalman filter of x_k = f(x_{k-1}) + w_k, z_k = h(x_k) + v_k.
 
-    It takes the place of ``filterpy.kalman.ExtendedKalmanFilter``, whose calls give
-    the functions to `update` at each step.  If they are given at construction
-    instead, `step`, `filter`, `smooth` and `batch_filter` work as in the linear filter.
+    It takes the place of ``filterpy.kalman.ExtendedKalmanFilter``, where functions are passed to `update`
+    at each step.  If they are passed to the constructor instead, `step`, `filter`, `smooth` and
+    `batch_filter` work as in the linear filter.
 
     Parameters
     ----------
     dim_x, dim_z : int
         Number of components of the state and of an observation.
     dim_u : int
-        Number of components of the control; informative, as in filterpy.
+        Number of components of the control; for information only, as in filterpy.
     fx : callable, optional
-        ``fx(x, **fx_args)`` takes and returns a flat state (dim_x,).  A control given to
-        `predict` reaches it as the keyword argument ``u``, unless it is None or the number 0.
-        By default the state moves by F x + B u.
+        ``fx(x, **fx_args)`` maps a flat state (dim_x,) to the next.  A control is passed as the keyword
+        argument ``u``, unless it is None or the number 0.  By default F x + B u.
     FJacobian : callable, optional
-        Of the same arguments; returns (dim_x, dim_x), or a number where that is (1, 1).  By default
-        central differences, see `fuzzykf.kalman.jacobian.central_jacobian`.
+        Jacobian of ``fx``, with the same arguments; returns (dim_x, dim_x), or a number if that is (1, 1).
+        By default computed by central differences.
     hx : callable, optional
-        ``hx(x, **hx_args)`` takes a flat state and returns (dim_z,).
+        ``hx(x, **hx_args)`` maps a flat state to an observation (dim_z,).
     HJacobian : callable, optional
-        Of the same arguments; returns (dim_z, dim_x), or a number where that is (1, 1).  By default
-        central differences.
+        Jacobian of ``hx``, with the same arguments; returns (dim_z, dim_x), or a number if that is (1, 1).
+        By default computed by central differences.
     residual : callable
         ``residual(z, hx(x))``, the difference of two observations; wrap angles here.
     x, P, F, Q, R : array_like, optional
@@ -83,15 +82,16 @@ class ExtendedKalmanFilter(GaussianFilter):
     Attributes
     ----------
     x, P, F, Q, R, B, x_prior, P_prior, x_post, P_post, z, y, S, SI, K
-        As in `KalmanFilter`; ``B`` is 0 at first.  With ``fx`` given, ``F`` is its
+        As in `KalmanFilter`; ``B`` is initially 0.  With ``fx`` given, ``F`` is its
         Jacobian at the latest prediction.
     fx, FJacobian, hx, HJacobian, residual
-        The functions.
+        As given.
 
     Raises
     ------
     ParameterError, ShapeError, NotPositiveDefiniteError
-        If a dimension is below one, or a matrix has a wrong shape or is no covariance.
+        If a dimension is below one, a matrix has the wrong shape, or a covariance is not positive
+        semi-definite.
 
     Notes
     -----
@@ -146,14 +146,14 @@ class ExtendedKalmanFilter(GaussianFilter):
     # ------------------------------------------------------------------ prediction
 
     def predict_x(self, u: Any = 0, **fx_args: Any) -> None:
-        """Move x alone; override it to move the state in a way of your own.
+        """Predict x without its covariance; override it for your own dynamics.
 
         Parameters
         ----------
         u : array_like
             Control input.
         **fx_args
-            Reach ``fx``.
+            Passed to ``fx``.
         """
         x = as_state(self.x, self.dim_x)
         if self.fx is None:
@@ -173,13 +173,13 @@ class ExtendedKalmanFilter(GaussianFilter):
         u : array_like
             Control input; None or 0 for none.
         **fx_args
-            Reach ``fx`` and ``FJacobian``, for instance the time.
+            Passed to ``fx`` and ``FJacobian``, for instance the time.
 
         Raises
         ------
         ParameterError, ShapeError
-            If shapes do not agree, a function returns something else than it should,
-            or arguments are given for an ``fx`` that is not there.
+            If shapes do not agree, a function returns an inadmissible value, or arguments are given without
+            an ``fx``.
         """
         with whole_verb(self):
             u = 0 if u is None else u
@@ -217,13 +217,13 @@ class ExtendedKalmanFilter(GaussianFilter):
             Scalar (if dim_z is 1), or shape (dim_z,), (dim_z, 1) or (1, dim_z); None or
             NaN where missing.
         HJacobian, Hx : callable, optional
-            Used instead of the attributes ``HJacobian`` and ``hx``.  As in filterpy they
-            are given x as the filter holds it, flat or as a column.  With ``Hx`` alone the
-            Jacobian comes from central differences.
+            Used instead of the attributes ``HJacobian`` and ``hx``.  As in filterpy, they
+            get x as the filter holds it, flat or as a column.  With ``Hx`` only, the Jacobian is computed by
+            central differences.
         R : array_like, optional
             Used instead of the attribute ``R``; a scalar means that multiple of the identity.
         args, hx_args : tuple
-            More positional arguments of ``HJacobian`` and of ``Hx``.
+            Further positional arguments of ``HJacobian`` and of ``Hx``.
         residual : callable, optional
             Used instead of the attribute ``residual``.
         **hx_kwargs
@@ -232,8 +232,8 @@ class ExtendedKalmanFilter(GaussianFilter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            Wrong shapes; an infinite z; no ``Hx``; an inadmissible ``R``; an S that
-            cannot be inverted.
+            If shapes are wrong, z is infinite, ``Hx`` is missing, ``R`` is inadmissible, or S cannot be
+            inverted.
 
         Examples
         --------
@@ -282,7 +282,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         hx_args: Any = (),
         u: Any = 0,
     ) -> None:
-        """Predict, then update; both or, if an error is raised, neither.
+        """Predict, then update; an error leaves the filter unchanged.
 
         Parameters
         ----------
@@ -306,20 +306,21 @@ class ExtendedKalmanFilter(GaussianFilter):
         *,
         resume: bool = False,
     ) -> FilterResult:
-        """Run predict and update along a series, from the current x and P on.
+        """Filter a series, starting from the current x and P.
 
-        The filter ends at the last observation, so that `step` continues the series.
+        The filter ends at the last observation, so `step` continues the series.
 
         Parameters
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
-        us : sequence of n controls, or array_like of shape (n, dim_u), optional
-            Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
+        us : sequence of n controls, optional
+            Passed to `predict` one by one.  A pandas index must equal that of ``zs``.
         fx_args, hx_args : sequence of n dict, optional
             Keyword arguments of each prediction and of each update.
         resume : bool
-            Go on from where the filter stands.  That is its x and P, from which it starts in any case.
+            Accepted for compatibility with switching filters; the filter always starts from its current x
+            and P.
 
         Returns
         -------
@@ -329,7 +330,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `predict` and `update`; the filter is then as it was before.
+            As from `predict` and `update`; the filter is then unchanged.
         """
         begin(self, zs, resume, fx_args is not None)
         return as_result(self, self._collect(zs, us, fx_args, hx_args), zs, fx_args is not None)
@@ -358,7 +359,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
     ) -> FilterResult:
-        """Run `filter`, then the extended smoother of Rauch, Tung and Striebel backwards.
+        """Smooth a series: run `filter`, then the extended Rauch-Tung-Striebel smoother.
 
         The smoother uses the Jacobians of the forward pass.
 
@@ -375,8 +376,8 @@ class ExtendedKalmanFilter(GaussianFilter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `filter`; if a `predict` of a subclass moves P in another way than F and Q say,
-            which the way back could not know.
+            As from `filter`; if a subclass overrides `predict` so that P does not move by F and Q, as the
+            backward pass assumes.
         """
         d = self.dim_x
         motions: list[tuple[FloatArray, FloatArray]] = []
@@ -398,15 +399,15 @@ class ExtendedKalmanFilter(GaussianFilter):
         fx_args: Sequence[Mapping[str, Any] | None] | None = None,
         hx_args: Sequence[Mapping[str, Any] | None] | None = None,
     ) -> FilterResult:
-        """Predict states and observations ahead; the filter stays where it is.
+        """Forecast states and observations; the filter does not change.
 
         Parameters
         ----------
         steps : int
-            Number of predictions from the current x and P on.
+            Number of predictions from the current x and P.
         us, fx_args, hx_args
-            As in `filter`, one for each step; an index of pandas is that of the rows ahead, where these
-            are known.
+            As in `filter`, one per step.  A pandas index must equal that of the rows ahead, if these are
+            known.
 
         Returns
         -------
@@ -471,16 +472,16 @@ class ExtendedKalmanFilter(GaussianFilter):
         tolerance: float = 1e-7,
         progress: bool | None = None,
     ) -> LikelihoodFit[Self]:
-        """Learn noise, or other parameters, from observations alone, by maximum likelihood.
+        """Learn noise covariances or other parameters from observations, by maximum likelihood.
 
-        As `KalmanFilter.fit`, for filters that have their functions from construction.  The likelihood is
-        that of the linearised system, as `filter` tells it, and its gradient is that of central differences:
-        each takes two passes through the series for each free number.
+        Like `KalmanFilter.fit`, for filters whose functions were passed to the constructor.  The likelihood
+        is that of the linearised system, and its gradient is computed by central differences, with two
+        passes through the series per free parameter.
 
         Parameters
         ----------
         zs, free, us, n_starts, rng, max_iter, tolerance, progress
-            As in `KalmanFilter.fit`; of ``free`` there is no ``H``, and ``F`` and ``B`` where there is no
+            As in `KalmanFilter.fit`, except that ``free`` cannot include ``H``, nor ``F`` and ``B`` with an
             ``fx``.
         fx_args, hx_args
             As in `filter`; the same for every series.
@@ -525,29 +526,29 @@ class ExtendedKalmanFilter(GaussianFilter):
         dtype: DTypeLike = np.float64,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter many series, each from the current x and P on.
+        """Filter many series, each starting from the current x and P.
 
-        The functions are called for one state at a time, so that this takes as long
-        as filtering the series one after another.  The filter itself does not change.
+        The filter itself does not change.  The functions are called for one state at a time, so this takes as
+        long as filtering the series one by one.
 
         Parameters
         ----------
         zs : array_like, DataFrame, DataArray, list, tuple or mapping
-            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  A frame, whose
-            columns are the series (pairs (series, component) if ``dim_z`` is not 1).  A list or a mapping of
-            series, each as `filter` takes it, of any length.
+            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  Or a frame with a
+            column for each series (pairs (series, component) if ``dim_z`` is not 1), or a list or mapping of
+            series of any lengths, each as `filter` takes it.
         keep : sequence of str
-            What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
+            Fields to store, from ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``.
         us : array_like, DataFrame, DataArray, list, tuple or mapping, optional
-            Controls, for all series or for each its own, as in `KalmanFilter.filter_many`.  If the filter has
-            ``fx``, its ``dim_u`` says how many components one has, where that is not plain.
+            Controls, the same for all series or one set per series, as in `KalmanFilter.filter_many`.  With
+            ``fx``, ``dim_u`` resolves ambiguous shapes.
         fx_args, hx_args
             As in `filter`; the same for every series.
         by : hashable, optional
-            The column (or level of the index) of a frame that says which series a row belongs to, if its rows
-            are those of all series.
+            Column (or index level) that names the series of each row, if the frame holds all series one after
+            another.
         dtype : numpy.float64 or numpy.float32
-            Type of the numbers that are stored.  The filter reckons in double precision all the same.
+            Type in which results are stored.  Computations are in double precision.
         resume : bool
             As in `filter`.
 
@@ -555,12 +556,12 @@ class ExtendedKalmanFilter(GaussianFilter):
         -------
         FilterResult
             The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
-            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
+            that is shorter than others.  Names and index are kept, see `FilterResult.to_dataframe`.
 
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `filter`; or an unknown name in ``keep``.
+            As from `filter`; if a name in ``keep`` is unknown.
         """
         as_flag("resume", resume)
         names, dtype = check_keep(keep, FIELDS), as_output_type(dtype)

@@ -63,7 +63,7 @@ SUM_TOLERANCE = 1e-8
 
 
 class IMMEstimator(BankStepper, Filter):
-    """Interacting multiple model estimator of a system that switches between modes.
+    """Interacting multiple model (IMM) estimator of a system that switches between modes.
 
     It takes the place of ``filterpy.kalman.IMMEstimator``.  Each mode has a filter of
     its own; their estimates are mixed before each prediction.
@@ -71,64 +71,58 @@ class IMMEstimator(BankStepper, Filter):
     Parameters
     ----------
     filters : sequence of filters
-        At least two, with x of one shape (or ``state_maps``).  Any `fuzzykf.base.Filter` with a
-        log-likelihood will do, and any object with ``x``, ``P``, ``predict``, ``update``
-        and ``log_likelihood`` (or ``likelihood``), such as filterpy's filters; kinds may
-        be mixed.  The filters stay readable; a bank of plain Kalman filters of
-        one shape is computed all at once.
+        At least two, with x of one shape (or with ``state_maps``).  Any `fuzzykf.base.Filter` with a
+        log-likelihood, or any object with ``x``, ``P``, ``predict``, ``update`` and ``log_likelihood`` (or
+        ``likelihood``), such as filterpy's filters; classes may be mixed.  A bank of plain Kalman filters
+        of one shape is fastest.
     mu : array_like, shape (N,)
-        Probabilities of the modes at first; they are normalised.
+        Initial probabilities of the modes; they are normalised.
     M : array_like, shape (N, N)
-        Transition probabilities: ``M[i, j]`` is that of mode j after mode i.
+        ``M[i, j]`` is the probability of mode j after mode i.
     method : {"imm", "gpb2"}
-        "gpb2" filters once for each pair of a mode before and a mode now and merges
-        the results (generalised pseudo-Bayes of second order): more exact, and N
-        times the work.
+        "gpb2" filters once per pair of previous and current mode and merges the results (generalised
+        pseudo-Bayes of second order): more accurate, at N times the cost.
     state_maps : sequence of StateMap, array_like or None, optional
-        For filters whose states differ, say constant velocity beside constant acceleration: one for
-        each, None where the state is the common one, else the map of its state into the common space: a
-        matrix (n, n_member) of full column rank, or a `StateMap`, which says of what the filter lacks
-        more than that it is zero.  Mixing takes place in the common space, each filter moves in its own.
+        For filters with different states, such as constant velocity and constant acceleration: one map per
+        filter from its state to a common state.  None if the state is the common one, a matrix
+        (n, n_member) of full column rank, or a `StateMap` if missing components are not zero.  Estimates are
+        mixed in the common space.
 
     Attributes
     ----------
     filters, M : as given
-        May be changed between the verbs.
+        May be changed between calls.
     mu : ndarray, shape (N,)
         Probabilities of the modes after the latest update.
     N : int
         Number of modes.
     x, P, x_prior, P_prior, x_post, P_post : ndarray
-        Mean and covariance of the mixture: now, after the latest prediction, and
-        after the latest update; in the common space.
+        Mean and covariance of the mixture, in the common space: current, after the latest prediction and
+        after the latest update.
     state_maps : tuple of StateMap or None, or None
-        As given; it cannot be changed.
+        As given; read-only.
     likelihood : ndarray, shape (N,)
         Density of the latest observation in each mode; zero before the first update.
     mode_log_likelihood : ndarray, shape (N,)
-        Its logarithm, which does not underflow.
+        Logarithm of ``likelihood``, without underflow.
     log_likelihood : float
-        Log-density of the latest observation given the earlier ones: of the mixture.
+        Log-density of the latest observation given the earlier ones, for the mixture.
 
     Raises
     ------
     ParameterError, ShapeError
-        If there are less than two filters, their shapes differ, ``mu`` is no weight
-        vector or ``M`` no transition matrix; names the member whose map does not fit, or has not full
-        column rank.
+        If there are fewer than two filters, shapes differ, ``mu`` is not a probability vector, ``M`` is not a
+        transition matrix, or a map has the wrong shape or rank.
 
     Notes
     -----
-    The weights are kept as logarithms, so that an outlier, or a mode that had been
-    ruled out for long, still leaves informative probabilities.  A missing observation
-    moves the probabilities of the modes by M and has the log-likelihood 0; so does
-    the first of two predictions in a row.  x after `predict` is the mean of the
+    Weights are stored as logarithms, so that probabilities stay informative after an outlier, or for a mode
+    that was ruled out for long.  A missing observation, or the first of two predictions in a row, changes
+    the mode probabilities by M and has log-likelihood 0.  x after `predict` is the mean of the
     predicted mixture, with the predicted mode probabilities `cbar` as its weights.
 
-    With "gpb2", the attributes y, S, K of a member are those of the likeliest pair
-    that ends in its mode.
-
-    A bank with ``state_maps`` goes through the verbs of its members; it is not compiled.
+    With "gpb2", the attributes y, S and K of a member are those of the most likely pair that ends in its
+    mode.  A bank with ``state_maps`` calls the methods of its members and is slower.
 
     References
     ----------
@@ -203,12 +197,12 @@ class IMMEstimator(BankStepper, Filter):
 
     @property
     def state_maps(self) -> tuple[StateMap | None, ...] | None:
-        """How the states of the filters lie in the common space; None if that is the space of them all."""
+        """Maps from the states of the filters to the common state; None if all states are the same."""
         return None if self._space is None else self._space.maps
 
     @property
     def cbar(self) -> FloatArray:
-        """Probabilities of the modes at the next time, mu M, shape (N,)."""
+        """Predicted probabilities of the modes, mu M, shape (N,)."""
         return np.exp(log_mixing(self._log_weights(), self._log_transition())[1])
 
     @property
@@ -248,17 +242,17 @@ class IMMEstimator(BankStepper, Filter):
     # ------------------------------------------------------------------ verbs
 
     def predict(self, u: Any = None) -> None:
-        """Mix the estimates of the modes and move each with its own filter.
+        """Mix the estimates of the modes, then predict each by its filter.
 
         Parameters
         ----------
         u : array_like, optional
-            Control input; given to ``predict`` of every filter.
+            Control input, passed to ``predict`` of every filter.
 
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from the filters; all of them are then as they were before.
+            As from the filters, which are then unchanged.
         """
         if u is None and self._predict_at_once():
             return
@@ -280,7 +274,7 @@ class IMMEstimator(BankStepper, Filter):
             self.x_prior, self.P_prior = x.copy(), P.copy()
 
     def update(self, z: Numbers) -> None:
-        """Update the filter of each mode, then the probabilities of the modes.
+        """Update the filter of each mode and the probabilities of the modes.
 
         Parameters
         ----------
@@ -291,8 +285,7 @@ class IMMEstimator(BankStepper, Filter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from the filters, or if no mode gives z a positive density; all filters
-            are then as they were before.
+            As from the filters; if z has density zero in all modes.  The filters are then unchanged.
         """
         if self._update_at_once(z):
             return
@@ -347,31 +340,30 @@ class IMMEstimator(BankStepper, Filter):
         *,
         resume: bool = False,
     ) -> FilterResult:
-        """Run predict and update along a series, from the current estimates on.
+        """Filter a series, starting from the current estimates.
 
-        The filter ends at the last observation, so that `step` continues the series.
+        The bank ends at the last observation, so `step` continues the series.
 
         Parameters
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
-        us : sequence of n controls, or array_like of shape (n, dim_u), optional
-            Given to `predict` one by one; if it has an index of pandas, that of ``zs``.
+        us : sequence of n controls, optional
+            Passed to `predict` one by one.  A pandas index must equal that of ``zs``.
         resume : bool
-            Go on from where the bank stands.  That is mu and the estimates of its filters, from which
-            it starts in any case.
+            Accepted for compatibility with switching filters; the bank always starts from its current
+            estimates.
 
         Returns
         -------
         FilterResult
-            With ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``, the mode
-            probabilities ``mu`` (n, N), the numbers of the modes in ``nodes``, and that of
-            the likeliest mode in ``switch``.
+            With ``x``, ``P``, ``x_prior``, ``P_prior``, ``log_likelihood``, the mode probabilities ``mu``
+            (n, N), the numbers of the modes ``nodes``, and the most likely mode ``switch``.
 
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `predict` and `update`; the bank is then as it was before.
+            As from `predict` and `update`; the bank is then unchanged.
         """
         begin(self, zs, resume)
         stored = self._collect(zs, us)
@@ -435,18 +427,18 @@ class IMMEstimator(BankStepper, Filter):
         *,
         weights: Literal["density", "kim"] = "density",
     ) -> FilterResult:
-        """Estimate every state of a series from all of it; the bank stays at the last observation.
+        """Smooth a series: estimate every state given all observations.
 
-        Approximate, as the filter is: what is known of each mode is merged after each step back.  Where
-        ``H`` differs between the members, "gpb2" smooths better.
+        Approximate, like the filter: estimates of each mode are merged after each backward step.  If ``H``
+        differs between members, "gpb2" is more accurate.  The bank ends at the last observation.
 
         Parameters
         ----------
         zs, us
             As in `filter`.
         weights : {"density", "kim"}
-            How likely each mode is before one that follows: with the likelihood of all that comes later, or
-            without, as Kim has them (1994), which is nearly always worse.
+            Weights of the modes in a backward step: "density" uses the likelihood of all later observations;
+            "kim" does not (Kim 1994), which is nearly always worse.
 
         Returns
         -------
@@ -457,17 +449,16 @@ class IMMEstimator(BankStepper, Filter):
         Warns
         -----
         HindsightWarning
-            If the states move more than their covariances admit when the later observations are known: the
-            model is wrong then, or the filter has lost the switch, and what is smoothed may be worse than
-            what is filtered.  See `fuzzykf.hindsight`.
+            If later observations move the states by more than their covariances admit.  The model is then
+            wrong, or the filter has lost the switch, and smoothing may be worse than filtering.
 
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `filter`; if a member is no plain `KalmanFilter` with alpha 1 and without a state map, or
-            verbs of a subclass do what the way back could not know: a `predict` more than mix the modes and
-            move them, an `update` neither take an observation, as the filters say, nor leave it out.  Bank
-            and filters are then as they were before.
+            As from `filter`; if a member is not a plain `KalmanFilter` with alpha 1 and without a state map;
+            if a
+            subclass overrides `predict` or `update` in a way that the backward pass cannot follow.  Bank and
+            filters are then unchanged.
 
         Examples
         --------
@@ -488,15 +479,15 @@ class IMMEstimator(BankStepper, Filter):
         *,
         weights: Literal["density", "kim"] = "density",
     ) -> FilterResult:
-        """Estimate every state from what was observed up to a few steps later.
+        """Fixed-lag smoothing: estimate each state given the observations up to ``lag`` steps later.
 
         Parameters
         ----------
         zs, us
             As in `filter`; the bank ends at the last observation.
         lag : int
-            How many steps later, at least 0: row n is the estimate given the observations up to n + lag, or
-            to the end.  With 0 it is `filter`, with the length of the series `smooth`.
+            Number of steps to look ahead, at least 0: row n is the estimate given the observations up to
+            n + lag, or to the end.  0 is `filter`; the length of the series is `smooth`.
         weights : {"density", "kim"}
             As in `smooth`.
 
@@ -513,7 +504,7 @@ class IMMEstimator(BankStepper, Filter):
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `smooth`; if ``lag`` is no whole number of at least 0.
+            As from `smooth`; if ``lag`` is not an integer of at least 0.
 
         See Also
         --------
@@ -531,26 +522,26 @@ class IMMEstimator(BankStepper, Filter):
 
     @property
     def has_smoother(self) -> bool:
-        """Whether its members are such that `smooth` can be called."""
+        """Whether `smooth` is available."""
         return can_look_back(self)
 
     _way_back = BankWayBack  # of `fuzzykf.FixedLag`
 
     def forecast(self, steps: int, us: PerStep | None = None) -> FilterResult:
-        """Predict states, observations and modes ahead; the bank stays where it is.
+        """Forecast states, observations and modes; the bank does not change.
 
         Parameters
         ----------
         steps : int
-            Number of predictions from the current estimates on.
-        us : sequence of controls, or array_like of shape (steps, dim_u), optional
-            One for each step; if it has an index of pandas, that of the rows ahead, where these are known.
+            Number of predictions from the current estimates.
+        us : sequence of controls, optional
+            One per step.  A pandas index must equal that of the rows ahead, if these are known.
 
         Returns
         -------
         FilterResult
-            With ``x``, ``P``, ``mu``, ``nodes``, ``switch`` and, where every member says how an
-            observation comes about, its mean ``z_prior`` and covariance ``S``.
+            With ``x``, ``P``, ``mu``, ``nodes``, ``switch`` and, if all members have an observation model,
+            mean ``z_prior`` and covariance ``S`` of the observations.
 
         Raises
         ------
@@ -578,30 +569,26 @@ class IMMEstimator(BankStepper, Filter):
         dtype: DTypeLike = np.float64,
         resume: bool = False,
     ) -> FilterResult:
-        """Filter many series, each from the current estimates on.
+        """Filter many series, each starting from the current estimates.
 
-        A bank of plain Kalman filters of one shape does this in the engine, which leaves other threads free;
-        any other, and one with controls or ``state_maps``, goes through its verbs.  The bank itself does not
-        change.
+        The bank itself does not change.  A bank of plain Kalman filters of one shape is filtered by the
+        engine; other banks, and banks with controls or ``state_maps``, by their methods.
 
         Parameters
         ----------
         zs : array_like, DataFrame, DataArray, list, tuple or mapping
-            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  A frame, whose
-            columns are the series (pairs (series, component) if ``dim_z`` is not 1).  A list or a mapping of
-            series, each as `filter` takes it, of any length.
+            Shape (series, n, dim_z), or (series, n) if ``dim_z`` is 1; NaN where missing.  Or a frame with a
+            column for each series (pairs (series, component) if ``dim_z`` is not 1), or a list or mapping of
+            series of any lengths, each as `filter` takes it.
         keep : sequence of str
-            What to store, of ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``log_likelihood``.
+            Fields to store, from ``x``, ``P``, ``x_prior``, ``P_prior``, ``mu``, ``log_likelihood``.
         us : array_like, DataFrame, DataArray, list, tuple or mapping, optional
-            Controls, for all series or for each its own, as in `KalmanFilter.filter_many`.
+            Controls, the same for all series or one set per series, as in `KalmanFilter.filter_many`.
         by : hashable, optional
-            The column (or level of the index) of a frame that says which series a row belongs to, if its rows
-            are those of all series.
-        threads : int
-            How many threads the compiled engine shares the series among; results are the same to the bit.
-            NumPy uses one, and so do the verbs.
+            Column (or index level) that names the series of each row, if the frame holds all series one after
+            another.
         dtype : numpy.float64 or numpy.float32
-            Type of the numbers that are stored.  The bank reckons in double precision all the same.
+            Type in which results are stored.  Computations are in double precision.
         resume : bool
             As in `filter`.
 
@@ -609,14 +596,14 @@ class IMMEstimator(BankStepper, Filter):
         -------
         FilterResult
             The fields in ``keep``, each with a leading axis for the series; NaN beyond the end of a series
-            that is shorter than others.  Names and index go along, see `FilterResult.to_dataframe`.
+            that is shorter than others.  Names and index are kept, see `FilterResult.to_dataframe`.
 
         Raises
         ------
         ShapeError, ParameterError, NotPositiveDefiniteError
-            As from `filter`; or an unknown name in ``keep``.
+            As from `filter`; if a name in ``keep`` is unknown.
         NumericalRangeError
-            If a number is too large for ``dtype``.
+            If a result is too large for ``dtype``.
         """
         as_flag("resume", resume)
         names, dtype = check_keep(keep, BANK_FIELDS), as_output_type(dtype)
@@ -664,16 +651,16 @@ class IMMEstimator(BankStepper, Filter):
     # ------------------------------------------------------------------ reset
 
     def remember_origin(self) -> None:
-        """Keep the state of the bank and of its members; see `Filter.remember_origin`."""
+        """Keep the current state of the bank and its members; see `Filter.remember_origin`."""
         if "_origin" not in self.__dict__:
             own = {name: value for name, value in self.__dict__.items() if name != "filters"}
             members = [copy.deepcopy(f.__dict__, {id(f): f}) for f in self.filters]
             self._origin = {"own": copy.deepcopy(own, {id(self): self}), "members": members}
 
     def reset(self) -> None:
-        """Return to the state at the first verb since construction or the last reset.
+        """Return to the state before the first step since construction or the last reset.
 
-        The members return to it too, and stay the same objects.
+        The members, which stay the same objects, are reset as well.
         """
         if "_origin" not in self.__dict__:
             return

@@ -47,7 +47,17 @@ __all__ = ["InitialLaw", "PairCoefficients", "PairTables", "SwitchingSystem", "r
 
 @reprs()
 class PairCoefficients(NamedTuple):
-    """The Gaussian part of a step for an array of pairs; leading shape (...)."""
+    """Regression coefficients of one step, for an array of pairs of nodes with shape (...).
+
+    Attributes
+    ----------
+    Axx, H, G : ndarray, shapes (..., m, m), (..., m, q) and (..., m, q)
+        Coefficients of X, Y and Y' in the equation of X'.
+    c, C : ndarray, shapes (..., m) and (..., m, m)
+        Offset and noise covariance of X'.
+    Ayy, Ny, Qyy : ndarray, shapes (..., q, q), (..., q) and (..., q, q)
+        Coefficient of Y, offset and noise covariance in the equation of Y'.
+    """
 
     Axx: FloatArray  # (..., m, m)
     H: FloatArray  # (..., m, w)
@@ -149,12 +159,14 @@ class Ahead(NamedTuple):
 @reprs()
 @dataclass(frozen=True, eq=False)
 class InitialLaw:
-    """The law of the first node and of Z_1 given it.
+    """Law of the first node, and of Z_1 = (X_1, Y_1) given that node.
 
     Attributes
     ----------
     probability : ndarray, shape (M,)
+        Probabilities of the nodes.
     mean, covariance : ndarray, shapes (M, d) and (M, d, d)
+        Moments of Z_1 given each node.
     """
 
     probability: FloatArray

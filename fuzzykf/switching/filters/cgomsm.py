@@ -21,16 +21,17 @@ class CGOMSMFilter(DrivenFilter):
     Parameters
     ----------
     model : CGOMSModel
+        Model with an exact filter.
 
     Raises
     ------
     ParameterError
-        If ``model`` is another one, or has no exact filter: `CGOMSModel.exactness` says so.
+        If ``model`` is of another class or has no exact filter, see `CGOMSModel.exactness`.
 
     Notes
     -----
-    Exact for complete observations and gaps at the end; with a single regime, whatever is missing.  After
-    another gap what is known is merged to mean and covariance per regime.
+    Exact for complete observations and gaps at the end, and for any gaps with a single regime.  After
+    other gaps, estimates are merged to mean and covariance per regime.
 
     See Also
     --------

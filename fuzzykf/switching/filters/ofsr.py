@@ -14,21 +14,22 @@ __all__ = ["FuzzySwitchFilter", "OFSRFilter"]
 
 @keeps("model", "n_nodes", "rule")
 class OFSRFilter(DrivenFilter):
-    """Optimal fuzzy switching recursive filter (2020 paper, section IV), for a switch that slides or jumps.
+    """Optimal fuzzy switching recursive filter (2020 paper, section IV), for a fuzzy switch.
 
-    `FuzzySwitchFilter` is another name of the same class.  The filter is exact for the Markov chain on
-    ``n_nodes + 2`` nodes that stands for the fuzzy law.
+    `FuzzySwitchFilter` is another name of the same class.  The fuzzy law is approximated by a Markov
+    chain on nodes, for which the filter is exact.
 
     Parameters
     ----------
     model : CGOFMSModel
+        Model with a fuzzy switch.
     n_nodes : int
         Number F of nodes between the hard values 0 and 1.  The cost of a step grows as
         (F + 2)^2: 49 pairs at F = 5, 144 at F = 10.  The error falls as F^-2 for FMC1 and
-        as F^-1 for FMC2; 5 is enough in most cases.  Of fades each has so many, and none can have more
-        than it has steps.
+        as F^-1 for FMC2; 5 is enough in most cases.  For a `FadeLaw`, F is the number per fade, at most
+        its number of steps.
     rule : {"cell", "midpoint", "gauss", "product"}
-        How the law is discretised, see `FuzzyMarkovLaw.discretize`; laws on graphs know "cell" alone.
+        Quadrature rule, see `FuzzyMarkovLaw.discretize`; other laws have "cell" only.
 
     See Also
     --------

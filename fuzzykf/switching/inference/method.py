@@ -41,11 +41,10 @@ class Known(NamedTuple):
 
 
 class Method(Protocol):
-    """How a placed system is filtered; the one state is a `Mixture`.
+    """Filtering method of a switching system; the state of the filter is a `Mixture`.
 
-    A method holds no state of its own: filters, series and smoothers call it with what they know.  One
-    that inherits from this class has to bring `first`, `advance` and `ahead`; whole series then go step
-    by step, and there is no smoother.
+    A method has no state of its own.  A subclass implements `first`, `advance` and `ahead`; whole series are
+    then filtered step by step, without a smoother.
     """
 
     #: Whether it is GPB2: a step is taken for every pair of nodes.
@@ -74,7 +73,7 @@ class Method(Protocol):
         """
 
     def ahead(self, tables: PairTables, mixture: Mixture) -> Ahead:
-        """Say what is known of the next time before its observation is seen."""
+        """Predict state, observation and switch at the next step."""
 
     def series(
         self,

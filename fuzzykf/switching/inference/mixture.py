@@ -32,7 +32,7 @@ _BRANCHES = {"table": 2, "sign": 1, "root": 3}
 @reprs()
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:
-    """What is known after an observation.
+    """State of a switching filter after an observation.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Mixture:
     mass : ndarray, shape (M,), or None
         The probabilities, where the engine carries them, too.
     unknown : int
-        How many parts of the window are missing.
+        Number of missing components of the window.
     root : ndarray, shape (M, e, e), or None
         In a gap: root of the covariances of ``table``, with the digits that they have lost after an
         outlier; None if there are signs.
@@ -70,21 +70,56 @@ class Mixture:
         return p if self.sign is None else p * self.sign
 
     def state_table(self, m: int) -> FloatArray:
-        """Return the table of X alone, (1 + m + m*m, M)."""
+        """Return the table of X alone, (1 + m + m*m, M).
+
+        Parameters
+        ----------
+        m : int
+            Number of components of the state.
+
+        Returns
+        -------
+        ndarray, shape (1 + m + m*m, M)
+        """
         return engine.state_table(self.table, m)
 
     def mean(self, m: int) -> FloatArray:
-        """Mean (m,) of X given all observations so far (2020 paper, eq. 21)."""
+        """Mean (m,) of X given all observations so far (2020 paper, eq. 21).
+
+        Parameters
+        ----------
+        m : int
+            Number of components of the state.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
         return engine.node_mean(self.probabilities, self.table[1 : 1 + m])
 
     def moments(self, m: int) -> tuple[FloatArray, FloatArray]:
-        """Mean (m,) and covariance (m, m) of X given all observations so far (eqs. 21 and 22)."""
+        """Mean (m,) and covariance (m, m) of X given all observations so far (eqs. 21 and 22).
+
+        Parameters
+        ----------
+        m : int
+            Number of components of the state.
+
+        Returns
+        -------
+        mean, covariance : ndarray, shapes (m,) and (m, m)
+        """
         return mixture_moments(self.probabilities, *engine.node_moments(self.state_table(m), m))
 
     # ------------------------------------------------------------------ files
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values, bit for bit."""
+        """Return the state as plain values, without loss.
+
+        Returns
+        -------
+        dict
+        """
         window, sign = encode(self.window), encode(self.sign)
         if not self.unknown:
             state = {"table": encode(self.table), "sign": sign, "mass": encode(self.mass)}
@@ -105,7 +140,17 @@ class Mixture:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Mixture:
-        """Make it from what `to_dict` returned."""
+        """Create a state from the output of `to_dict`.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        Mixture
+        """
         state = values["state"]
         sign, window = decode(state["sign"], 1), decode(values["window"], 1)
         if values["kind"] == "complete":
@@ -125,7 +170,7 @@ class Mixture:
         return cls(table, window, sign, None, int((~known).sum()), root, branches)
 
     def is_sound(self, m: int, q: int, M: int, order: int) -> bool:
-        """Whether it has the sizes of a system, and finite numbers."""
+        """Whether shapes match a system and numbers are finite."""
         w, e = self.window.size, m + self.unknown
         shaped = self.table.shape == (1 + e + e * e, M) and (self.sign is None or self.sign.shape == (M,))
         known = int(np.isfinite(self.window).sum()) == w - self.unknown
