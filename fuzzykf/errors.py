@@ -29,7 +29,17 @@ __all__ = [
 
 
 class FuzzykfError(Exception):
-    """Base class of all errors raised on purpose by fuzzykf."""
+    """Base class of all errors raised on purpose by fuzzykf.
+
+    Examples
+    --------
+    >>> from fuzzykf import FuzzykfError, KalmanFilter
+    >>> try:
+    ...     KalmanFilter(dim_x=2, dim_z=1, F=[[1.0]])
+    ... except FuzzykfError as error:
+    ...     print(type(error).__name__)
+    ShapeError
+    """
 
 
 class ParameterError(FuzzykfError, ValueError):
@@ -90,7 +100,19 @@ class SupportWarning(UserWarning):
 
 
 class SequenceError(FuzzykfError, RuntimeError):
-    """Methods were called in an invalid order, such as update without predict."""
+    """Methods were called in an invalid order, such as update without predict.
+
+    Examples
+    --------
+    >>> from fuzzykf import FadeLaw, SwitchingStateSpace
+    >>> f = SwitchingStateSpace(FadeLaw.between(60, 20), F=0.5, H=1.0, Q=0.1, R=0.1).filter()
+    >>> _ = f.step(1.0)
+    >>> try:
+    ...     f.update(2.0)
+    ... except RuntimeError as error:  # a SequenceError is a RuntimeError
+    ...     print(type(error).__name__)
+    SequenceError
+    """
 
 
 class QuadratureError(FuzzykfError, ArithmeticError):

@@ -105,6 +105,16 @@ def write_document(path: str | PathLike[str], kind: str, content: dict[str, Any]
     ------
     ValueError
         If a number is NaN or infinite, which JSON cannot express.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from fuzzykf.io import read_document, write_document
+    >>> with TemporaryDirectory() as folder:
+    ...     write_document(f"{folder}/law.json", "MyLaw", {"rate": 0.1})
+    ...     found = read_document(f"{folder}/law.json", ("MyLaw",))
+    >>> found["rate"]
+    0.1
     """
     write_text(path, json.dumps(as_document(kind, content), allow_nan=False, indent=1) + "\n")
 
@@ -137,6 +147,10 @@ def read_document(
     FileFormatError
         If the file is not JSON, not from fuzzykf, of another version or another kind, or larger than
         ``max_bytes``.
+
+    See Also
+    --------
+    write_document : With an example.
     """
     content = read_bytes(path, max_bytes, MAX_BYTES)
     try:
@@ -328,6 +342,10 @@ def load_model(path: str | PathLike[str], cls: type[M] | None = None, *, max_byt
     ------
     FileFormatError
         If the file is damaged, too large, not from fuzzykf, of another version, or holds another class.
+
+    See Also
+    --------
+    save_model : With an example.
     """
     model: M = _load(path, _expected(cls, MODELS, FILTERS), max_bytes)
     return model
@@ -350,6 +368,19 @@ def save_filter(filter_: Any, path: str | PathLike[str]) -> None:
     See Also
     --------
     save_model : The same for a model, with an example.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from fuzzykf import FuzzyRelationEstimator
+    >>> from fuzzykf.io import load_filter, save_filter
+    >>> est = FuzzyRelationEstimator(dim_x=1, dim_z=1, H=1.0)
+    >>> x = est.step(2.0)
+    >>> with TemporaryDirectory() as folder:
+    ...     save_filter(est, f"{folder}/filter.json")
+    ...     loaded = load_filter(f"{folder}/filter.json")
+    >>> bool(loaded.x == x)
+    True
     """
     if type(filter_).__name__ not in FILTERS:
         raise ParameterError(f"filter_: got {type(filter_).__name__}, expected {either(FILTERS)}")
@@ -376,6 +407,10 @@ def load_filter(path: str | PathLike[str], cls: type[M] | None = None, *, max_by
     ------
     FileFormatError
         If the file is damaged, too large, not from fuzzykf, of another version, or holds another class.
+
+    See Also
+    --------
+    save_filter : With an example.
     """
     loaded: M = _load(path, _expected(cls, FILTERS, MODELS), max_bytes)
     return loaded

@@ -104,6 +104,10 @@ class Comparison(ModelComparison):
         ----------
         unit : str
             Unit of the state.
+
+        Returns
+        -------
+        str
         """
         given: object = unit
         if not isinstance(given, str):
@@ -125,6 +129,10 @@ class Comparison(ModelComparison):
             Name of the candidate.
         unit : str
             Unit of the state.
+
+        Returns
+        -------
+        str
 
         Raises
         ------
@@ -236,6 +244,16 @@ def compare(
     -----
     Log-likelihoods of all methods are of the same observations, so they can be compared; regressions define
     none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf.comparison import compare, prepare
+    >>> rng = np.random.default_rng(0)
+    >>> y = rng.normal(size=400)
+    >>> task = prepare(np.abs(y) + 0.1 * rng.normal(size=400), y)
+    >>> compare(task, rng, methods=["regression", "piecewise"], n_folds=1).best
+    'piecewise'
     """
     check_generator(rng)
     as_count("n_resamples", n_resamples, 100)

@@ -33,6 +33,12 @@ class EngineInfo(NamedTuple):
     instructions : str or None
         The instruction set of the compiled kernels: "x86-64-v4" (AVX-512), "x86-64-v3" (AVX2),
         or "portable".
+
+    Examples
+    --------
+    >>> from fuzzykf.engine import EngineInfo
+    >>> EngineInfo("numpy", "FUZZYKF_ENGINE is set", None).name
+    'numpy'
     """
 
     name: str

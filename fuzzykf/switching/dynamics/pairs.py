@@ -167,6 +167,10 @@ class InitialLaw:
         Probabilities of the nodes.
     mean, covariance : ndarray, shapes (M, d) and (M, d, d)
         Moments of Z_1 given each node.
+
+    See Also
+    --------
+    SwitchingSystem.initial : Returns one.
     """
 
     probability: FloatArray
@@ -190,7 +194,17 @@ class InitialLaw:
         return self._starts[q]
 
     def ahead(self, m: int) -> Ahead:
-        """Say what is known of the first time before its observation is seen; X has ``m`` components."""
+        """Say what is known of the first time before its observation is seen; X has ``m`` components.
+
+        Parameters
+        ----------
+        m : int
+            Number of components of the state.
+
+        Returns
+        -------
+        Ahead
+        """
         mean, covariance = self._moments
         return Ahead(self.probability.copy(), mean[:m], covariance[:m, :m], mean[m:], covariance[m:, m:])
 
@@ -246,7 +260,16 @@ class PairTables:
         return WeakKeyDictionary()
 
     def summary(self, chain: SwitchChain) -> Summary:
-        """Return what the engine needs to tell of a step on the nodes of a chain, made once."""
+        """Return what the engine needs to tell of a step on the nodes of a chain, made once.
+
+        Parameters
+        ----------
+        chain : SwitchChain
+
+        Returns
+        -------
+        Summary
+        """
         found = self._summaries.get(chain)
         if found is None:
             found = self._summaries[chain] = self._summarise(chain)
@@ -300,10 +323,25 @@ class SwitchingSystem(Protocol):
     steady_from: int | None
 
     def initial(self) -> InitialLaw:
-        """Return the law of (r_1, Z_1)."""
+        """Return the law of (r_1, Z_1).
+
+        Returns
+        -------
+        InitialLaw
+        """
 
     def pair_tables(self, n: int) -> PairTables:
-        """Return the tables of the step from observation ``n`` to ``n + 1`` (n = 0, 1, ...)."""
+        """Return the tables of the step from observation ``n`` to ``n + 1`` (n = 0, 1, ...).
+
+        Parameters
+        ----------
+        n : int
+            Index of the observation before the step.
+
+        Returns
+        -------
+        PairTables
+        """
 
 
 def log_probability(p: FloatArray) -> FloatArray:

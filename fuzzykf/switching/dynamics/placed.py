@@ -55,6 +55,17 @@ class StationarySystem:
     NotPositiveDefiniteError
         If the noise is indefinite at a pair of nodes of positive probability; the
         message names the pair and the eigenvalue.  Nodes that no path visits are not asked.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fuzzykf import CGOFMSModel, FadeLaw
+    >>> z = np.array([[1.0, 0.5], [0.5, 1.0]])
+    >>> pair = np.broadcast_to(np.block([[z, 0.8 * z], [0.8 * z, z]]), (2, 2, 4, 4))
+    >>> model = CGOFMSModel(FadeLaw.between(40, 10), np.zeros((2, 2)), pair, dim_x=1)
+    >>> system = model.placed(n_nodes=5)
+    >>> type(system).__name__, len(system.chain)
+    ('StationarySystem', 12)
     """
 
     order: int = 1
@@ -87,11 +98,26 @@ class StationarySystem:
         return InitialLaw(self.chain.initial, mean, covariance)
 
     def initial(self) -> InitialLaw:
-        """Return the law of (r_1, Z_1)."""
+        """Return the law of (r_1, Z_1).
+
+        Returns
+        -------
+        InitialLaw
+        """
         return self.first
 
     def pair_tables(self, n: int) -> PairTables:
-        """Return the tables of the step from observation ``n``, the same for all."""
+        """Return the tables of the step from observation ``n``, the same for all.
+
+        Parameters
+        ----------
+        n : int
+            Index of the observation before the step.
+
+        Returns
+        -------
+        PairTables
+        """
         return self.tables
 
     def law_to_dict(self, n: int) -> None:

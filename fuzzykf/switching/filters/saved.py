@@ -30,7 +30,12 @@ class SavedFilter(SwitchingFilter, Document):
         return {}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return model, options and state as plain values."""
+        """Return model, options and state as plain values.
+
+        Returns
+        -------
+        dict
+        """
         return {
             "model_kind": type(self.model).__name__,
             "model": self.model.to_dict(),
@@ -40,7 +45,18 @@ class SavedFilter(SwitchingFilter, Document):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make a filter from what `to_dict` returned, in the state it was in."""
+        """Make a filter from what `to_dict` returned, in the state it was in.
+
+        Parameters
+        ----------
+        values : mapping
+            The output of `to_dict`.
+
+        Returns
+        -------
+        filter
+            Of this class.
+        """
         make: Any = cls
         _check_nodes(values)
         with from_file():

@@ -58,6 +58,11 @@ class Method(Protocol):
     def first(self, law: InitialLaw, y: FloatArray) -> tuple[Mixture, float]:
         """Condition the initial law on the first observation (q,), NaN where missing.
 
+        Parameters
+        ----------
+        law : InitialLaw
+        y : ndarray, shape (q,)
+
         Returns
         -------
         mixture, log_likelihood
@@ -73,7 +78,19 @@ class Method(Protocol):
         """
 
     def ahead(self, tables: PairTables, mixture: Mixture) -> Ahead:
-        """Predict state, observation and switch at the next step."""
+        """Predict state, observation and switch at the next step.
+
+        Parameters
+        ----------
+        tables : PairTables
+        mixture : Mixture
+            State after the latest observation.
+
+        Returns
+        -------
+        Ahead
+            Prediction for the next step.
+        """
 
     def series(
         self,
@@ -202,6 +219,18 @@ class Method(Protocol):
     def smooth(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> Smoothed:
         """Estimate every state of a filtered series (n, q) from all of it.
 
+        Parameters
+        ----------
+        system : SwitchingSystem
+        trajectory : Trajectory
+            Result of the filter.
+        ys : ndarray, shape (n, q)
+            Observations; NaN where missing.
+
+        Returns
+        -------
+        Smoothed
+
         Raises
         ------
         ParameterError
@@ -212,6 +241,18 @@ class Method(Protocol):
 
     def known_along(self, system: SwitchingSystem, trajectory: Trajectory, ys: FloatArray) -> list[Known]:
         """Return what was known after each observation of a filtered series (n, q), for `look_back`.
+
+        Parameters
+        ----------
+        system : SwitchingSystem
+        trajectory : Trajectory
+            Result of the filter.
+        ys : ndarray, shape (n, q)
+            Observations; NaN where missing.
+
+        Returns
+        -------
+        list of Known
 
         Raises
         ------
@@ -230,6 +271,10 @@ class Method(Protocol):
             Its tables are not asked: those of each step stand in ``states``.
         states : sequence of Known
             One at least.
+
+        Returns
+        -------
+        Nodes
 
         Raises
         ------

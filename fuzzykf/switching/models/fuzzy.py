@@ -359,7 +359,12 @@ class CGOFMSModel(SwitchingModel):
         return self.law.p_hard
 
     def describe_switch(self) -> str:
-        """Describe the switch in words."""
+        """Describe the switch in words.
+
+        Returns
+        -------
+        str
+        """
         return f"fuzzy switch, law {self.law.kind}"
 
     def named_parameters(self) -> dict[str, float]:

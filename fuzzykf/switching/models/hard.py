@@ -474,7 +474,12 @@ class CGOMSModel(SwitchingModel):
         return 1.0 if chain.atoms.all() else float(chain.initial[chain.atoms].sum())
 
     def describe_switch(self) -> str:
-        """Describe the switch in words."""
+        """Describe the switch in words.
+
+        Returns
+        -------
+        str
+        """
         if not self._system.chain.atoms.all():
             return f"fuzzy switch, a chain on {self.n_classes} nodes"
         if self.n_classes == 1:

@@ -255,7 +255,12 @@ class SwitchingStateSpace(SwitchingModel):
         return bool(np.abs(chain.class_weights - between).max() <= SAME_VALUE)
 
     def describe_switch(self) -> str:
-        """Describe the switch in words."""
+        """Describe the switch in words.
+
+        Returns
+        -------
+        str
+        """
         if isinstance(self.law, SwitchChain):
             return f"{'fuzzy' if self.is_fuzzy else 'hard'} switch, a chain on {len(self.law)} nodes"
         return f"fuzzy switch, law {self.law.kind}"
