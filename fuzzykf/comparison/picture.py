@@ -24,7 +24,9 @@ __all__ = ["plot_comparison"]
 def plot_comparison(
     comparison: Comparison, *, state_label: str = "state", unit: str = "", steps: int = 336
 ) -> Figure:
-    """Plot a comparison: all test rows, an excerpt with intervals, and the switch.
+    """Plot the two methods of least error: all test rows, an excerpt with intervals, and the switch.
+
+    The intervals of 90 % are those of the best method.  The switch is that of the two best that have one.
 
     Parameters
     ----------

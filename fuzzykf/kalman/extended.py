@@ -314,7 +314,7 @@ class ExtendedKalmanFilter(GaussianFilter):
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
-        us : sequence of n controls, optional
+        us : sequence of n controls, or array_like of shape (n, dim_u), optional
             Passed to `predict` one by one.  A pandas index must equal that of ``zs``.
         fx_args, hx_args : sequence of n dict, optional
             Keyword arguments of each prediction and of each update.

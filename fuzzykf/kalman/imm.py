@@ -348,7 +348,7 @@ class IMMEstimator(BankStepper, Filter):
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
-        us : sequence of n controls, optional
+        us : sequence of n controls, or array_like of shape (n, dim_u), optional
             Passed to `predict` one by one.  A pandas index must equal that of ``zs``.
         resume : bool
             Accepted for compatibility with switching filters; the bank always starts from its current
@@ -534,7 +534,7 @@ class IMMEstimator(BankStepper, Filter):
         ----------
         steps : int
             Number of predictions from the current estimates.
-        us : sequence of controls, optional
+        us : sequence of controls, or array_like of shape (steps, dim_u), optional
             One per step.  A pandas index must equal that of the rows ahead, if these are known.
 
         Returns
@@ -587,6 +587,9 @@ class IMMEstimator(BankStepper, Filter):
         by : hashable, optional
             Column (or index level) that names the series of each row, if the frame holds all series one after
             another.
+        threads : int
+            Number of threads over which the compiled engine distributes the series.  Results are identical to
+            the bit.  NumPy uses one thread.
         dtype : numpy.float64 or numpy.float32
             Type in which results are stored.  Computations are in double precision.
         resume : bool

@@ -462,7 +462,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         ----------
         zs : array_like
             Shape (n, dim_z), or (n,) if ``dim_z`` is 1; None or NaN where missing.
-        us : sequence of n controls, optional
+        us : sequence of n controls, or array_like of shape (n, dim_u), optional
             Passed to `predict` one by one.  A pandas index must equal that of ``zs``.
         Rs, Hs : sequence of n, optional
             Matrix of each observation, as an array (n, ...) or a list.  None in a list means the attribute; a
@@ -600,7 +600,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
         steps : int
             Number of predictions from the current x and P.  A `predict` since the latest observation is
             not counted.
-        us : sequence of controls, optional
+        us : sequence of controls, or array_like of shape (steps, dim_u), optional
             One per step.  A pandas index must equal that of the rows ahead, if these are known.
         dt : float or sequence of floats, optional
             Elapsed time of each step, as in `filter`.

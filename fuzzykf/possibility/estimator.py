@@ -565,8 +565,9 @@ class FuzzyRelationEstimator(Filter, Document):
         Warns
         -----
         SupportWarning
-            As from `filter`; if later measurements move states to the edge of the filter's grid.  A smaller
-            ``floor`` makes it larger.
+            As from `filter`; if later measurements move states to the edge of the filter's grid, which a
+            smaller ``floor`` makes larger; in several dimensions under Hamacher's t-norm, if conflicting
+            measurements and steep tails leave no digits of the differences that smoothing takes.
 
         Notes
         -----

@@ -472,8 +472,9 @@ class SwitchingFilter(Stepper, Filter):
     ) -> FilterResult:
         """Filter many series, each from the initial law or, with ``resume``, from the current state.
 
-        The filter itself does not change.  Complete series of equal length are filtered together, which is
-        many times faster than one by one; a series with gaps, or padded with NaN, is filtered alone.
+        The filter itself does not change.  Series of equal length are filtered together, which is many
+        times faster than one by one; with the compiled engine those with gaps are, too.  Where a subclass
+        has changed a method, each series is filtered alone.
 
         Parameters
         ----------
