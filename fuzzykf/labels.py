@@ -563,9 +563,16 @@ def match_row(z: Any, labels: Labels, argument: str = "z") -> Any:
         names, values = list(z._fields), np.array([*z, None], dtype=object)[:-1]
     else:
         return z
-    if names is None or len(values) != len(names) or (len(names) == 1 and len(labels.observations) == 1):
+    if names is None or len(values) != len(names) or (len(names) == 1 and _is_cut_out(z, labels)):
         return z
     return [values[k] for k in match_columns(names, labels.observations, argument)]
+
+
+def _is_cut_out(z: Any, labels: Labels) -> bool:
+    """Whether a Series of one number is a piece of a column: its label says where it stood, not what it is."""
+    if hasattr(z, "columns") or not hasattr(z, "index") or isinstance(z, tuple):
+        return False
+    return _name_of(z) in (labels.observations or ()) or not isinstance(z.index[0], str)
 
 
 def check_many(zs: Any, labels: Labels, argument: str = "zs") -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import brief, is_complex
 from fuzzykf.missing import as_floats, is_bytes
+from fuzzykf.texts import counted
 from fuzzykf.times import check_increasing
 
 if TYPE_CHECKING:
@@ -87,7 +88,8 @@ def as_observation(z: Numbers, dim_z: int) -> FloatArray | None:
     try:
         value = np.array(z if type(z) is np.ndarray and z.dtype == np.float64 else as_floats(z))
     except (TypeError, ValueError, OverflowError) as error:
-        raise ShapeError(f"z: expected {dim_z} numbers, got {brief(z)}") from error
+        numbers = counted(dim_z, "number")
+        raise ShapeError(f"z: expected {numbers}, got {brief(z)}{_why_no_number(z)}") from error
     shape = value.shape
     if not (
         shape in ((dim_z,), (dim_z, 1), (1, dim_z)) or (dim_z == 1 and value.size == 1 and value.ndim <= 2)
@@ -102,6 +104,16 @@ def as_observation(z: Numbers, dim_z: int) -> FloatArray | None:
     if np.isinf(value).any():
         raise ParameterError(f"z: got {value.tolist()}, expected finite numbers (NaN where missing)")
     return None if np.isnan(value).all() else value
+
+
+def _why_no_number(z: Any) -> str:
+    """Return what a message says of a value that is not made of numbers, where that is known."""
+    if isinstance(z, Mapping):
+        return ", which goes by name, but no names are known here: pass the numbers alone"
+    while isinstance(z, list | tuple) and z:
+        z = z[0]
+    z = z.ravel()[0] if isinstance(z, np.ndarray) and z.size else z
+    return ", which is text: make a number of it first" if isinstance(z, str) else ""
 
 
 def as_observations(zs: ManyNumbers, dim_z: int) -> FloatArray:

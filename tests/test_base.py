@@ -69,9 +69,10 @@ def test_observations_are_copied():
         ([[1, 2], [3, 4]], 2, ShapeError, r"z: got shape \(2, 2\), expected \(2,\), \(2, 1\) or \(1, 2\)"),
         ([[[1.0]]], 1, ShapeError, r"z: got shape \(1, 1, 1\)"),
         ([], 1, ShapeError, r"z: got shape \(0,\)"),
-        ("abc", 1, ShapeError, "z: expected 1 numbers, got 'abc'"),
+        ("abc", 1, ShapeError, "z: expected 1 number, got 'abc', which is text"),
+        ({"a": 1.0}, 1, ShapeError, "which goes by name, but no names are known here"),
         ([1, [2, 3]], 2, ShapeError, "z: expected 2 numbers"),
-        (1j, 1, ShapeError, "z: expected 1 numbers, got 1j"),
+        (1j, 1, ShapeError, "z: expected 1 number, got 1j"),
         (np.inf, 1, ParameterError, r"z: got \[inf\], expected finite numbers \(NaN where missing\)"),
         ([1.0, -np.inf], 2, ParameterError, r"z: got \[1\.0, -inf\], expected finite"),
         ([np.nan, np.inf], 2, ParameterError, r"z: got \[nan, inf\], expected finite"),
@@ -151,7 +152,7 @@ def test_series_are_copied():
         (np.array(1.0), 1, ShapeError, r"zs: got shape \(\)"),
         (np.zeros((2, 2, 2)), 2, ShapeError, r"zs: got shape \(2, 2, 2\)"),
         ([1.0, [1.0, 2.0]], 1, ShapeError, r"z: got shape \(2,\)"),
-        (["a", "b"], 1, ShapeError, "z: expected 1 numbers, got 'a'"),
+        (["a", "b"], 1, ShapeError, "z: expected 1 number, got 'a'"),
         (np.array(["a", "b"]), 1, ShapeError, "zs: expected numbers, got an array of <U1"),
         (
             np.array([0.0, np.inf]),
@@ -342,7 +343,7 @@ def test_what_is_no_series_is_refused(zs):
 
 
 def test_the_observation_that_is_no_number_is_named():
-    with pytest.raises(ShapeError, match=r"zs: observation 1, z: expected 1 numbers, got 'b'"):
+    with pytest.raises(ShapeError, match=r"zs: observation 1, z: expected 1 number, got 'b'"):
         as_observations([1.0, "b"], 1)
 
 

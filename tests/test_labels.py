@@ -13,7 +13,16 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from fuzzykf import CGOFMSModel, CGOMSMFilter, CGOMSModel, FuzzyMarkovLaw, KnownSwitchFilter, OFSRFilter, io
+from fuzzykf import (
+    CGOFMSModel,
+    CGOMSMFilter,
+    CGOMSModel,
+    FuzzyMarkovLaw,
+    KnownSwitchFilter,
+    OFSRFilter,
+    SwitchingStateSpace,
+    io,
+)
 from fuzzykf.errors import FileFormatError, ParameterError, ShapeError
 from fuzzykf.labels import NO_LABELS, Labels, read_labels
 
@@ -318,6 +327,47 @@ def test_a_row_is_matched_by_name(kind, name) -> None:
     with pytest.raises(ParameterError, match="z: got no column 't'"):
         f.step(ROW[["h", "load"]], **more)
     np.testing.assert_array_equal(f.x, before)
+
+
+#: One observation of a single name, alone and beside the state.
+SINGLE = {
+    "mapping": lambda name: {name: -1.3},
+    "mapping with the state": lambda name: {"load": 9.0, name: -1.3},
+    "row of a frame": lambda name: pd.DataFrame({name: [-1.3]}).iloc[0],
+    "row at a time": lambda name: pd.DataFrame({name: [-1.3]}, HOURS[:1]).iloc[0],
+    "frame of one row": lambda name: pd.DataFrame({name: [-1.3]}, HOURS[:1]),
+    "named tuple": lambda name: next(pd.DataFrame({name: [-1.3]}).itertuples(index=False)),
+}
+
+
+@pytest.mark.parametrize("form", SINGLE)
+@pytest.mark.parametrize("kind", ["hard", "known", "state space"])
+def test_one_observation_of_a_single_name_is_matched_by_it(kind, form) -> None:
+    if kind == "state space":
+        model = SwitchingStateSpace(STAYS, F=[[0.9]], H=[[[1.0]], [[0.5]]], Q=[[1.0]], R=[[1.0]])
+    else:
+        model = CGOMSModel.from_regressions(STAYS, **spread(2, 2))
+    model = model.labelled(states=["load"], observations=["t"])
+    more = {"r": 0.0} if kind == "known" else {}
+
+    def begun():
+        return KnownSwitchFilter(model) if kind == "known" else model.filter()
+
+    f, expected = begun(), begun()
+    expected.step(-1.3, **more)
+    f.step(SINGLE[form]("t"), **more)
+    np.testing.assert_array_equal(f.x, expected.x)
+    for wrong in ("load", "tt"):
+        with pytest.raises(ParameterError, match="z: got no column 't'; the model was learned on t, and"):
+            f.step(SINGLE[form](wrong), **more)
+    np.testing.assert_array_equal(f.x, expected.x)
+
+
+@pytest.mark.parametrize("index", [HOURS[3:4], pd.Index([7]), pd.Index(["2024-01-01"])])
+def test_a_piece_of_a_column_is_taken_whatever_its_label(index) -> None:
+    f = CGOMSModel.from_regressions(STAYS, **spread(2, 2)).labelled(observations=["t"]).filter()
+    expected = f.copy()
+    np.testing.assert_array_equal(f.step(pd.Series([-1.3], index, name="t")), expected.step(-1.3))
 
 
 # --------------------------------------------------------------------------- learning

@@ -439,6 +439,6 @@ def test_a_whole_number_too_large_for_a_float_is_named(z):
     for one in (f, bank):
         one.step(0.1)
         before = np.array(one.x)
-        with pytest.raises(ShapeError, match="z: expected 1 numbers"):
+        with pytest.raises(ShapeError, match="z: expected 1 number"):
             one.step(z)
         np.testing.assert_array_equal(one.x, before)

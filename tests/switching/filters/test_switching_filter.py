@@ -134,7 +134,7 @@ def test_after_predict_the_next_state_is_shown(f, y):
     ("z", "error", "message"),
     [
         ([1.0, 2.0], ShapeError, r"z: got shape \(2,\), expected a scalar, \(1,\) or \(1, 1\)"),
-        ("abc", ShapeError, "z: expected 1 numbers, got 'abc'"),
+        ("abc", ShapeError, "z: expected 1 number, got 'abc'"),
         (np.inf, ParameterError, r"z: got \[inf\], expected finite numbers"),
     ],
 )
