@@ -362,13 +362,22 @@ def _take(table: Any, columns: Sequence[Any], positions: Sequence[int]) -> Any:
 # --------------------------------------------------------------------------- learning
 
 
-def read_labels(x: Sequence[Any], y: Sequence[Any]) -> Labels:
+def read_labels(
+    x: Sequence[Any],
+    y: Sequence[Any],
+    known: Labels = NO_LABELS,
+    arguments: tuple[str, str] = ("x", "y"),
+) -> Labels:
     """Read from the data what a model will remember of them.
 
     Parameters
     ----------
     x, y : sequence
         The states and the observations of each series.
+    known : Labels
+        What is known already, and stays.
+    arguments : tuple of str
+        What the states and the observations are called, for messages.
 
     Returns
     -------
@@ -390,13 +399,16 @@ def read_labels(x: Sequence[Any], y: Sequence[Any]) -> Labels:
     >>> read_labels([frame["load"]], [frame[["t"]]])
     Labels(states=('load',), observations=('t',), units={}, step='1 day, 0:00:00')
     """
-    states, observations = _common_names("x", x), _common_names("y", y)
-    units = {}
+    of_x, of_y = arguments
+    states = _common_names(of_x, x) if known.states is None else known.states
+    observations = _common_names(of_y, y) if known.observations is None else known.observations
+    units = known.units
     for one in (*x, *y):
         unit, name = _unit_of(one), _name_of(one)
         if unit is not None and name in (*(states or ()), *(observations or ())):
-            units[name] = unit
-    return Labels(states, observations, units, _common_step(x, y))
+            units.setdefault(name, unit)
+    step = _common_step(x, y, ", ".join(arguments)) if known.step is None else known.step
+    return Labels(states, observations, units, step)
 
 
 def ordered(tables: Sequence[Any], names: Sequence[str] | None, argument: str) -> list[Any]:
@@ -445,10 +457,10 @@ def _unit_of(table: Any) -> str | None:
     return unit if isinstance(unit, str) and unit else None
 
 
-def _common_step(x: Sequence[Any], y: Sequence[Any]) -> np.timedelta64 | None:
+def _common_step(x: Sequence[Any], y: Sequence[Any], argument: str) -> np.timedelta64 | None:
     found = []
     for tables in zip(x, y, strict=False):  # as many of each, which who learns makes sure of
-        found += [_times(index, "x, y") for index in map(index_of, tables) if has_times(index)][:1]
+        found += [_times(index, argument) for index in map(index_of, tables) if has_times(index)][:1]
     longest = max(found, key=len, default=None)  # two months look like so many days
     step = None if longest is None else find_steps(longest).step
     if step is None:
@@ -458,8 +470,8 @@ def _common_step(x: Sequence[Any], y: Sequence[Any]) -> np.timedelta64 | None:
         other = other_step(times, common)
         if other is not None:
             raise ParameterError(
-                f"x, y: the rows of one series are {spoken(other)} apart, those of another {spoken(common)}; "
-                "expected steps of one length (resample, or pass arrays, whose rows are taken as they come)"
+                f"{argument}: the rows of one series are {spoken(other)} apart, those of another "
+                f"{spoken(common)}; expected steps of one length (resample, or pass arrays, whose rows are taken as they come)"
             )
     return common
 
@@ -569,7 +581,7 @@ def match_row(z: Any, labels: Labels, argument: str = "z") -> Any:
 
 
 def _is_cut_out(z: Any, labels: Labels) -> bool:
-    """Whether a Series of one number is a piece of a column: its label says where it stood, not what it is."""
+    """Whether a Series of one number is a piece of a column: its label says where it stood, not what."""
     if hasattr(z, "columns") or not hasattr(z, "index") or isinstance(z, tuple):
         return False
     return _name_of(z) in (labels.observations or ()) or not isinstance(z.index[0], str)

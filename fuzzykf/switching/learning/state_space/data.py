@@ -10,7 +10,7 @@ import numpy as np
 
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import brief
-from fuzzykf.labels import match_series, ordered
+from fuzzykf.labels import Labels, match_series, ordered, read_labels
 from fuzzykf.many import ManySeries, read_many
 from fuzzykf.observations import as_observations, check_aligned, index_of
 from fuzzykf.sequel import warn_of_steps
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray, IntArray
     from fuzzykf.switching.state_space.model import SwitchingStateSpace
 
-__all__ = ["SpaceData", "SpaceSeries", "read_data"]
+__all__ = ["SpaceData", "SpaceSeries", "labels_read", "read_data"]
 
 
 class SpaceSeries(NamedTuple):
@@ -85,6 +85,40 @@ def read_data(model: SwitchingStateSpace, zs: Any, xs: Any, us: Any) -> SpaceDat
         check_aligned(zs=zs, us=us)
     series = (SpaceSeries(ys[:m], u) for ys, m, u in zip(both, lengths, controls, strict=True))
     return SpaceData(tuple(series), measured)
+
+
+def labels_read(model: SwitchingStateSpace, zs: Any, xs: Any) -> Labels:
+    """Return what a model remembers, and of what it does not know what the series say.
+
+    Parameters
+    ----------
+    model, zs, xs
+        As in `read_data`.
+
+    Raises
+    ------
+    ParameterError
+        If tables are called differently, or have steps of different lengths.
+    """
+    observed, measured = _tables(zs, model.dim_z), _tables(xs, model.dim_x)
+    n = max(len(observed), len(measured))
+    observed, measured = ([*tables, *[None] * (n - len(tables))] for tables in (observed, measured))
+    return read_labels(measured, observed, model.labels, ("xs", "zs"))
+
+
+def _tables(series: Any, size: int) -> list[Any]:
+    """Return what may have names and times: one table, or those of several series, None for any other."""
+    if isinstance(series, Mapping):
+        members = list(series.values())
+    else:
+        members = list(series) if isinstance(series, list | tuple) else [series]
+
+    def has_components(one: Any) -> bool:
+        if not hasattr(one, "to_numpy") or np.ndim(one) not in (1, 2):
+            return False
+        return bool(np.shape(one)[1] == size if np.ndim(one) == 2 else size == 1 and len(one) > 1)
+
+    return [one if has_components(one) else None for one in members]
 
 
 def _read(model: SwitchingStateSpace, zs: Any) -> tuple[ManySeries, bool]:

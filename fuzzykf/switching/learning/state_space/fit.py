@@ -13,8 +13,8 @@ from fuzzykf.estimation.result import maximum_likelihood
 from fuzzykf.gaussian import as_count, as_flag
 from fuzzykf.progress import progress_bar
 from fuzzykf.switching.laws.chain import SwitchChain
-from fuzzykf.switching.learning.notes import SCARCE, no_shorter
-from fuzzykf.switching.learning.state_space.data import read_data
+from fuzzykf.switching.learning.notes import SCARCE, no_shorter, one_name
+from fuzzykf.switching.learning.state_space.data import labels_read, read_data
 from fuzzykf.switching.learning.state_space.problem import SpaceProblem, read_free_numbers
 from fuzzykf.texts import counted
 
@@ -48,6 +48,7 @@ def fit_state_space(
     nodes = model._nodes(None if n_nodes is None else as_count("n_nodes", n_nodes, 0))
     if not isinstance(model.law, SwitchChain):
         model.law.discretize(nodes)  # the error that says how many there can be
+    model = model._with_labels(labels_read(model, zs, xs))
     data = read_data(model, zs, xs, us)
     problem = SpaceProblem(model, nodes, data, read_free_numbers(model, free, nodes, data))
     problem.check_start()
@@ -66,7 +67,7 @@ def _learned(problem: SpaceProblem, **options: Any) -> LikelihoodFit[SwitchingSt
         **options,
     )
     visits, law = problem.visits(found.numbers), found.model.law
-    notes = _unvisited(visits) + _exchanged(found.maxima)
+    notes = one_name(found.model.labels) + _unvisited(visits) + _exchanged(found.maxima)
     if "law" in problem.free.blocks and not isinstance(law, SwitchChain):
         notes += no_shorter(law, problem.n_nodes)
     kept: dict[str, Any] = {name: options[name] for name in ("max_iter", "tolerance") if name in options}

@@ -8,7 +8,8 @@ import pytest
 
 from fuzzykf import SwitchingStateSpace
 from fuzzykf.errors import FuzzykfError
-from fuzzykf.switching.learning.state_space.data import read_data
+from fuzzykf.labels import Labels
+from fuzzykf.switching.learning.state_space.data import labels_read, read_data
 
 MODEL = SwitchingStateSpace([[1.0]], F=0.9, H=1.0, Q=1.0, R=1.0, B=1.0)
 PLANE = SwitchingStateSpace([[1.0]], F=np.diag([0.9, 0.5]), H=np.eye(2), Q=np.eye(2), R=np.eye(2))
@@ -72,6 +73,43 @@ def test_names_of_the_model_choose_columns():
     expected = np.concatenate([x, z], axis=1)
     for zs, xs in ((seen, measured), ([seen], [measured]), ({"a": seen}, {"a": measured})):
         np.testing.assert_array_equal(read_data(named, zs, xs, None).series[0].ys, expected)
+
+
+FRAME = pd.DataFrame(RNG.normal(size=(9, 4)), DAYS[:9], ["slow", "fast", "one", "two"])
+SLOW, SEEN, TURNED = FRAME[["slow", "fast"]], FRAME[["one", "two"]], FRAME[["two", "one"]]
+LINE = FRAME["slow"], FRAME["one"]
+ALL = Labels(["slow", "fast"], ["one", "two"], step=np.timedelta64(1, "D"))
+ONE = Labels(["slow"], ["one"], step=np.timedelta64(1, "D"))
+
+#: Model, measured states, observations, and what they say beside what the model knows.
+TOLD = {
+    "frames": (PLANE, SLOW, SEEN, ALL),
+    "several": (PLANE, [SLOW, None], [SEEN, TURNED], ALL),
+    "by name": (PLANE, {"b": SLOW}, {"a": SEEN, "b": TURNED}, ALL),
+    "Series": (MODEL, *LINE, ONE),
+    "several Series": (MODEL, [LINE[0]] * 2, [LINE[1]] * 2, ONE),
+    "observations alone": (PLANE, None, SEEN, Labels(None, ["one", "two"], step=ALL.step)),
+    "of other names": (MODEL, [LINE[0], LINE[1]], [LINE[1]] * 2, Labels(None, ["one"], step=ALL.step)),
+    "arrays": (PLANE, SLOW.to_numpy(), SEEN.to_numpy(), Labels()),
+    "rows": (PLANE, None, [row for _, row in SEEN.iterrows()], Labels()),
+    "no times": (MODEL, None, LINE[1].reset_index(drop=True), Labels(None, ["one"])),
+    "a frame of two series": (MODEL, None, SEEN, Labels()),
+    "named": (PLANE.labelled(observations=["two", "one"], units={"one": "V"}), SLOW, SEEN,
+              Labels(["slow", "fast"], ["two", "one"], {"one": "V"}, ALL.step)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", TOLD)
+def test_names_and_step_are_found_in_tables(kind):
+    model, xs, zs, expected = TOLD[kind]
+    assert labels_read(model, zs, xs) == expected
+
+
+def test_tables_of_other_columns_or_steps_do_not_go_together():
+    with pytest.raises(FuzzykfError, match="zs: the columns of one series are one, two, those of another"):
+        labels_read(PLANE, [SEEN, SLOW], None)
+    with pytest.raises(FuzzykfError, match=r"xs, zs: the rows of one series are .* apart, those of another"):
+        labels_read(PLANE, [SEEN, SEEN[::2]], None)
 
 
 NAMED = {"a": Z, "b": Z}

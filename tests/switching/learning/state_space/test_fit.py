@@ -18,6 +18,7 @@ from fuzzykf import (
 )
 from fuzzykf.errors import FuzzykfError
 from fuzzykf.estimation import LikelihoodFit
+from fuzzykf.labels import Labels
 
 pytestmark = pytest.mark.skipif(
     engine.info().name == "numpy", reason="its gradients are tested by themselves, and a fit takes long"
@@ -308,6 +309,18 @@ def test_names_of_the_model_are_kept(seen_by_one):
     fit = named.fit(pd.DataFrame({"noise": 0.0, "level": seen_by_one.y[:60, 0]}), free=BOTH)
     assert fit.estimates == kalman(0.5).fit(seen_by_one.y[:60], free=BOTH).estimates
     assert fit.model.labels == named.labels
+
+
+def test_names_and_step_of_the_data_are_remembered(seen_by_one):
+    """So that the filter refuses rows of another step, and takes what it observes by name."""
+    hours = pd.date_range("2024-01-01", periods=60, freq="h")
+    frame = pd.DataFrame({"two": 0.0, "level": seen_by_one.y[:60, 0]}, hours)
+    fit = kalman(0.5).fit(frame["level"], free=BOTH)
+    assert fit.model.labels == Labels(None, ["level"], step=np.timedelta64(1, "h"))
+    f = fit.model.filter()
+    np.testing.assert_array_equal(f.filter(frame).x, f.filter(frame["level"].to_numpy()).x)
+    with pytest.raises(FuzzykfError, match=r"zs: its rows are 2:00:00 apart, but the model was learned on"):
+        f.filter(frame[::2])
 
 
 def test_what_has_no_density_is_refused():
