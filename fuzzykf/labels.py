@@ -471,7 +471,8 @@ def _common_step(x: Sequence[Any], y: Sequence[Any], argument: str) -> np.timede
         if other is not None:
             raise ParameterError(
                 f"{argument}: the rows of one series are {spoken(other)} apart, those of another "
-                f"{spoken(common)}; expected steps of one length (resample, or pass arrays, whose rows are taken as they come)"
+                f"{spoken(common)}; expected steps of one length (resample, or pass arrays, whose rows are "
+                "taken as they come)"
             )
     return common
 
