@@ -13,7 +13,15 @@ import typer
 from fuzzykf.cli.columns import Rows, read_rows
 from fuzzykf.cli.inputs import AskedInputs
 from fuzzykf.cli.law import law_of_words
-from fuzzykf.cli.learn import Form, Kind, Objective, judge_filter, learn_pairwise, learn_state_space
+from fuzzykf.cli.learn import (
+    Form,
+    Kind,
+    Objective,
+    judge_filter,
+    learn_pairwise,
+    learn_state_space,
+    told_rows,
+)
 from fuzzykf.cli.output import (
     check_file,
     console_beside,
@@ -334,10 +342,8 @@ def _print(
     labels = model.labels
     state, obs = (map(labels.with_unit, names) for names in (labels.states, labels.observations))
     iterations = counted(len(fit.trace) - 1, "iteration")
-    gaps = n_train - fit.n_observations
     lines = [
-        f"Learned {', '.join(state)} from {', '.join(obs)}, on {n_train:,} rows of {rows.source}"
-        + (f", of which {gaps:,} {'lacks' if gaps == 1 else 'lack'} something." if gaps else "."),
+        f"Learned {', '.join(state)} from {', '.join(obs)}, on {told_rows(rows, n_train, fit)}.",
         f"Model: {model.describe_switch()}; {model.form.kind} form, {fit.n_parameters} parameters.",
         f"{'Converged' if fit.converged else 'Stopped'} after {iterations}.",
         f"log-likelihood {fit.log_likelihood:.2f} ({fit.log_likelihood / fit.n_observations:.4f} per row), "

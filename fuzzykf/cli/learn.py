@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fuzzykf.results import FitResult
     from fuzzykf.switching.laws.base import Law as LawOfSwitch
 
-__all__ = ["Form", "Kind", "Objective", "judge_filter", "learn_pairwise", "learn_state_space"]
+__all__ = ["Form", "Kind", "Objective", "judge_filter", "learn_pairwise", "learn_state_space", "told_rows"]
 
 
 class Kind(StrEnum):
@@ -105,8 +105,13 @@ def judge_filter(
     given: Any = fit
     learned: Any = LearnedStateSpace(given, nodes) if kind == Kind.SSM else LearnedSwitching(fit, nodes)
     truth, zs = rows.values["--state"][n_train:], rows.values["--obs"]
-    if not np.isfinite(truth).any():
-        return "", learned.notes
+    n, n_known = len(truth), int(np.isfinite(truth).any(axis=1).sum())
+    if not n_known:
+        nothing = (
+            f"None of the {counted(n, 'row')} that follow has a state, so that the filter cannot be tested."
+        )
+        return nothing if n else "", learned.notes
+    tested = "" if n_known == n else f", of which {n_known:,} {'has' if n_known == 1 else 'have'} a state"
     told = {} if rows.inputs is None else {"us": rows.inputs}
     found = learned.restore(zs[:n_train], zs[n_train:], **told)
     missed = found.mean - truth
@@ -116,6 +121,21 @@ def judge_filter(
     inside = ((lower <= truth) & (truth <= upper))[known].mean()
     scored = log_score(found, truth, np.ones(1))[known.any(axis=1)].mean()
     return (
-        f"Test on the {counted(len(truth), 'row')} that follow: RMSE {rmse}; 90 % intervals contain "
+        f"Test on the {counted(n, 'row')} that follow{tested}: RMSE {rmse}; 90 % intervals contain "
         f"{100 * inside:.1f} % of the states; log score {scored:.4g} per row."
     ), learned.notes
+
+
+def told_rows(rows: Rows, n: int, fit: FitResult[Any]) -> str:
+    """Say how many rows were learned on, and in how many each column is missing."""
+    labels = fit.model.labels
+    missing = []
+    for names, option in ((labels.states, "--state"), (labels.observations, "--obs")):
+        for name, gaps in zip(
+            names or (), np.isnan(rows.values[option][:n]).sum(axis=0).tolist(), strict=True
+        ):
+            if gaps:
+                missing.append(f"{name} {'missing ' if not missing else ''}in {gaps:,}")
+    used = "" if fit.n_observations == n else f", {fit.n_observations:,} of them used"
+    told = f": {', '.join(missing)}" if missing else ""
+    return f"{counted(n, 'row')} of {rows.source}{used}{told}"

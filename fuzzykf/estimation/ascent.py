@@ -237,7 +237,7 @@ class _Climber:
             point, information = better, self.bent(better)
             self.told(point.value)
         converged = gain < self.tolerance and is_peak
-        if converged:  # the last digits cost one look more
+        if converged and self.left > 0:  # the last digits cost one look more
             last = self.look(_moved(point, step))
             if np.isfinite(last.value) and self._newton_step(last, information)[1] < gain:
                 point = last

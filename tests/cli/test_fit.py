@@ -138,7 +138,8 @@ def test_several_columns_gaps_and_random_starts(write, data, tmp_path) -> None:
         files.append(tmp_path / f"model{len(files)}.json")
         result = run(*common, "--starts", 6, "--seed", seed, "-o", files[-1])
         assert result.exit_code == 0, result.output
-    assert "Learned a, c from d, b, on 240 rows of data.csv, of which 10 lack something." in result.output
+    told = "Learned a, c from d, b, on 240 rows of data.csv, 230 of them used: d missing in 10."
+    assert told in result.output
     model = load_model(files[0])
     assert (model.dim_x, model.dim_z) == (2, 2)
     assert files[0].read_text() == files[1].read_text()
@@ -285,10 +286,24 @@ def test_a_state_space_model_is_learned_and_filters_the_next_file(write, sensor,
     assert "hard switch, a chain on 2 nodes; state_space form, 11 parameters" in printed
     (d,) = re.findall(r"d\[\d\]\[0\] ([12]\.\d+) \(0\.\d+\)", printed)
     assert abs(float(d) - 2.0) < 0.4
-    assert "Test on the 50 rows that follow: RMSE" in printed
+    gaps = [np.arange(first, last) % 7 == 3 for first, last in ((0, 150), (150, 200))]
+    assert f"on 150 rows of data.csv: level missing in {gaps[0].sum()}." in printed
+    known = 50 - gaps[1].sum()
+    assert f"Test on the 50 rows that follow, of which {known} have a state: RMSE" in printed
     done = CliRunner().invoke(app, ["filter", str(out), str(data), "-o", str(estimates)])
     assert done.exit_code == 0, done.output
     assert len(estimates.read_text().splitlines()) == 201
+
+
+def test_it_is_said_how_many_rows_lack_each_column(write, data, tmp_path) -> None:
+    rows = data.copy()
+    rows[100:, 0] = rows[:2, 0] = rows[1:5, 1] = np.nan
+    out = tmp_path / "model.json"
+    columns = ["--state", "load", "--obs", "temperature"]
+    result = run(write(rows), *columns, "-o", out, *QUICK, "--train", 0.75)
+    printed = " ".join(result.output.split())
+    assert "on 180 rows of data.csv, 176 of them used: load missing in 82, temperature in 4." in printed
+    assert "None of the 60 rows that follow has a state, so that the filter cannot be tested." in printed
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,14 @@ def test_a_search_that_is_cut_short_says_so() -> None:
     assert found.gain == pytest.approx(-found.log_likelihood, rel=1e-4)  # of a parabola Newton gains all
 
 
+@pytest.mark.parametrize("max_iter", range(1, 9))
+def test_no_more_iterations_are_taken_than_are_allowed(max_iter) -> None:
+    start = np.array([-50.0, 0.0])
+    found = ascend(quadratic, plain(*start), start, max_iter=max_iter, tolerance=1.0)
+    assert len(found.trace) - 1 <= max_iter
+    assert found.converged == (found.gain < 1.0)
+
+
 def test_what_has_no_upper_bound_does_not_converge() -> None:
     found = ascend(lambda z: (float(z[0]), np.ones(1)), plain(0.0), np.zeros(1), max_iter=20)
     assert not found.converged
