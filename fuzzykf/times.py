@@ -56,6 +56,11 @@ _1970, _MICROSECOND = datetime(1970, 1, 1), timedelta(microseconds=1)
 #: What NumPy takes for no time.
 _NOT_A_TIME = int(np.iinfo(np.int64).min)
 
+#: What is said of two rows that have the same time.
+_TWICE = (
+    "it stands twice, expected one row for each time (of pandas, frame.groupby(level=0).mean() has the mean)"
+)
+
 #: Until this hour of the night clocks are put back or forward, in whatever country.
 NIGHT = 4
 
@@ -270,7 +275,8 @@ def _check_durations(index: Any, where: Callable[[int], str]) -> None:
         if not isinstance(span, timedelta | np.timedelta64) or _is_missing(span):
             raise ParameterError(f"{where(row)} is {_shown(span)}, expected a duration in every row")
         if before is not None and not span > before:
-            raise ParameterError(f"{where(row)} is {span}, not later than {before} in the row before")
+            twice = f": {_TWICE}" if span == before else ""
+            raise ParameterError(f"{where(row)} is {span}, not later than {before} in the row before{twice}")
         before = span
 
 
@@ -538,7 +544,10 @@ def _check_order(times: Times, stamps: Any, place: Callable[[int], str], error: 
         told += (
             "; if clocks were put back there, the hour that they showed twice can be told apart by offsets "
             "from Greenwich alone, as in 2014-10-26T01:30+01:00: give one in every row"
+            + (f"; else {_TWICE}" if steps[first] == np.timedelta64(0, "s") else "")
         )
+    elif steps[first] == np.timedelta64(0, "s"):
+        told += f": {_TWICE}"
     raise error(told)
 
 
