@@ -92,8 +92,8 @@ def warn_of_hindsight(fields: Mapping[str, FloatArray], smoothed: FilterResult, 
         warnings.warn(
             f"smooth: later observations move the states {ratio:.3g} times as far, in squares, as the model "
             f"admits (expected at most {LARGEST:g}): the model is wrong, or the filter has lost the switch, "
-            "and smoothing may be worse than filtering; try a law that fades or jumps, or gpb2 instead of "
-            "imm",
+            "and smoothing may be worse than filtering; try a law that fades or jumps, or in Python "
+            'method="gpb2"',
             HindsightWarning,
             stacklevel=level,
         )

@@ -168,7 +168,10 @@ BACK, TWICE = HOURS[[0, 1, 3, 2, 4]], HOURS[[0, 1, 2, 2, 3]]
     ("stamps", "message"),
     [
         (BACK, "row 3 is 2014-03-03T07:00:00, not later than 2014-03-03T08:00:00 in the row before$"),
-        (TWICE, "row 3 is 2014-03-03T07:00:00, not later than 2014-03-03T07:00:00 in .*: it stands twice, expected"),
+        (
+            TWICE,
+            "row 3 is 2014-03-03T07:00:00, not later than 2014-03-03T07:00:00 in .*: it stands twice, exp",
+        ),
         (pd.Series(TWICE), "row 3 is 2014-03-03 07:00:00, not later than"),
         (pd.DatetimeIndex(BACK, tz="UTC"), r"row 3 is 2014-03-03 07:00:00\+00:00, not later than"),
         (

@@ -129,7 +129,7 @@ def judge_filter(
 def told_rows(rows: Rows, n: int, fit: FitResult[Any]) -> str:
     """Say how many rows were learned on, and in how many each column is missing."""
     labels = fit.model.labels
-    missing = []
+    missing: list[str] = []
     for names, option in ((labels.states, "--state"), (labels.observations, "--obs")):
         for name, gaps in zip(
             names or (), np.isnan(rows.values[option][:n]).sum(axis=0).tolist(), strict=True

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import warnings
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -17,8 +19,7 @@ from fuzzykf.texts import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
-    from typing import Any
+    from typing import Any, TextIO
 
 __all__ = [
     "UsageError",
@@ -31,6 +32,9 @@ __all__ = [
     "say_written",
     "whole_option",
 ]
+
+#: Where the sources of fuzzykf are.
+_PACKAGE = Path(__file__).parents[1]
 
 
 class UsageError(ParameterError):
@@ -50,15 +54,47 @@ def whole_option(least: int, *names: str, metavar: str = "N", **options: Any) ->
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """Turn an error that the user can mend into a message and exit code 1, or 2 if it is a `UsageError`."""
+    """Turn an error that the user can mend into a message and exit code 1, or 2 if it is a `UsageError`.
+
+    Warnings of fuzzykf become notes on standard error, on one line and once each.
+    """
     try:
-        yield
+        with _warnings_as_notes():
+            yield
     except BrokenPipeError:  # nobody reads on: typer ends without a word
         raise
     except (FuzzykfError, OSError) as error:
         told = Text.assemble(("Error: ", "bold red"), printable(_message(error)))
         Console(stderr=True, soft_wrap=True).print(told)
         raise typer.Exit(2 if isinstance(error, UsageError) else 1) from error
+
+
+@contextmanager
+def _warnings_as_notes() -> Iterator[None]:
+    notes: dict[str, None] = {}
+    with warnings.catch_warnings():
+        show = warnings.showwarning
+
+        def keep(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            own = category.__module__.partition(".")[0] == "fuzzykf"
+            if own or Path(filename).is_relative_to(_PACKAGE):
+                notes[" ".join(str(message).split())] = None
+            else:
+                show(message, category, filename, lineno, file, line)
+
+        warnings.showwarning = keep
+        try:
+            yield
+        finally:
+            for note in notes:
+                say(Console(stderr=True), f"Note: {note}.")
 
 
 def _message(error: FuzzykfError | OSError) -> str:

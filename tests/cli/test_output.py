@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import warnings
 
 import pytest
 import typer
 
 from fuzzykf.cli import output
-from fuzzykf.errors import ParameterError
+from fuzzykf.errors import HindsightWarning, ParameterError
 
 
 def test_a_file_in_the_place_of_the_folder_is_refused_before_any_work(tmp_path) -> None:
@@ -39,6 +40,32 @@ def test_errors_that_can_be_mended_end_with_a_message_and_exit_code_1(capsys) ->
 def test_an_error_of_the_program_itself_is_not_hidden() -> None:
     with pytest.raises(ZeroDivisionError), output.report_errors():
         _ = 1 / 0
+
+
+@pytest.mark.filterwarnings("always")
+def test_warnings_of_fuzzykf_are_notes_on_one_line_and_once_each(capsys) -> None:
+    def warn() -> None:
+        for _ in range(2):
+            warnings.warn("later observations\nmove the states", HindsightWarning, stacklevel=1)
+        warnings.warn_explicit("of no class of fuzzykf", UserWarning, output.__file__, 1)
+        warnings.warn("of others", RuntimeWarning, stacklevel=1)
+
+    with pytest.warns(RuntimeWarning, match="of others"):
+        output.report_errors()(warn)()
+    told = capsys.readouterr()
+    assert told.err == "Note: later observations move the states.\nNote: of no class of fuzzykf.\n"
+    assert told.out == ""
+
+
+@pytest.mark.filterwarnings("always")
+def test_what_was_to_be_noted_is_told_before_an_error(capsys) -> None:
+    def fail() -> None:
+        warnings.warn("lost", HindsightWarning, stacklevel=1)
+        raise ParameterError("wrong")
+
+    with pytest.raises(typer.Exit):
+        output.report_errors()(fail)()
+    assert capsys.readouterr().err == "Note: lost.\nError: wrong\n"
 
 
 def test_names_say_nothing_to_the_terminal(capsys) -> None:
