@@ -161,7 +161,7 @@ def _ahead(
                 f"{listed(needed.names)} are made of those of the steps ahead; --time names their column"
             )
         us = needed.made(read_times(index, ordered=False)) if needed else None
-        return steps, None if index is None else written_stamps(index), us
+        return steps, _stamps(rows, index, reading), us
     if not needed:
         raise ParameterError(
             f"--inputs-ahead: got {file.name}, but the model of {needed.model} has no inputs; expected none"
@@ -178,7 +178,7 @@ def _ahead(
     times = None if index is None else read_times(index, ordered=False)
     if own.times is None:
         us = needed.of(table, RowTimes(None, times))
-        stamps = None if index is None else written_stamps(index)
+        stamps = _stamps(rows, index, reading)
     else:  # they know when clocks are changed
         _check_follows(table.source, own.times, rows, times)
         us = needed.of(table, own)
@@ -188,6 +188,11 @@ def _ahead(
 
 def _index(rows: Rows, steps: int, step: np.timedelta64 | None) -> Any:
     return None if rows.times is None else index_ahead(rows.times, steps, step)
+
+
+def _stamps(rows: Rows, index: Any, reading: Reading) -> list[str] | None:
+    """Return times as text, as those of the rows are written; None if they are not known."""
+    return None if index is None else written_stamps(index, [*map(str, rows.index)], reading.time_format)
 
 
 def _times_of(table: Table, reading: Reading) -> RowTimes:
