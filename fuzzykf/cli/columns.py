@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.cli.output import UsageError
 from fuzzykf.cli.reading import Reading, row_times
 from fuzzykf.datasets.table import INDEX
 from fuzzykf.errors import ParameterError
@@ -83,7 +84,7 @@ def read_rows(
     reading : Reading, optional
         How the file is to be read.
     hint : str
-        What to say if a column is not there that nobody has named.
+        What to say if a column is not there that nobody has named, or none is named.
     compares : bool
         Whether the steps between rows will be compared with those of a model.
     inputs : AskedInputs or ModelInputs, optional
@@ -102,8 +103,9 @@ def read_rows(
     seen: dict[str, str] = {}
     for option, names in columns.items():
         if not names:
-            raise ParameterError(
-                f"{option}: name a column of {path.name}; its columns are {listed(table.columns)}"
+            because = f", {hint}" if hint else ""
+            raise UsageError(
+                f"{option}: name a column of {path.name}{because}; its columns are {listed(table.columns)}"
             )
         for name in names:
             if name in seen:

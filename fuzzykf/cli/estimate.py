@@ -187,7 +187,11 @@ def read_observed(
         As from `read_rows`; if there are other components, or rows are as far apart as no model learned.
     """
     names, notes = _observed(model_file.name, model.labels, obs)
-    hint = "" if obs else f"which the model of {model_file.name} observes (--obs names another)"
+    hint = ""
+    if not names:
+        hint = f"for the model of {model_file.name} remembers no names"
+    elif not obs:
+        hint = f"which the model of {model_file.name} observes (--obs names another)"
     rows = read_rows(
         data,
         {"--obs": names},
@@ -198,9 +202,9 @@ def read_observed(
         inputs=ModelInputs(inputs_of(model), model_file.name),
     )
     if len(names) != model.dim_z:
-        raise ParameterError(
-            f"--obs: got {len(names)} columns, but the model of {model_file.name} has {model.dim_z} "
-            "observed components"
+        raise UsageError(
+            f"--obs: got {counted(len(names), 'column')}, but the model of {model_file.name} has "
+            f"{counted(model.dim_z, 'observed component')}"
         )
     _check_step(rows, model.labels)
     return replace(rows, notes=[*notes, *rows.notes])
@@ -214,7 +218,7 @@ def told(inputs: InputColumns | None) -> dict[str, Any]:
 def check_level(level: float) -> None:
     """Raise unless it is the coverage of an interval."""
     if not 0.0 < level < 1.0:
-        raise ParameterError(f"--level: got {level:g}, expected a number between 0 and 1")
+        raise UsageError(f"--level: got {level:g}, expected a number between 0 and 1")
 
 
 def _observed(model: str, labels: Labels, obs: list[str]) -> tuple[list[str], list[str]]:
@@ -255,10 +259,11 @@ def filter_of(model: Any, nodes: int | None) -> Any:
     if not isinstance(model, SwitchingModel):
         raise ParameterError(f"model: got {type(model).__name__}, expected a CGOFMSModel or CGOMSModel")
     if nodes is not None and not model.is_fuzzy:
-        raise ParameterError(
-            f"--nodes: got {nodes}, but the model has {counted(model.n_classes, 'hard regime')}"
-        )
-    return model.filter(nodes)
+        raise UsageError(f"--nodes: got {nodes}, but the model has {counted(model.n_classes, 'hard regime')}")
+    try:
+        return model.filter(nodes)
+    except ParameterError as error:
+        raise error if nodes is None else UsageError(str(error)) from error
 
 
 def estimated_columns(

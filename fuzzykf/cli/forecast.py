@@ -24,6 +24,7 @@ from fuzzykf.cli.estimate import (
 )
 from fuzzykf.cli.inputs import ModelInputs, columns_needed, inputs_of
 from fuzzykf.cli.output import (
+    UsageError,
     check_file,
     console_beside,
     progress_bar,
@@ -147,10 +148,10 @@ def _ahead(
     """Return how many steps there are, their times as text, None if they are not known, and their inputs."""
     if file is None:
         if steps is None:
-            raise ParameterError("--steps: missing; expected how many steps ahead of the last row")
+            raise UsageError("--steps: missing; expected how many steps ahead of the last row")
         others = columns_needed(needed.names)
         if others:
-            raise ParameterError(
+            raise UsageError(
                 f"--inputs-ahead: missing; the model of {needed.model} has the inputs {listed(others)}, "
                 "which no clock tells: expected a file with a row for each step ahead"
             )
@@ -163,7 +164,7 @@ def _ahead(
         us = needed.made(read_times(index, ordered=False)) if needed else None
         return steps, _stamps(rows, index, reading), us
     if not needed:
-        raise ParameterError(
+        raise UsageError(
             f"--inputs-ahead: got {file.name}, but the model of {needed.model} has no inputs; expected none"
         )
     table = reading.table(file)

@@ -12,6 +12,7 @@ import typer
 from fuzzykf.cli.columns import as_csv, components, switch_columns
 from fuzzykf.cli.inputs import ModelInputs, columns_needed, inputs_of
 from fuzzykf.cli.output import (
+    UsageError,
     check_file,
     console_beside,
     progress_bar,
@@ -144,9 +145,9 @@ def _told(
     given = {"--inputs-from": file, "--start": start}
     asked = [option for option, value in given.items() if value is not None]
     if len(asked) == 2:
-        raise ParameterError("--inputs-from, --start: got both, expected one of them: a file has times")
+        raise UsageError("--inputs-from, --start: got both, expected one of them: a file has times")
     if asked and not needed:
-        raise ParameterError(
+        raise UsageError(
             f"{asked[0]}: got {given[asked[0]]}, but the model of {needed.model} has no inputs; expected none"
         )
     if file is not None:
@@ -156,17 +157,17 @@ def _told(
         return n, _Told()
     others = columns_needed(needed.names)
     if others:
-        raise ParameterError(
+        raise UsageError(
             f"--inputs-from: missing; the model of {needed.model} has the inputs {listed(others)}, which no "
             "clock tells: expected a file with a row for each row to draw"
         )
     if start is None:
-        raise ParameterError(
+        raise UsageError(
             f"--start: missing; the inputs of the model of {needed.model} are those of a clock, expected the "
             "time of the first row (or a file with times, by --inputs-from)"
         )
     if labels.step is None:
-        raise ParameterError(
+        raise UsageError(
             f"--start: got {start}, but the model of {needed.model} does not know how far rows are apart; "
             "expected --inputs-from"
         )

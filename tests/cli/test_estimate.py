@@ -169,7 +169,7 @@ def test_a_free_law_is_filtered_on_the_nodes_that_it_was_learned_on(
     expected = OFSRFilter(free, n_nodes=3).filter(observations)
     np.testing.assert_allclose(numbers(table(out)["x"]), expected.x[:, 0], atol=1e-12)
     result = run("filter", tmp_path / "model.json", data, "--obs", "temperature", "--nodes", 5, "-o", out)
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert "expected 3 and 'cell'" in result.output
 
 
@@ -196,7 +196,7 @@ def test_a_state_space_model_is_filtered_and_smoothed(data, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "--obs: name a column of new.csv; its columns are when, temperature"),
+        ([], "--obs: name a column of new.csv, for the model of model.json remembers no names; its col"),
         (["--obs", "wind"], "new.csv has no column 'wind'"),
         (["--obs", "when"], "new.csv, line 2: when is '2014-01-1', expected a number"),
         (["--obs", "temperature", "--index", "hour"], "new.csv has no column 'hour'"),
@@ -207,7 +207,8 @@ def test_bad_arguments_are_refused_and_nothing_written(
     verb, arguments, message, model, data, tmp_path
 ) -> None:
     result = run(verb, model, data, *arguments, "-o", tmp_path / "out.csv")
-    assert result.exit_code == 1
+    misused = not arguments or "--level" in arguments
+    assert result.exit_code == (2 if misused else 1)
     assert message in " ".join(result.output.split())
     assert sorted(p.name for p in tmp_path.iterdir()) == ["model.json", "new.csv"]
 
@@ -215,14 +216,14 @@ def test_bad_arguments_are_refused_and_nothing_written(
 def test_as_many_columns_as_the_model_observes_are_needed(model, data, tmp_path) -> None:
     data.write_text("a,b\n1,2\n")
     result = run("filter", model, data, "--obs", "a", "--obs", "b", "-o", tmp_path / "out.csv")
-    assert result.exit_code == 1
-    assert "--obs: got 2 columns, but the model of model.json has 1 observed components" in result.output
+    assert result.exit_code == 2
+    assert "--obs: got 2 columns, but the model of model.json has 1 observed component\n" in result.output
 
 
 def test_nodes_are_not_for_hard_regimes(hard_model, data, tmp_path) -> None:
     hard_model.save(tmp_path / "model.json")
     result = run("filter", tmp_path / "model.json", data, "--obs", "temperature", "--nodes", 3)
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert "--nodes: got 3, but the model has 3 hard regimes" in result.output
 
 

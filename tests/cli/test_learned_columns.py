@@ -101,8 +101,8 @@ REFUSED = [
     (
         "learned_renamed",
         "--obs air",
-        1,
-        "--obs: got 1 columns, but the model of {} has 2 observed components",
+        2,
+        "--obs: got 1 column, but the model of {} has 2 observed components",
     ),
     (
         "learned_renamed",
