@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
-from fuzzykf.cli.compare_source import SourceName, from_file, from_package
+from fuzzykf.cli.compare_source import SourceName, from_file, from_package, naming_columns
 from fuzzykf.cli.output import (
     check_file,
     check_folder,
@@ -199,15 +199,16 @@ def command(
             name, needed = None, bool(profile) or switch is SwitchSource.CLOCK
             source = from_file(data, state, obs, reading, needs_time=needed)
         profile = source.profile if profile is None else profile
-        task = comparison.prepare(
-            source.state,
-            source.observation,
-            train=train,
-            time=source.time,
-            workday=source.workday,
-            profile=profile,
-            switch=switch.value,
-        )
+        with naming_columns(source):
+            task = comparison.prepare(
+                source.state,
+                source.observation,
+                train=train,
+                time=source.time,
+                workday=source.workday,
+                profile=profile,
+                switch=switch.value,
+            )
         main = comparison.main_methods(law.value, times=task.clock is not None)
         methods = [*main, *map(comparison.candidate, also or [])]
         rivals = dict.fromkeys(against or [])
@@ -217,7 +218,7 @@ def command(
             _check_report(report, data)
             check_installed()
         pieces = folds * sum(method.pieces for method in methods) + (2 if report is None else 3)
-        with progress_bar(pieces) as progress:
+        with progress_bar(pieces) as progress, naming_columns(source):
             result = comparison.compare(
                 task,
                 np.random.default_rng(seed),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.texts import listed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from fuzzykf.cli.reading import Reading
     from fuzzykf.times import Times
 
-__all__ = ["PACKAGED", "Packaged", "Source", "SourceName", "from_file", "from_package"]
+__all__ = ["PACKAGED", "Packaged", "Source", "SourceName", "from_file", "from_package", "naming_columns"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +123,22 @@ if TYPE_CHECKING:
         VICTORIA = "victoria"
 else:
     SourceName = StrEnum("SourceName", {name.upper(): name for name in PACKAGED})
+
+
+@contextmanager
+def naming_columns(source: Source) -> Iterator[None]:
+    """Name the columns in errors of what is compared."""
+    try:
+        yield
+    except ParameterError as error:
+        told = str(error)
+        for argument, option, column in (
+            ("state: ", "--state", source.state_column),
+            ("observation: ", "--obs", source.observation_column),
+        ):
+            if told.startswith(argument):
+                raise ParameterError(f"{option} {column}: {told.removeprefix(argument)}") from error
+        raise
 
 
 def from_package(name: str, state: str | None, obs: str | None, reading: Reading) -> Source:

@@ -17,7 +17,7 @@ from fuzzykf.comparison.candidates.registry import chosen
 from fuzzykf.comparison.clock import Clock
 from fuzzykf.comparison.evaluation import Fold, summarise
 from fuzzykf.comparison.folds import Round, cut_folds, go_through
-from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN
+from fuzzykf.comparison.prepare import MIN_TEST, MIN_TRAIN, check_known
 from fuzzykf.errors import ParameterError, ShapeError
 from fuzzykf.gaussian import as_choice, as_count, as_flag, as_real, check_generator
 from fuzzykf.observations import check_aligned
@@ -190,8 +190,7 @@ def compare_models(
         parts = go_through(rounds, methods, tell, n_jobs=n_jobs)
         tell("bootstrap")
         known = sum(int(part.known.sum()) for part in parts)
-        if known < MIN_TEST:
-            raise ParameterError(f"x: {known} held-out states are known, expected at least {MIN_TEST}")
+        check_known("x", known, states, folds[0].split)
         return summarise(methods, folds, parts, scale, n_resamples, rng, no_law=float("nan"))
 
 

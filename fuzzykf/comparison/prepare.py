@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from fuzzykf.arrays import FloatArray
 
-__all__ = ["ClockSwitch", "Task", "prepare", "quantile_switch"]
+__all__ = ["ClockSwitch", "Task", "check_known", "prepare", "quantile_switch"]
 
 #: Fewest rows to learn on, and fewest to compare on.
 MIN_TRAIN, MIN_TEST = 100, 50
@@ -216,6 +216,33 @@ class Task:
         more = DailyProfile(self.profile.slot_).fit(state[:split], clock.times[:split], clock.workday[:split])
         found: FloatArray = more.transform(state, clock.times, clock.workday)
         return found
+
+
+def check_known(argument: str, known: int, states: FloatArray, n_train: int) -> None:
+    """Raise unless enough of the held-out states are known to judge by.
+
+    Parameters
+    ----------
+    argument : str
+    known : int
+        How many are.
+    states : ndarray, shape (n,) or (n, m)
+        Those of the series, NaN where missing.
+    n_train : int
+        Rows that are not held out.
+    """
+    if known >= MIN_TEST:
+        return
+    there = np.flatnonzero(np.isfinite(states.reshape(len(states), -1)).any(axis=1))
+    last = (
+        f"the last known one is in row {there[-1] + 1:,} of {len(states):,}"
+        if len(there)
+        else "none is known"
+    )
+    raise ParameterError(
+        f"{argument}: {known} held-out states are known of those after row {n_train:,}, expected at least "
+        f"{MIN_TEST}; {last}: leave out the rows behind it, or learn on a smaller share at first"
+    )
 
 
 def prepare(

@@ -17,7 +17,7 @@ from fuzzykf.comparison.candidates.switching import LAWS
 from fuzzykf.comparison.density import NormalMixture
 from fuzzykf.comparison.evaluation import Fold, HeldOut, ModelComparison, checked, microseconds, summarise
 from fuzzykf.comparison.folds import Round, cut_folds, go_through
-from fuzzykf.comparison.prepare import MIN_TEST
+from fuzzykf.comparison.prepare import check_known
 from fuzzykf.comparison.verdict import about_baseline, about_error, about_feedback, about_log_score
 from fuzzykf.errors import FuzzykfError, MissingDependencyError, ParameterError
 from fuzzykf.gaussian import as_count, brief, check_generator
@@ -261,8 +261,7 @@ def compare(
     folds = cut_folds(len(task.state), task.n_train, n_folds)
     rounds = [_round(task, number, fold, n_folds, n_nodes) for number, fold in enumerate(folds, 1)]
     known = sum(int(np.isfinite(one.truth).sum()) for one in rounds)
-    if known < MIN_TEST:
-        raise ParameterError(f"state: {known} held-out states are known, expected at least {MIN_TEST}")
+    check_known("state", known, task.state, task.n_train)
     parts = go_through(rounds, chosen_methods, progress, n_jobs=n_jobs, titles=True)
     progress("bootstrap")
     failed = {name for part in parts for name in part.failures}

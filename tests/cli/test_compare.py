@@ -506,7 +506,18 @@ def test_a_fraction_that_is_no_number_is_a_mistake_of_usage(write) -> None:
 
 def test_a_constant_column_is_refused(write, rows, tmp_path) -> None:
     constant = [[t, "3", y, remark] for t, _, y, remark in rows]
-    refused(tmp_path, write(constant), message="state: it is 3 in all 120 rows to learn on")
+    refused(tmp_path, write(constant), message="--state load: it is 3 in all 120 rows to learn on")
+
+
+def test_a_state_that_ends_early_is_refused_with_the_way_out(write, rows, tmp_path) -> None:
+    half = len(rows) // 2
+    early = [[t, x if k < half + 9 else "", *more] for k, (t, x, *more) in enumerate(rows)]
+    refused(
+        tmp_path,
+        write(early),
+        message=f"--state load: 9 held-out states are known of those after row {half}, expected at least 50; "
+        f"the last known one is in row {half + 9} of {len(rows)}: leave out the rows behind it, or learn",
+    )
 
 
 def test_a_file_in_the_place_of_the_folder_is_refused_and_kept(write, tmp_path) -> None:

@@ -398,7 +398,7 @@ def test_gaps_are_no_errors(two_regimes) -> None:
     with pytest.raises(ParameterError, match="switch: the observation is missing in row "):
         prepare(x, y, switch="quantiles")
     x[250:] = np.nan
-    with pytest.raises(ParameterError, match="state: 0 held-out states are known, expected at least 50"):
+    with pytest.raises(ParameterError, match="state: 0 held-out states are known of those after row 250"):
         compare(prepare(x, y), np.random.default_rng(0), methods=["line", "kalman"])
 
 
