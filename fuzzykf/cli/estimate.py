@@ -11,6 +11,7 @@ import typer
 
 from fuzzykf.cli.columns import Rows, as_csv, components, read_rows, switch_columns
 from fuzzykf.cli.inputs import ModelInputs, inputs_of
+from fuzzykf.cli.law import notes_of_fades
 from fuzzykf.cli.output import (
     UsageError,
     check_file,
@@ -173,6 +174,8 @@ def _run(
             progress("writing")
             columns = estimated_columns(result, zs, level, model.is_fuzzy)
             write_text(output, as_csv(rows.index_name, rows.index, columns, formulas=formulas))
+    if model.is_fuzzy:
+        rows = replace(rows, notes=[*rows.notes, *notes_of_fades(model.law, f.n_nodes)])
     _print(verb, rows, zs, output)
 
 

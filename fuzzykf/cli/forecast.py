@@ -23,6 +23,7 @@ from fuzzykf.cli.estimate import (
     told,
 )
 from fuzzykf.cli.inputs import ModelInputs, columns_needed, inputs_of
+from fuzzykf.cli.law import notes_of_fades
 from fuzzykf.cli.output import (
     UsageError,
     check_file,
@@ -132,7 +133,7 @@ def command(
             write_text(output, as_csv(name, index, columns, formulas=formulas))
     console = console_beside(output)
     say(console, f"Forecast {counted(n, 'step')} after {counted(len(rows), 'row')} of {rows.source}.")
-    for note in rows.notes:
+    for note in (*rows.notes, *(notes_of_fades(found.law, f.n_nodes) if found.is_fuzzy else ())):
         say(console, f"Note: {note}.")
     say_written(console, output)
 

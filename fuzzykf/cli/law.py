@@ -10,7 +10,7 @@ from fuzzykf.errors import ParameterError
 if TYPE_CHECKING:
     from fuzzykf.switching.laws.base import Law
 
-__all__ = ["law_of_words"]
+__all__ = ["law_of_words", "notes_of_fades"]
 
 _WAY = re.compile(r"\s*(\d+)\s*-\s*(\d+)\s*")
 
@@ -19,6 +19,46 @@ STAY, LENGTH = 50.0, 10.0
 
 #: Where a search for the masses of classes and edges begins: a class is this much likelier than an edge.
 CLASS_TO_EDGE = 2.0
+
+#: Steps for each cell of a fade beyond which its length is called irregular, and with how many it is less so.
+COARSE, FINE = 3.0, 5.0 / 3.0
+
+
+def notes_of_fades(law: Any, n_nodes: int) -> list[str]:
+    """Say that the longest fade has few cells for its length, and what more of them would do.
+
+    Parameters
+    ----------
+    law : object
+        Of a switch; any but a `FadeLaw` is passed over.
+    n_nodes : int
+        Cells of each fade.
+
+    Examples
+    --------
+    >>> from fuzzykf import FadeLaw
+    >>> notes_of_fades(FadeLaw.between(40, 20), 5)[0][-62:]
+    '5 cells: its length varies by 39 %; --nodes 12 makes that 18 %'
+    >>> notes_of_fades(FadeLaw.between(40, 20), 12)
+    []
+    """
+    from fuzzykf.switching.laws.fades import FadeLaw
+
+    if not isinstance(law, FadeLaw) or not n_nodes or not law.fades:
+        return []
+    pair, (_, steps) = max(law.fades.items(), key=lambda fade: fade[1][1])
+    if steps <= COARSE * n_nodes:
+        return []
+
+    def varies(cells: int) -> str:
+        length = law.fade_lengths(cells)[pair]
+        return f"{100.0 * length.std / length.mean:.0f} %"
+
+    cells = "cell" if n_nodes == 1 else "cells"
+    told = f"a fade takes {steps:.3g} steps on average and has {n_nodes} {cells}: its length varies by "
+    told += varies(n_nodes)
+    more = law.nodes_up_to(round(steps / FINE))
+    return [f"{told}; --nodes {more} makes that {varies(more)}" if more > n_nodes else told]
 
 
 def law_of_words(

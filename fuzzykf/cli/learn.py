@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.cli.law import notes_of_fades
 from fuzzykf.switching.laws.base import NODES
 from fuzzykf.texts import counted
 
@@ -104,13 +105,16 @@ def judge_filter(
 
     given: Any = fit
     learned: Any = LearnedStateSpace(given, nodes) if kind == Kind.SSM else LearnedSwitching(fit, nodes)
+    notes = learned.notes
+    if fit.model.is_fuzzy:
+        notes = (*notes, *notes_of_fades(fit.model.law, fit.model.filter(nodes).n_nodes))
     truth, zs = rows.values["--state"][n_train:], rows.values["--obs"]
     n, n_known = len(truth), int(np.isfinite(truth).any(axis=1).sum())
     if not n_known:
         nothing = (
             f"None of the {counted(n, 'row')} that follow has a state, so that the filter cannot be tested."
         )
-        return nothing if n else "", learned.notes
+        return nothing if n else "", notes
     tested = "" if n_known == n else f", of which {n_known:,} {'has' if n_known == 1 else 'have'} a state"
     told = {} if rows.inputs is None else {"us": rows.inputs}
     found = learned.restore(zs[:n_train], zs[n_train:], **told)
@@ -123,7 +127,7 @@ def judge_filter(
     return (
         f"Test on the {counted(n, 'row')} that follow{tested}: RMSE {rmse}; 90 % intervals contain "
         f"{100 * inside:.1f} % of the states; log score {scored:.4g} per row."
-    ), learned.notes
+    ), notes
 
 
 def told_rows(rows: Rows, n: int, fit: FitResult[Any]) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fuzzykf import CGLSSM, CGOFMSModel, CGOMSMFilter, CGOMSModel, FadeLaw, OFSRFilter
+from fuzzykf import CGLSSM, CGOFMSModel, CGOMSMFilter, CGOMSModel, FadeLaw, OFSRFilter, SwitchingStateSpace
 from fuzzykf.cli.app import app
 from fuzzykf.comparison import run as comparison_run
 from fuzzykf.switching.laws.cells import CellLaw
@@ -171,6 +171,18 @@ def test_a_free_law_is_filtered_on_the_nodes_that_it_was_learned_on(
     result = run("filter", tmp_path / "model.json", data, "--obs", "temperature", "--nodes", 5, "-o", out)
     assert result.exit_code == 2
     assert "expected 3 and 'cell'" in result.output
+
+
+@pytest.mark.parametrize("verb", ["filter", "smooth", "forecast"])
+def test_a_fade_that_is_long_for_its_cells_is_noted(verb, data, tmp_path) -> None:
+    law = FadeLaw.between(60, 20)
+    model = SwitchingStateSpace(law, F=0.9, H=1.0, Q=0.2, R=[[[0.1]], [[4.0]]], x0=[0.0], P0=1.0)
+    model.labelled(observations=["temperature"]).save(tmp_path / "model.json")
+    given = verb, tmp_path / "model.json", data, "-o", tmp_path / "out.csv"
+    given = (*given, "--steps", 2) if verb == "forecast" else given
+    result = run(*given)
+    assert "Note: a fade takes 20 steps on average and has 5 cells" in result.output
+    assert "a fade takes" not in run(*given, "--nodes", 12).output
 
 
 # ------------------------------------------------------------------ bad input

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import pytest
 
-from fuzzykf import FadeLaw
-from fuzzykf.cli.law import law_of_words
+from fuzzykf import FadeLaw, FuzzyMarkovLaw
+from fuzzykf.cli.law import law_of_words, notes_of_fades
 from fuzzykf.errors import ParameterError
 
 
@@ -69,3 +71,19 @@ def test_durations_of_two_classes():
 def test_words_that_are_no_law(options, message):
     with pytest.raises(ParameterError, match=message):
         words(**options)
+
+
+def test_fades_of_few_cells_are_told_with_how_their_length_varies():
+    """Oracle: F geometric times of rate F/T, each of variance (1 - p)/p^2."""
+    law = FadeLaw(2, {(0, 1): (0.02, 9), (1, 0): (0.05, 32)}, jumps={(0, 1): 0.01})
+    (note,) = notes_of_fades(law, 5)
+    before, after = (100.0 * sqrt((1.0 - F / 32) / F) for F in (5, 9))  # the other fade has room for 9
+    assert note == (
+        "a fade takes 32 steps on average and has 5 cells: its length varies by "
+        f"{before:.0f} %; --nodes 9 makes that {after:.0f} %"
+    )
+    (note,) = notes_of_fades(law, 9)
+    assert note.endswith(f"has 9 cells: its length varies by {after:.0f} %")  # no more is possible
+    assert notes_of_fades(FadeLaw.between(60, 15), 5) == []  # three steps for each cell
+    assert notes_of_fades(FuzzyMarkovLaw.fmc1(0.07, 0.05, 0.16), 5) == []
+    assert notes_of_fades(law, 0) == []
