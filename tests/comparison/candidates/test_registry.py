@@ -117,7 +117,7 @@ def test_what_any_candidate_learned_can_go_to_another_process(name) -> None:
 
 def test_the_pages_tell_of_candidates_by_their_names_and_titles() -> None:
     fit = (HOWTO / "fit.md").read_text(encoding="utf-8")
-    cells = re.findall(r"^\| (`[^|]*) \|", fit[fit.index("Without `candidates`") :], re.MULTILINE)
+    cells = re.findall(r"^\| (`[^|]*) \|", fit[fit.index("By default ten candidates") :], re.MULTILINE)
     told = set(re.findall(r"`([\w-]+)`", " ".join(cells)))
     assert set(CANDIDATES) <= told <= set(candidate_names())
     assert set(candidate_names()) - told == {"graph"}  # a law like fmc1 between two classes
