@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 moved.install()
 
-__version__ = "0.1.0.dev0"
+__version__ = "0.1.0"
 
 #: Where each public name stands.
 _HOMES = {

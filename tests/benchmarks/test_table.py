@@ -32,9 +32,9 @@ GOALS = {
     "OFSRFilter.filter, m = 4, q = 2 / filterpy KalmanFilter(4, 2)": 17,
     "KalmanFilter(2, 1).step / filterpy's": 10,
     "KalmanFilter(4, 2).step / filterpy's": 10,
-    "KalmanFilter(4, 2).filter / filterpy's batch_filter": 60,
+    "KalmanFilter(4, 2).filter / filterpy's batch_filter": 250,
     "filter_many, 10,000 x 1,000, 2 threads / simdkalman (2, 1)": 5,
-    "grid of 1000 x 1000, Gaussian noise / loops in C": 10,
+    "grid of 1000 x 1000, Gaussian noise / loops in C": 12,
     "rocket, 100 steps / loops in C": 200,
 }
 
