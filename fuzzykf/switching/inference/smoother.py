@@ -326,11 +326,13 @@ class _Backward:
             score = total.max(axis=0)
             score = score - score.max()
             k += 1
-        path = np.empty(n, dtype=np.int64)
-        path[-1] = int(score.argmax())
-        for k in range(n - 2, -1, -1):
-            path[k] = pointers[k, path[k + 1]]
-        return path
+        node = int(score.argmax())
+        M, backwards = score.size, [node]
+        before = pointers.reshape(-1).data  # single numbers are read from a buffer quickly
+        for at in range((n - 2) * M, -1, -M):
+            node = before[at + node]
+            backwards.append(node)
+        return np.array(backwards[::-1], dtype=np.int64)
 
 
 def _window_of(tables: Any, known: FloatArray, y: FloatArray) -> FloatArray:
