@@ -156,6 +156,7 @@ def warn_of_steps(index: Any, argument: str = "zs") -> None:
         What it is called, for the message.
     """
     if not is_timed(index) or len(index) < 3:
+        _warn_of_numbers(index, argument)
         return
     if getattr(index, "freq", None) is not None and index.dtype.kind in "mM":  # periods may have holes
         return
@@ -166,6 +167,20 @@ def warn_of_steps(index: Any, argument: str = "zs") -> None:
     note = None if spans is None else step_note(spans, argument, index, is_index=True)
     if note is not None and not (has_times(index) and hasattr(index, "tz") and is_of_working_days(index)):
         warnings.warn(note, StepsWarning, stacklevel=4)
+
+
+def _warn_of_numbers(index: Any, argument: str) -> None:
+    """Warn if whole numbers that count the rows, or seconds, leave some out."""
+    if getattr(getattr(index, "dtype", None), "kind", "") not in "iu" or not hasattr(index, "nlevels"):
+        return
+    steps = np.diff(index.to_numpy())
+    if steps.size and steps.min() > 0 and (steps == steps.min()).mean() > 0.5 and steps.max() > steps.min():
+        n = int((steps > steps.min()).sum())
+        message = (
+            f"{argument}: the index leaves out numbers in {n:,} of {steps.size:,} steps, and rows are taken "
+            "as equally far apart; frame.reindex(range(first, last + 1, step)) gives the missing ones NaN"
+        )
+        warnings.warn(message, StepsWarning, stacklevel=5)
 
 
 def is_of_working_days(index: Any) -> bool:

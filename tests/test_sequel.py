@@ -265,3 +265,12 @@ def test_rows_that_an_index_lacks_are_told(f, verb):
 )
 def test_nothing_is_told_of_equal_steps(index):
     linear().filter(pd.Series(0.1, index))  # a warning is an error here
+
+
+def test_whole_numbers_that_are_left_out_are_warned_of():
+    f = KalmanFilter(1, 1, F=[[1.0]], H=[[1.0]])
+    zs = pd.Series(np.arange(8.0), index=[0, 1, 2, 4, 5, 6, 7, 10])
+    with pytest.warns(StepsWarning, match="zs: the index leaves out numbers in 2 of 7 steps"):
+        f.filter(zs)
+    for index in (np.arange(8) * 5, np.arange(8)[::-1], [3, 9, 11, 30, 31, 50, 77, 90], np.arange(8.0) ** 2):
+        f.filter(pd.Series(np.arange(8.0), index=index))  # no warning: steps that are equal, or no count

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fuzzykf.cli.reading import row_times
+from fuzzykf.cli.stuck import notes_of_stuck
 from fuzzykf.errors import ParameterError
 from fuzzykf.texts import listed
 
@@ -208,5 +209,5 @@ def from_file(
         "",
         found.times,
         workday,
-        (*table.notes, *found.notes),
+        (*table.notes, *found.notes, *notes_of_stuck(state, values), *notes_of_stuck(obs, observation)),
     )

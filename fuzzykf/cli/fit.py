@@ -32,6 +32,7 @@ from fuzzykf.cli.output import (
     whole_option,
 )
 from fuzzykf.cli.reading import Decimal, Reading, Sep, Time, TimeFormat
+from fuzzykf.cli.stuck import notes_of_rows
 from fuzzykf.cli.window import (
     Blocks,
     Clock,
@@ -368,6 +369,6 @@ def _print(
     result, notes = tested
     if result:
         lines.append(result)
-    lines += [f"Note: {note}." for note in (*rows.notes, *notes)]
+    lines += [f"Note: {note}." for note in (*rows.notes, *notes_of_rows(rows, labels), *notes)]
     for line in lines:
         say(console, line)

@@ -52,12 +52,16 @@ from fuzzykf.texts import counted, listed
 from fuzzykf.times import read_times
 
 if TYPE_CHECKING:
+    from fuzzykf.arrays import FloatArray
     from fuzzykf.cli.columns import Rows
     from fuzzykf.clock import InputColumns
     from fuzzykf.datasets import Table
     from fuzzykf.times import Times
 
 __all__ = ["EXAMPLE", "command"]
+
+#: Standard deviations ahead, by that of the rows and by that of the first step, beyond which a note says so.
+MOST_GROWTH = 3.0
 
 EXAMPLE = "Example: fuzzykf forecast model.json new.csv --steps 24 -o forecast.csv"
 
@@ -133,9 +137,24 @@ def command(
             write_text(output, as_csv(name, index, columns, formulas=formulas))
     console = console_beside(output)
     say(console, f"Forecast {counted(n, 'step')} after {counted(len(rows), 'row')} of {rows.source}.")
-    for note in (*rows.notes, *(notes_of_fades(found.law, f.n_nodes) if found.is_fuzzy else ())):
+    fades = notes_of_fades(found.law, f.n_nodes) if found.is_fuzzy else ()
+    for note in (*rows.notes, *fades, *_notes_of_growth(std, rows.values["--obs"])):
         say(console, f"Note: {note}.")
     say_written(console, output)
+
+
+def _notes_of_growth(std: FloatArray, seen: FloatArray) -> list[str]:
+    """Say if standard deviations (n, q) of observations ahead grow beyond all that rows (k, q) have shown."""
+    known = np.isfinite(seen).any(axis=0).all()
+    spread = np.nanstd(seen, axis=0) if known else np.full(seen.shape[1], np.inf)
+    worst = int((std[-1] / np.maximum(spread, np.finfo(float).tiny)).argmax())
+    if not std[-1, worst] > MOST_GROWTH * max(spread[worst], std[0, worst]):
+        return []
+    return [
+        f"the standard deviation of z{worst} grows from {std[0, worst]:.3g} to {std[-1, worst]:.3g} in "
+        f"{counted(len(std), 'step')}, that of the rows is {spread[worst]:.3g}: this model explodes ahead; "
+        "one without --objective filter, --products or --hinges may forecast better"
+    ]
 
 
 def _ahead(

@@ -42,6 +42,14 @@ def write(tmp_path, data):
     return write
 
 
+def test_a_stuck_meter_is_noted(write, data, tmp_path) -> None:
+    stuck = data.copy()
+    stuck[50:90, 0] = 0.5
+    result = run(write(stuck), "--state", "load", "--obs", "temperature", "-o", tmp_path / "m.json", *QUICK)
+    assert result.exit_code == 0, result.output
+    assert "Note: load has the same value in rows 51 to 90: if the meter was stuck" in result.output
+
+
 def test_the_file_holds_the_model_that_the_library_learns(write, data, tmp_path) -> None:
     out = tmp_path / "model.json"
     result = run(write(), "--state", "load", "--obs", "temperature", "-o", out, "--law", "fmc2", *QUICK)
