@@ -47,6 +47,7 @@ myst_heading_anchors = 3
 
 autosummary_generate = True
 autosummary_context = {"aliases": {}}  # second names of classes: see `second_names`
+autodoc_preserve_defaults = True  # np.float64 and functions by their names
 autodoc_typehints = (
     "none"  # numpydoc's Parameters say it in words, with shapes and units
 )

@@ -89,12 +89,12 @@ class Comparison(ModelComparison):
 
     @property
     def difference_low(self) -> float:
-        """Lower bound of its 95 % interval, by the paired block bootstrap."""
+        """Lower bound of the 95 % interval of ``difference``, by the paired block bootstrap."""
         return self.ranked[1].difference_low
 
     @property
     def difference_high(self) -> float:
-        """Upper bound of this interval."""
+        """Upper bound of the 95 % interval of ``difference``."""
         return self.ranked[1].difference_high
 
     def verdict(self, unit: str = "") -> str:

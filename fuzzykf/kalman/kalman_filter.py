@@ -372,7 +372,7 @@ class KalmanFilter(LinearStepper, GaussianFilter):
 
         References
         ----------
-        D. Simon, Optimal State Estimation, Wiley 2006, section 7.1.
+        Simon, D., Optimal State Estimation, Wiley 2006, section 7.1.
 
         Examples
         --------

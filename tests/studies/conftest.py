@@ -6,6 +6,8 @@ Run them by ``nox -s studies``; each writes its tables to docs/_tables, which pa
 from __future__ import annotations
 
 import json
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +33,21 @@ def paper_model():
 
 @pytest.fixture
 def write_table(request):
-    """Write a table in Markdown: (name, header, rows of strings); print it as well."""
+    """Write a table in Markdown: (name, header, rows of strings); print it as well.
 
-    def write(name, header, rows):
+    With ``by_first`` it is a table for each value of the first column, which stands above it.
+    """
+
+    def table(header, rows):
         lines = ["| " + " | ".join(row) + " |" for row in [header, ["---"] * len(header), *rows]]
-        text = "\n".join(lines) + "\n"
+        return "\n".join(lines) + "\n"
+
+    def write(name, header, rows, *, by_first=False):
+        if by_first:
+            parts = [(first, [row[1:] for row in group]) for first, group in groupby(rows, itemgetter(0))]
+            text = "\n".join(f"**{first}**\n\n{table(header[1:], part)}" for first, part in parts)
+        else:
+            text = table(header, rows)
         folder = ROOT / "docs" / "_tables"
         folder.mkdir(exist_ok=True)
         (folder / f"{name}.inc").write_text(text)

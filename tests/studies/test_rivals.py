@@ -127,4 +127,4 @@ def test_rivals(write_table, capsys) -> None:
         for score in found.scores:
             assert np.isfinite([score.rmse, score.log_score]).all(), score.name
         rows += rows_of(title, found)
-    write_table("rivals", HEADER, rows)
+    write_table("rivals", HEADER, rows, by_first=True)

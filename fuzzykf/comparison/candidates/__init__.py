@@ -39,7 +39,7 @@ WARM_UP = 100
 
 
 def _quiet(_: str) -> None:
-    """Tell nobody."""
+    """Do nothing with the name of a piece of work."""
 
 
 @reprs()

@@ -216,7 +216,7 @@ class InitialLaw:
 @reprs()
 @dataclass(frozen=True, eq=False)
 class PairTables:
-    """Everything the recursion needs for one step n -> n + 1.
+    """Everything the recursion needs for the step from n to n + 1.
 
     Attributes
     ----------
