@@ -99,7 +99,7 @@ def test_the_version_is_the_same_everywhere() -> None:
 def test_the_page_on_versions_names_what_is_needed() -> None:
     metadata = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     page = (ROOT / "docs" / "versioning.md").read_text(encoding="utf-8")
-    told = dict(re.findall(r"(Python|NumPy|SciPy) (\d+\.\d+)", page))
+    told = dict(re.findall(r"(Python|NumPy|SciPy)\s(\d+\.\d+)", page))
     needed = [f"python{metadata['requires-python']}", *metadata["dependencies"]]
     assert [f"{name.lower()}>={version}" for name, version in told.items()] == needed
 
