@@ -41,9 +41,6 @@ __all__ = [
     "read_labels",
 ]
 
-#: How inputs of a clock are made, for messages.
-CLOCK = "; clock_inputs(index, workday=True, ...) makes those of a clock"
-
 #: Units that a step may be given in: of months, and of nanoseconds.
 _MONTHS = {"Y": 12, "M": 1}
 _NANOSECONDS = {
@@ -642,7 +639,7 @@ def match_columns(columns: Iterable[Any], names: Sequence[str], argument: str, r
         raise ParameterError(
             f"{argument}: got no column {listed([repr(name) for name in missing])}; the model was learned on "
             f"{listed(names)}, and the columns are {listed(there) or 'none'}: rename what is called otherwise"
-            f"{CLOCK if any(name.startswith('clock_') for name in missing) else ''}{remedy}"
+            f"{remedy}"
         )
     for name in names:
         if there.count(name) > 1:

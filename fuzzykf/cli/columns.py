@@ -16,15 +16,16 @@ from fuzzykf.errors import ParameterError
 from fuzzykf.texts import listed, uncomputed
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from fuzzykf.arrays import FloatArray
     from fuzzykf.cli.inputs import AskedInputs, ModelInputs
     from fuzzykf.clock import InputColumns
+    from fuzzykf.labels import Labels
     from fuzzykf.times import Times
 
-__all__ = ["Rows", "as_csv", "components", "read_rows", "switch_columns"]
+__all__ = ["Rows", "as_csv", "components", "named_columns", "read_rows", "switch_columns"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +61,12 @@ class Rows:
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.index)
+
+
+def named_columns(rows: Rows, labels: Labels) -> Iterator[tuple[str, FloatArray]]:
+    """Go through the columns (n,) that a model with these names was learned on."""
+    for names, option in ((labels.states, "--state"), (labels.observations, "--obs")):
+        yield from zip(names or (), rows.values[option].T, strict=True)
 
 
 def read_rows(

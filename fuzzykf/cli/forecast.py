@@ -52,6 +52,8 @@ from fuzzykf.texts import counted, listed
 from fuzzykf.times import read_times
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from fuzzykf.arrays import FloatArray
     from fuzzykf.cli.columns import Rows
     from fuzzykf.clock import InputColumns
@@ -138,20 +140,22 @@ def command(
     console = console_beside(output)
     say(console, f"Forecast {counted(n, 'step')} after {counted(len(rows), 'row')} of {rows.source}.")
     fades = notes_of_fades(found.law, f.n_nodes) if found.is_fuzzy else ()
-    for note in (*rows.notes, *fades, *_notes_of_growth(std, rows.values["--obs"])):
+    growth = _notes_of_growth(found.labels.observations, std, rows.values["--obs"])
+    for note in (*rows.notes, *fades, *growth):
         say(console, f"Note: {note}.")
     say_written(console, output)
 
 
-def _notes_of_growth(std: FloatArray, seen: FloatArray) -> list[str]:
+def _notes_of_growth(names: Sequence[str] | None, std: FloatArray, seen: FloatArray) -> list[str]:
     """Say if standard deviations (n, q) of observations ahead grow beyond all that rows (k, q) have shown."""
     known = np.isfinite(seen).any(axis=0).all()
     spread = np.nanstd(seen, axis=0) if known else np.full(seen.shape[1], np.inf)
     worst = int((std[-1] / np.maximum(spread, np.finfo(float).tiny)).argmax())
     if not std[-1, worst] > MOST_GROWTH * max(spread[worst], std[0, worst]):
         return []
+    name = names[worst] if names else f"z{worst}"
     return [
-        f"the standard deviation of z{worst} grows from {std[0, worst]:.3g} to {std[-1, worst]:.3g} in "
+        f"the standard deviation of {name} grows from {std[0, worst]:.3g} to {std[-1, worst]:.3g} in "
         f"{counted(len(std), 'step')}, that of the rows is {spread[worst]:.3g}: this model explodes ahead; "
         "one without --objective filter, --products or --hinges may forecast better"
     ]

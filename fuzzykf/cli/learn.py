@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzykf.cli.columns import named_columns
 from fuzzykf.cli.law import notes_of_fades
 from fuzzykf.switching.laws.base import NODES
 from fuzzykf.texts import counted
@@ -132,14 +133,11 @@ def judge_filter(
 
 def told_rows(rows: Rows, n: int, fit: FitResult[Any]) -> str:
     """Say how many rows were learned on, and in how many each column is missing."""
-    labels = fit.model.labels
     missing: list[str] = []
-    for names, option in ((labels.states, "--state"), (labels.observations, "--obs")):
-        for name, gaps in zip(
-            names or (), np.isnan(rows.values[option][:n]).sum(axis=0).tolist(), strict=True
-        ):
-            if gaps:
-                missing.append(f"{name} {'missing ' if not missing else ''}in {gaps:,}")
+    for name, values in named_columns(rows, fit.model.labels):
+        gaps = np.count_nonzero(np.isnan(values[:n]))
+        if gaps:
+            missing.append(f"{name} {'missing ' if not missing else ''}in {gaps:,}")
     used = "" if fit.n_observations == n else f", {fit.n_observations:,} of them used"
     told = f": {', '.join(missing)}" if missing else ""
     return f"{counted(n, 'row')} of {rows.source}{used}{told}"

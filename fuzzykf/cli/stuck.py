@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fuzzykf.cli.columns import named_columns
+
 if TYPE_CHECKING:
     from fuzzykf.arrays import FloatArray
     from fuzzykf.cli.columns import Rows
@@ -55,8 +57,4 @@ def notes_of_stuck(name: str, values: FloatArray) -> list[str]:
 
 def notes_of_rows(rows: Rows, labels: Labels) -> list[str]:
     """Return the notes of all columns that a model with these names was learned on."""
-    found = []
-    for names, option in ((labels.states, "--state"), (labels.observations, "--obs")):
-        for name, column in zip(names or (), rows.values[option].T, strict=True):
-            found += notes_of_stuck(name, column)
-    return found
+    return [note for name, values in named_columns(rows, labels) for note in notes_of_stuck(name, values)]

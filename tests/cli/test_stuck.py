@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fuzzykf.cli.forecast import _notes_of_growth
 from fuzzykf.cli.stuck import LONG, notes_of_stuck
 
 MEASURED = np.random.default_rng(0).normal(size=400)
@@ -38,14 +37,3 @@ def test_a_value_that_often_repeats_is_not() -> None:
     values = np.repeat(MEASURED, 2)
     values[100:140] = 0.0
     assert not notes_of_stuck("rain", values)
-
-
-def test_a_forecast_that_explodes_is_noted() -> None:
-    seen = np.append(MEASURED, np.nan)[:, None]
-    steady, growing = np.full((24, 1), 1.1), np.geomspace(0.5, 40.0, 24)[:, None]
-    assert not _notes_of_growth(steady, seen)
-    (note,) = _notes_of_growth(growing, seen)
-    assert note.startswith(
-        "the standard deviation of z0 grows from 0.5 to 40 in 24 steps, that of the rows is "
-    )
-    assert not _notes_of_growth(growing, np.full((5, 1), np.nan))

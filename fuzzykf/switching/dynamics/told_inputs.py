@@ -71,7 +71,9 @@ def _places(name: str, us: Any, names: tuple[str, ...]) -> list[int] | None:
     nameless = names == tuple(f"u{j}" for j in range(len(names)))
     if nameless and not set(names) & {str(one) for one in columns}:
         return None
-    return match_columns(columns, names, name)
+    has_clock = any(one.startswith("clock_") for one in names)
+    remedy = "; clock_inputs(index, workday=True, ...) makes those of a clock" if has_clock else ""
+    return match_columns(columns, names, name, remedy)
 
 
 def _in_order(us: Any, names: tuple[str, ...]) -> Any:

@@ -502,6 +502,16 @@ def test_names_of_inputs_count_whatever_their_order():
         f.filter(ys, us=table[["heat"]])
 
 
+def test_a_clock_input_that_is_missing_is_told_how_it_is_made():
+    f = hard(k=2, names=["clock_sin1", "clock_workday"]).filter()
+    ys, us = series_of(6, 1, 2)
+    table = pd.DataFrame(us, columns=["clock_sin1", "clock_workday"])
+    with pytest.raises(
+        ParameterError, match=r"'clock_workday'; .*; clock_inputs\(index, workday=True, \.\.\.\)"
+    ):
+        f.filter(ys, us=table[["clock_sin1"]])
+
+
 def test_inputs_called_by_number_go_by_name_where_there_are_such():
     f = hard(k=2, names=["u0", "u1"]).filter()
     ys, us = series_of(6, 1, 2)
