@@ -70,7 +70,7 @@ def plot_comparison(
     _draw_state(whole, time, truth, ranked, band=False)
     if n > steps:
         whole.axvspan(time[excerpt][0], time[excerpt][-1], color="0.88", zorder=0, label="shown below")
-    whole.set(ylabel=label, title="The part that no method has seen")
+    whole.set(ylabel=label, title="Test rows")
     _draw_state(state, time[excerpt], truth[excerpt], ranked, band=True, part=excerpt)
     state.set(ylabel=label)
     _draw_switch(switch, comparison, ranked, time, excerpt)
@@ -121,7 +121,7 @@ def _draw_switch(
             color=TRUTH,
             linewidth=0.9,
             linestyle=":",
-            label="rule of the learning part\n(not seen here)",
+            label="switch of the rule\n(not seen by the methods)",
         )
     styles = [(BLUE, "-", 1.5), (ORANGE, (0, (1.5, 1)), 1.1)]
     with_switch = [r for r in ranked if r.switch is not None]

@@ -136,7 +136,7 @@ def draw(comparison: Comparison, *, state_label: str, unit: str) -> Picture:
         add(one.title, style, one.name in shown, _method(one, style, part))
     if task.switch is not None:
         rule, style = task.switch[task.n_train :][part], ("#555555", "dot")
-        name = "switch by the rule of the learning part (not seen by any method)"
+        name = "switch of the rule (not seen by the methods)"
         add(name, style, True, [_line(rule, "rule", style, axis="y2")])
     n_steps = part.stop - part.start
     rows = slice(task.n_train + part.start, task.n_train + part.stop)

@@ -109,7 +109,7 @@ def test_names_cannot_break_out_of_the_page_and_nothing_is_loaded(page) -> None:
 
 
 def test_an_uncertain_lead_is_said_to_be_one() -> None:
-    doubt = "could be the other way round"
+    doubt = "the best two might change places"
     clear = make_comparison()
     assert clear.is_certain
     assert doubt not in text_of(report_page(clear))
@@ -155,7 +155,7 @@ def test_the_picture_holds_the_series_that_were_restored() -> None:
 def test_rows_count_where_there_are_no_times_and_the_rule_of_the_switch_is_drawn() -> None:
     picture = draw(make_comparison(timed=False, switch=np.linspace(0, 1, 400)), state_label="load", unit="")
     assert json.loads(picture.x)[:2] == [200, 201]
-    assert "rule of the learning part" in picture.layers[-1].name
+    assert "switch of the rule" in picture.layers[-1].name
     rule = json.loads(picture.figure)["data"][picture.layers[-1].traces[0]]
     np.testing.assert_allclose(values_of(rule), np.linspace(0, 1, 400)[200:], rtol=1e-6)
 
@@ -165,7 +165,7 @@ def test_of_very_long_series_the_middle_is_drawn_and_the_page_says_so() -> None:
     picture = draw(comparison, state_label="load", unit="")
     assert json.loads(picture.x)[0] == MAX_STEPS + 1000 + 500
     assert picture.n_steps == MAX_STEPS
-    assert "20,000 steps from the middle of the 21,000 that were compared" in text_of(report_page(comparison))
+    assert "20,000 steps from the middle of the 21,000 test rows" in text_of(report_page(comparison))
 
 
 @pytest.mark.parametrize("package", ["jinja2", "plotly.offline"])
